@@ -1,0 +1,5 @@
+"""The framework: typed nodes in a cached DAG. Knows nothing of 3-D."""
+
+from exmesh_graph.graph.node import REGISTRY, Context, NodeDef, Params, facets, node, param
+
+__all__ = ["REGISTRY", "Context", "NodeDef", "Params", "facets", "node", "param"]

@@ -1,0 +1,125 @@
+"""Declaring a node: a function, its ports from the annotations, its parameters from one frozen model.
+
+    class HullParams(Params):
+        resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Grid points along the longest side.")
+
+    class HullOut(NamedTuple):
+        mesh: Annotated[Mesh, facets(manifold=True)]
+
+    @node("init.visual_hull", version="1")
+    def visual_hull(ctx: Context, views: Annotated[Views, facets(split="train")], *, p: HullParams) -> HullOut:
+        \"\"\"One line for `exmesh nodes`.\"\"\"
+
+Input ports are the positional parameters after `ctx` (a default of None makes one optional); output ports are the
+fields of the NamedTuple that the function returns. Heavy imports belong inside the function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+from pydantic import BaseModel, ConfigDict, Field
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Params(BaseModel):
+    """Base of every node's parameters: frozen, unknown names refused, defaults validated."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False)
+
+
+def param(default: Any = ..., *, doc: str, unit: str = "", tuning: bool = False, **limits: Any) -> Any:
+    """A parameter with its meaning, unit and range (`ge`, `gt`, `le`, `lt`, `min_length`, ...).
+
+    `tuning=True` marks a knob that cannot change the result (threads, chunk sizes): it stays out of the key.
+    """
+    return Field(default, description=doc, json_schema_extra={"unit": unit, "tuning": tuning}, **limits)
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Properties a port promises (outputs) or asks for (inputs)."""
+
+    values: Mapping[str, Any]
+
+
+def facets(**values: Any) -> Facets:
+    """Used inside `Annotated[Type, facets(closed=True)]`."""
+    return Facets(values)
+
+
+@runtime_checkable
+class Context(Protocol):
+    """What a running node may ask of the framework."""
+
+    @property
+    def node(self) -> str:
+        """The node's name in the graph, e.g. `rounds[3].refine`."""
+
+    @property
+    def seed(self) -> int:
+        """The seed of this node; part of the key."""
+
+    @property
+    def scratch(self) -> Path:
+        """An empty folder of this attempt, removed afterwards; outputs of type Files may lie here."""
+
+    def progress(self, step: int, total: int, **figures: float) -> None:
+        """Report progress: `loss=`, `psnr=` and the like are shown live and logged. Cheap to call often."""
+
+    def log(self, message: str) -> None:
+        """A line for the node's log."""
+
+    def warn(self, message: str) -> None:
+        """A warning for the user: shown, logged and kept in the run's report."""
+
+
+@dataclass(frozen=True)
+class NodeDef:
+    """A registered node type."""
+
+    type: str
+    function: Callable[..., Any]
+    version: str
+    deterministic: bool = True
+    libraries: tuple[str, ...] = ()
+    code: tuple[str, ...] = ()
+    sources: Callable[[Any], Mapping[str, Path]] | None = None
+    resources: Mapping[str, float] = field(default_factory=dict)
+
+
+REGISTRY: dict[str, NodeDef] = {}
+
+
+def node(
+    type: str,
+    *,
+    version: str,
+    deterministic: bool = True,
+    libraries: tuple[str, ...] = (),
+    code: tuple[str, ...] = (),
+    sources: Callable[[Any], Mapping[str, Path]] | None = None,
+    resources: Mapping[str, float] | None = None,
+) -> Callable[[F], F]:
+    """Register a function as the node `type`.
+
+    version    raise it when the meaning changes in a way the code fingerprint cannot see
+    libraries  distributions whose version belongs in the key (xatlas, warp-lang, ...)
+    code       extra modules whose source belongs in the fingerprint, beside those the function imports
+    sources    params -> {name: file} of every file the node reads; their contents belong in the key and the
+               path parameters do not. It raises DataError for a missing file, so that `check` can say so.
+    """
+
+    def register(function: F) -> F:
+        if type in REGISTRY and REGISTRY[type].function.__qualname__ != function.__qualname__:
+            raise ValueError(f"node type {type!r} is registered twice")
+        REGISTRY[type] = NodeDef(
+            type, function, version, deterministic, libraries, code, sources, dict(resources or {})
+        )
+        return function
+
+    return register

@@ -1,0 +1,26 @@
+"""The nominal types that travel on wires. Importing this package imports neither numpy nor torch."""
+
+from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
+from exmesh_graph.types.asset import Asset, EnvMap
+from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
+from exmesh_graph.types.results import Files, Gallery, Metrics, UsdAsset
+from exmesh_graph.types.views import DepthMaps, Frame, SceneTruth, Views
+
+__all__ = [
+    "Artifact",
+    "Asset",
+    "Carrier",
+    "DepthMaps",
+    "EnvMap",
+    "Files",
+    "Frame",
+    "Gallery",
+    "Mesh",
+    "Metrics",
+    "SceneTruth",
+    "Stage1State",
+    "UsdAsset",
+    "Views",
+    "load_arrays",
+    "save_arrays",
+]

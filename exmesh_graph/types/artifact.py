@@ -1,0 +1,54 @@
+"""What every value on a wire can do: write itself into a folder, read itself back, state its facets.
+
+Invariant: `load(save(x))` equals `x` bit for bit, so that a value handed over in memory and one read from the
+store give the same bytes downstream; and `save` writes the same bytes for equal values (no time stamps, no pickle).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class Artifact:
+    """Base of the wire types. Ports match nominally: a subclass fits where its base is asked for."""
+
+    type_name: ClassVar[str] = "artifact"
+
+    def save(self, folder: Path) -> None:
+        """Write this value into the existing empty `folder`."""
+        raise NotImplementedError
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read a value that `save` wrote."""
+        raise NotImplementedError
+
+    def facets(self) -> dict[str, Any]:
+        """Measured properties (split, closed, ...), checked against what the receiving port asks for."""
+        return {}
+
+
+def save_arrays(folder: Path, arrays: dict[str, np.ndarray], meta: dict[str, Any] | None = None) -> None:
+    """Write `arrays` to `arrays.safetensors` and the JSON-like `meta` to `meta.json`, byte-stable."""
+    import numpy as np
+    from safetensors.numpy import save_file
+
+    save_file(
+        {name: np.ascontiguousarray(array) for name, array in sorted(arrays.items())},
+        folder / "arrays.safetensors",
+    )
+    text = json.dumps(meta or {}, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "meta.json").write_text(text + "\n", encoding="utf-8")
+
+
+def load_arrays(folder: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read what `save_arrays` wrote: (arrays, meta)."""
+    from safetensors.numpy import load_file
+
+    meta = json.loads((folder / "meta.json").read_text(encoding="utf-8"))
+    return load_file(folder / "arrays.safetensors"), meta

@@ -1,0 +1,43 @@
+"""Materials, light and the finished asset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from exmesh_graph.types.mesh import Carrier, _Arrays
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class EnvMap(_Arrays):
+    """Lat-long environment on the Y-up world, OpenEXR convention: image centre +Z, u = 0.25 is +X, row 0 is +Y.
+
+    radiance  float32 [H, W, 3], linear, >= 0
+    """
+
+    type_name: ClassVar[str] = "EnvMap"
+    radiance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Asset(Carrier):
+    """The paper's frozen carrier with its UV-PBR maps and the recovered environment (Theta = {A, R, N, E}).
+
+    base_color   float32 [R, R, 3], linear, in [0, 1]
+    roughness    float32 [R, R]
+    normal       float32 [R, R, 3], unit tangent-space normals (+Y up), or None when not modelled
+    metallic     float32 [R, R], or None when not modelled
+    seen         bool [R, R], texels that at least one training view saw
+    environment  float32 [H, W, 3], as EnvMap.radiance
+    """
+
+    type_name: ClassVar[str] = "Asset"
+    base_color: np.ndarray
+    roughness: np.ndarray
+    seen: np.ndarray
+    environment: np.ndarray
+    normal: np.ndarray | None = None
+    metallic: np.ndarray | None = None

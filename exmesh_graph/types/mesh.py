@@ -1,0 +1,84 @@
+"""Triangle meshes, the mesh-UV carrier of the paper's Stage I, and Stage I's running state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class _Arrays(Artifact):
+    """Codec of a dataclass whose fields are arrays (None left out), ints, floats, strings or bools."""
+
+    def save(self, folder: Path) -> None:
+        import numpy as np
+
+        values = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        meta = {name: value for name, value in values.items() if name not in arrays}
+        save_arrays(folder, arrays, meta)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        return cls(**arrays, **meta)
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh(_Arrays):
+    """A triangle mesh M = (V, F) in the normalised Y-up world, counter-clockwise seen from outside.
+
+    vertices  float32 [V, 3]
+    faces     int32 [F, 3]
+    """
+
+    type_name: ClassVar[str] = "Mesh"
+    vertices: np.ndarray
+    faces: np.ndarray
+
+    def facets(self) -> dict[str, Any]:
+        from exmesh_graph.geometry.adjacency import is_closed, is_edge_manifold
+
+        return {"manifold": is_edge_manifold(self.faces), "closed": is_closed(self.faces)}
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier(Mesh):
+    """Mesh, UV atlas and RGB texture: (V, F), (U, Phi) and T_rgb of the paper's section 4.
+
+    uvs       float32 [T, 2], origin lower left, v up, in [0, 1]
+    uv_faces  int32 [F, 3], the face-corner-to-UV index map Phi
+    texture   float32 [R, R, 3], sRGB-encoded appearance, row 0 is v = 1, texel centres at (i + 0.5) / R
+    """
+
+    type_name: ClassVar[str] = "Carrier"
+    uvs: np.ndarray
+    uv_faces: np.ndarray
+    texture: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Stage1State(Carrier):
+    """A carrier in the middle of Stage I: optimiser moments and the gradient EMA of eq. 1 travel with it.
+
+    vertex_m, vertex_v    float32 [V, 3] and [V], Adam's first moment and the per-vertex second moment
+    texture_m, texture_v  float32 [R, R, 3]
+    gradient_ema          float32 [V], eq. 1
+    iteration             iterations done since stage1.init
+    vertex_steps, texture_steps  Adam's step counts (bias correction)
+    """
+
+    type_name: ClassVar[str] = "Stage1State"
+    vertex_m: np.ndarray
+    vertex_v: np.ndarray
+    texture_m: np.ndarray
+    texture_v: np.ndarray
+    gradient_ema: np.ndarray
+    iteration: int = 0
+    vertex_steps: int = 0
+    texture_steps: int = 0

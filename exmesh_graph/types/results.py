@@ -1,0 +1,62 @@
+"""What a run shows for itself: figures, pictures, exported files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from exmesh_graph.types.artifact import Artifact
+
+
+@dataclass(frozen=True, eq=False)
+class Metrics(Artifact):
+    """Named figures. `values` is JSON-like: numbers, strings, lists and nested dicts; no NaN."""
+
+    type_name: ClassVar[str] = "Metrics"
+    values: dict[str, Any] = field(default_factory=dict)
+
+    def save(self, folder: Path) -> None:
+        text = json.dumps(self.values, sort_keys=True, indent=1, allow_nan=False)
+        (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        return cls(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+
+
+@dataclass(frozen=True, eq=False)
+class Files(Artifact):
+    """A folder of files, kept byte for byte. `root` holds them until the store has its copy.
+
+    `main` names the file a user opens first, relative to `root`.
+    """
+
+    type_name: ClassVar[str] = "Files"
+    root: Path
+    main: str = ""
+
+    def save(self, folder: Path) -> None:
+        (folder / "main.json").write_text(json.dumps({"main": self.main}) + "\n", encoding="utf-8")
+        shutil.copytree(self.root, folder / "files")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        main = json.loads((folder / "main.json").read_text(encoding="utf-8"))["main"]
+        return cls(root=folder / "files", main=main)
+
+
+@dataclass(frozen=True, eq=False)
+class Gallery(Files):
+    """Pictures for the report: PNG files under `root` and `captions.json`, a list of {file, title, caption}."""
+
+    type_name: ClassVar[str] = "Gallery"
+
+
+@dataclass(frozen=True, eq=False)
+class UsdAsset(Files):
+    """An exported USD asset: `asset.usdz`, `asset.usdc`, `textures/`, ..."""
+
+    type_name: ClassVar[str] = "UsdAsset"

@@ -1,0 +1,173 @@
+"""Calibrated photographs, the frame they live in, and the truth of a rendered scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Views(Artifact):
+    """N calibrated photographs of one size, in the normalised Y-up world (object inside the unit sphere).
+
+    names            N file stems, unique
+    images           float32 [N, H, W, 3], linear RGB, premultiplied by alpha, background 0
+    alpha            float32 [N, H, W], coverage in [0, 1] (all ones where the data has no masks)
+    intrinsics       float64 [N, 3, 3], pixels; pixel centres at +0.5; principal point always kept
+    camera_to_world  float64 [N, 4, 4], rigid, OpenCV camera axes (x right, y down, z forward)
+    split            "train" or "test"
+    has_masks        whether alpha was measured
+    clipped          whether values above 1 were cut off in the files (8-bit photographs)
+    """
+
+    type_name: ClassVar[str] = "Views"
+    names: tuple[str, ...]
+    images: np.ndarray
+    alpha: np.ndarray
+    intrinsics: np.ndarray
+    camera_to_world: np.ndarray
+    split: str
+    has_masks: bool = True
+    clipped: bool = True
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def height(self) -> int:
+        return int(self.alpha.shape[1])
+
+    @property
+    def width(self) -> int:
+        return int(self.alpha.shape[2])
+
+    @property
+    def world_to_camera(self) -> np.ndarray:
+        """float64 [N, 4, 4], the inverse of `camera_to_world`."""
+        import numpy as np
+
+        return np.linalg.inv(self.camera_to_world)
+
+    def facets(self) -> dict[str, Any]:
+        return {"split": self.split, "masks": self.has_masks}
+
+    def save(self, folder: Path) -> None:
+        arrays = {
+            "images": self.images,
+            "alpha": self.alpha,
+            "intrinsics": self.intrinsics,
+            "camera_to_world": self.camera_to_world,
+        }
+        meta = {
+            "names": list(self.names),
+            "split": self.split,
+            "has_masks": self.has_masks,
+            "clipped": self.clipped,
+        }
+        save_arrays(folder, arrays, meta)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        return cls(names=tuple(meta.pop("names")), **arrays, **meta)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame(Artifact):
+    """The recorded similarity between the normalised world and the scene's own units.
+
+    scene_from_normalised  float64 [4, 4], maps normalised Y-up points to Y-up points in scene units
+    dataset_from_scene     float64 [4, 4], the rotation back to the axes of the data set's files
+    metres_per_unit        metres in one scene unit; 0 when unknown
+    """
+
+    type_name: ClassVar[str] = "Frame"
+    scene_from_normalised: np.ndarray
+    dataset_from_scene: np.ndarray
+    metres_per_unit: float = 0.0
+
+    def save(self, folder: Path) -> None:
+        arrays = {
+            "scene_from_normalised": self.scene_from_normalised,
+            "dataset_from_scene": self.dataset_from_scene,
+        }
+        save_arrays(folder, arrays, {"metres_per_unit": self.metres_per_unit})
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        return cls(**arrays, **meta)
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMaps(Artifact):
+    """Depth along the camera's z axis, in normalised units, for the views of the same names.
+
+    depth  float32 [N, H, W]; 0 = no measurement
+    """
+
+    type_name: ClassVar[str] = "DepthMaps"
+    names: tuple[str, ...]
+    depth: np.ndarray
+
+    def save(self, folder: Path) -> None:
+        save_arrays(folder, {"depth": self.depth}, {"names": list(self.names)})
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        return cls(names=tuple(meta["names"]), depth=arrays["depth"])
+
+
+@dataclass(frozen=True, eq=False)
+class SceneTruth(Artifact):
+    """What is known of a rendered scene, for scoring only: never an input of a fit.
+
+    mesh_vertices   float32 [V, 3] in the normalised Y-up world, or None;  mesh_faces int32 [F, 3]
+    names           the M test views the maps below belong to
+    albedo          float32 [M, H, W, 3] linear, averaged over the covered part of a pixel, or None
+    roughness       float32 [M, H, W] or None
+    environment     float32 [h, w, 3] canonical lat-long (types.EnvMap), the training light, or None
+    relit           name -> (environment float32 [h, w, 3], images float32 [M, H, W, 3] linear premultiplied)
+    relit_alpha     name -> float32 [M, H, W]
+    """
+
+    type_name: ClassVar[str] = "SceneTruth"
+    names: tuple[str, ...]
+    mesh_vertices: np.ndarray | None = None
+    mesh_faces: np.ndarray | None = None
+    albedo: np.ndarray | None = None
+    roughness: np.ndarray | None = None
+    environment: np.ndarray | None = None
+    relit: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    relit_alpha: dict[str, np.ndarray] = field(default_factory=dict)
+
+    _plain: ClassVar[tuple[str, ...]] = ("mesh_vertices", "mesh_faces", "albedo", "roughness", "environment")
+
+    def save(self, folder: Path) -> None:
+        arrays = {name: getattr(self, name) for name in self._plain if getattr(self, name) is not None}
+        for name, (environment, images) in self.relit.items():
+            arrays[f"relit/{name}/environment"] = environment
+            arrays[f"relit/{name}/images"] = images
+            arrays[f"relit/{name}/alpha"] = self.relit_alpha[name]
+        save_arrays(folder, arrays, {"names": list(self.names), "relit": sorted(self.relit)})
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        relit = {
+            name: (arrays[f"relit/{name}/environment"], arrays[f"relit/{name}/images"])
+            for name in meta["relit"]
+        }
+        return cls(
+            names=tuple(meta["names"]),
+            relit=relit,
+            relit_alpha={name: arrays[f"relit/{name}/alpha"] for name in meta["relit"]},
+            **{name: arrays.get(name) for name in cls._plain},
+        )
