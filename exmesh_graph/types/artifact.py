@@ -46,7 +46,7 @@ def save_arrays(folder: Path, arrays: dict[str, np.ndarray], meta: dict[str, Any
     (folder / "meta.json").write_text(text + "\n", encoding="utf-8")
 
 
-def load_arrays(folder: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def load_arrays(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read what `save_arrays` wrote: (arrays, meta)."""
     from safetensors.numpy import load_file
 

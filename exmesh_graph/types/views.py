@@ -161,10 +161,7 @@ class SceneTruth(Artifact):
     @classmethod
     def load(cls, folder: Path) -> Self:
         arrays, meta = load_arrays(folder)
-        relit = {
-            name: (arrays[f"relit/{name}/environment"], arrays[f"relit/{name}/images"])
-            for name in meta["relit"]
-        }
+        relit = {name: (arrays[f"relit/{name}/environment"], arrays[f"relit/{name}/images"]) for name in meta["relit"]}
         return cls(
             names=tuple(meta["names"]),
             relit=relit,

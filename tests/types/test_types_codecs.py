@@ -1,0 +1,142 @@
+"""Every wire type comes back from disk bit for bit, and equal values give equal bytes."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exmesh_graph import types
+from exmesh_graph.types import (
+    Artifact,
+    Asset,
+    Carrier,
+    DepthMaps,
+    EnvMap,
+    Frame,
+    Gallery,
+    Mesh,
+    Metrics,
+    SceneTruth,
+    Stage1State,
+    UsdAsset,
+    Views,
+)
+
+
+def _examples(folder: Path) -> list[Artifact]:
+    rng = np.random.default_rng(1)
+
+    def noise(*shape: int) -> np.ndarray:
+        return rng.standard_normal(shape).astype(np.float32)
+
+    tetrahedron = {
+        "vertices": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -0.0]], np.float32),
+        "faces": np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32),
+    }
+    atlas = {
+        "uvs": noise(12, 2),
+        "uv_faces": np.arange(12, dtype=np.int32).reshape(4, 3),
+        "texture": noise(8, 8, 3),
+    }
+    moments = {
+        "vertex_m": noise(4, 3),
+        "vertex_v": noise(4),
+        "texture_m": noise(8, 8, 3),
+        "texture_v": noise(8, 8, 3),
+        "gradient_ema": noise(4),
+    }
+    (folder / "pictures").mkdir(parents=True)
+    (folder / "pictures" / "a.png").write_bytes(b"\x89PNG\x00")
+    return [
+        Views(
+            names=("a", "b"),
+            images=noise(2, 4, 6, 3),
+            alpha=noise(2, 4, 6),
+            intrinsics=rng.standard_normal((2, 3, 3)),
+            camera_to_world=rng.standard_normal((2, 4, 4)),
+            split="train",
+            has_masks=False,
+        ),
+        Frame(rng.standard_normal((4, 4)), rng.standard_normal((4, 4)), 0.1),
+        DepthMaps(("a",), noise(1, 4, 6)),
+        SceneTruth(names=("t",)),
+        SceneTruth(
+            names=("t",),
+            mesh_vertices=noise(4, 3),
+            mesh_faces=tetrahedron["faces"],
+            albedo=noise(1, 4, 6, 3),
+            relit={"sky": (noise(4, 8, 3), noise(1, 4, 6, 3)), "a/b": (noise(4, 8, 3), noise(1, 4, 6, 3))},
+            relit_alpha={"sky": noise(1, 4, 6), "a/b": noise(1, 4, 6)},
+        ),
+        Mesh(**tetrahedron),
+        Carrier(**tetrahedron, **atlas),
+        Stage1State(**tetrahedron, **atlas, **moments, iteration=7, vertex_steps=3),
+        EnvMap(noise(4, 8, 3)),
+        Asset(
+            **tetrahedron,
+            **atlas,
+            base_color=noise(8, 8, 3),
+            roughness=noise(8, 8),
+            seen=rng.random((8, 8)) > 0.5,
+            environment=noise(4, 8, 3),
+        ),
+        Metrics({"psnr": 31.25, "views": {"a": [1, 2.5]}, "closed": True}),
+        Gallery(folder / "pictures", "a.png"),
+        UsdAsset(folder / "pictures", "a.png"),
+    ]
+
+
+def _assert_same(a: object, b: object) -> None:
+    if isinstance(a, np.ndarray):
+        assert isinstance(b, np.ndarray)
+        assert a.dtype == b.dtype
+        assert a.shape == b.shape
+        assert a.tobytes() == b.tobytes()
+    elif isinstance(a, dict):
+        assert isinstance(b, dict)
+        assert list(a) == list(b) or sorted(a) == sorted(b)
+        for key in a:
+            _assert_same(a[key], b[key])
+    elif isinstance(a, tuple):
+        assert isinstance(b, tuple)
+        for left, right in zip(a, b, strict=True):
+            _assert_same(left, right)
+    elif isinstance(a, Path):
+        assert isinstance(b, Path)
+        assert _bytes_of(a) == _bytes_of(b)
+    else:
+        assert a == b
+        assert type(a) is type(b)
+
+
+def _bytes_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.mark.parametrize("index", range(13))
+def test_round_trip_is_exact_and_bytes_are_stable(index: int, tmp_path: Path) -> None:
+    value = _examples(tmp_path / "source")[index]
+    again = _examples(tmp_path / "source2")[index]
+    for name, item in (("first", value), ("second", again)):
+        (tmp_path / name).mkdir()
+        item.save(tmp_path / name)
+    assert _bytes_of(tmp_path / "first") == _bytes_of(tmp_path / "second")
+    loaded = type(value).load(tmp_path / "first")
+    assert is_dataclass(value)
+    for f in fields(value):
+        _assert_same(getattr(value, f.name), getattr(loaded, f.name))
+
+
+def test_every_exported_type_has_its_own_name() -> None:
+    exported = [getattr(types, name) for name in types.__all__]
+    wire_types = [t for t in exported if isinstance(t, type) and issubclass(t, Artifact)]
+    names = [t.type_name for t in wire_types]
+    assert len(set(names)) == len(names)
+
+
+def test_metrics_refuse_nan(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="Out of range float"):
+        Metrics({"psnr": float("nan")}).save(tmp_path)
