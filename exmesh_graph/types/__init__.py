@@ -4,6 +4,7 @@ from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
 from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
 from exmesh_graph.types.results import Files, Gallery, Metrics, UsdAsset
+from exmesh_graph.types.transport import Transport
 from exmesh_graph.types.views import DepthMaps, Frame, SceneTruth, Views
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "Metrics",
     "SceneTruth",
     "Stage1State",
+    "Transport",
     "UsdAsset",
     "Views",
     "load_arrays",

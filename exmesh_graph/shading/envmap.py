@@ -1,0 +1,140 @@
+"""Lat-long environments on the Y-up world, in OpenEXR's convention.
+
+    longitude = pi (1 - 2u),  latitude = pi (0.5 - v),  d = (sin lon cos lat, sin lat, cos lon cos lat)
+
+(u, v) run right and down over the image: its centre is +Z, u = 0.25 is +X, row 0 is +Y. Texel (i, j) of H x W has
+its centre at u = (j + 0.5) / W, v = (i + 0.5) / H. Lookups are bilinear, wrap in longitude and stop at the poles.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+
+def direction_of(u: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+    """Unit directions [..., 3] of image coordinates u, v [...] in [0, 1]."""
+    longitude, latitude = math.pi * (1 - 2 * u), math.pi * (0.5 - v)
+    c = latitude.cos()
+    return torch.stack([longitude.sin() * c, latitude.sin(), longitude.cos() * c], dim=-1)
+
+
+def uv_of(direction: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Image coordinates (u, v) of unit directions [..., 3]; u in (0, 1] with the seam at -Z."""
+    x, y, z = direction.unbind(-1)
+    u = 0.5 - torch.atan2(x, z) / (2 * math.pi)
+    v = torch.atan2((x * x + z * z).sqrt(), y) / math.pi
+    return u, v
+
+
+def texel_directions(height: int, width: int) -> np.ndarray:
+    """Unit directions of the texel centres, float64 [H, W, 3]."""
+    v, u = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width, indexing="ij")
+    return direction_of(torch.from_numpy(u), torch.from_numpy(v)).numpy()
+
+
+def solid_angles(height: int, width: int) -> np.ndarray:
+    """Solid angle of the texels of each row [sr], float64 [H]; `W` times their sum is exactly 4 pi."""
+    edges = np.cos(np.pi * np.arange(height + 1) / height)
+    return (edges[:-1] - edges[1:]) * (2 * np.pi / width)
+
+
+def bilinear(
+    height: int, width: int, u: torch.Tensor, v: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The four texels under image coordinates [N]: flat indices int64 [N, 4] and weights [N, 4]."""
+    x, y = u * width - 0.5, (v * height - 0.5).clamp(0, height - 1)
+    x0, y0 = x.floor(), y.floor().clamp(max=max(height - 2, 0))
+    fx, fy = x - x0, y - y0
+    left = x0.long() % width
+    right = (left + 1) % width
+    top = y0.long()
+    bottom = (top + 1).clamp(max=height - 1)
+    index = torch.stack(
+        [top * width + left, top * width + right, bottom * width + left, bottom * width + right], dim=-1
+    )
+    weight = torch.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], dim=-1)
+    return index, weight
+
+
+def lookup(environment: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
+    """Radiance [..., 3] of `environment` [H, W, 3] towards unit directions [..., 3]; differentiable in the map."""
+    height, width = environment.shape[:2]
+    flat = direction.reshape(-1, 3)
+    index, weight = bilinear(height, width, *uv_of(flat))
+    texels = environment.reshape(-1, environment.shape[-1])[index]
+    return (texels * weight[..., None].to(texels)).sum(-2).reshape(*direction.shape[:-1], -1)
+
+
+def resample(environment: np.ndarray, height: int, width: int) -> np.ndarray:
+    """The map at another resolution, float32 [height, width, 3].
+
+    Each new texel averages bilinear samples spread over its area (solid-angle weighted), enough of them to visit every
+    source texel; energy is kept to the accuracy of that quadrature.
+    """
+    rows, columns = environment.shape[:2]
+    if (rows, columns) == (height, width):
+        return environment.astype(np.float32)
+    per_row, per_column = max(1, -(-2 * rows // height)), max(1, -(-2 * columns // width))
+    v, u = np.meshgrid(
+        (np.arange(height * per_row) + 0.5) / (height * per_row),
+        (np.arange(width * per_column) + 0.5) / (width * per_column),
+        indexing="ij",
+    )
+    source = torch.from_numpy(np.ascontiguousarray(environment, np.float64))
+    index, weight = bilinear(
+        rows, columns, torch.from_numpy(u).reshape(-1), torch.from_numpy(v).reshape(-1)
+    )
+    fine = (source.reshape(-1, 3)[index] * weight[..., None]).sum(1)
+    fine = fine.reshape(height, per_row, width, per_column, 3)
+    sine = torch.from_numpy(np.sin(np.pi * v[:, 0])).reshape(height, per_row, 1, 1, 1)
+    mean = (fine * sine).sum(dim=(1, 3)) / (sine.sum(dim=(1, 3)) * per_column)
+    return mean.numpy().astype(np.float32)
+
+
+def rotate(environment: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """The map as it looks after the light is turned by `rotation` [3, 3]: new(d) = old(rotation^T d)."""
+    height, width = environment.shape[:2]
+    source = torch.from_numpy(texel_directions(height, width) @ np.asarray(rotation, np.float64))
+    return lookup(torch.from_numpy(environment.astype(np.float64)), source).numpy().astype(np.float32)
+
+
+def radiance_of(parameter: torch.Tensor) -> torch.Tensor:
+    """The non-negative map of a free parameter: E = softplus(parameter)."""
+    return F.softplus(parameter)
+
+
+def parameter_of(radiance: torch.Tensor) -> torch.Tensor:
+    """Inverse of `radiance_of`; radiance is floored at 1e-4 so that no texel starts dead."""
+    floored = radiance.clamp_min(1e-4)
+    return torch.where(floored > 20, floored, torch.log(torch.expm1(floored.clamp(max=20))))
+
+
+def total_variation(environment: torch.Tensor) -> torch.Tensor:
+    """L_env of eq. 23: mean absolute difference of neighbouring texels, wrapped in longitude.
+
+    Differences are weighted by solid angle, so the crowded rows at the poles do not dominate the sum.
+    """
+    height, width = environment.shape[:2]
+    row = torch.as_tensor(solid_angles(height, width), dtype=environment.dtype, device=environment.device)
+    along = (environment - environment.roll(-1, dims=1)).abs().mean(dim=(1, 2))
+    down = (environment[1:] - environment[:-1]).abs().mean(dim=(1, 2))
+    between = 0.5 * (row[1:] + row[:-1])
+    return (along * row).sum() / row.sum() + (down * between).sum() / between.sum()
+
+
+def mean_radiance(environment: torch.Tensor) -> torch.Tensor:
+    """Mean radiance over the sphere (solid-angle weighted), [3]."""
+    row = torch.as_tensor(
+        solid_angles(*environment.shape[:2]), dtype=environment.dtype, device=environment.device
+    )
+    return (environment.mean(dim=1) * row[:, None]).sum(dim=0) / row.sum()
+
+
+def chroma(environment: torch.Tensor) -> torch.Tensor:
+    """L_chroma of eq. 24: squared distance of the mean radiance from its own grey value."""
+    mean = mean_radiance(environment)
+    return ((mean - mean.mean()) ** 2).sum()
