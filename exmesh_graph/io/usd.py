@@ -1,0 +1,130 @@
+"""Exporting an asset as USD, for DCC tools: `write_usd`, `read_usd`, `validate_usd`.
+
+Files written (docs/usd.md):
+    asset.usdc      the component, light-free: reference this one into other scenes
+    textures/       base_color.png (sRGB), roughness.png, normal.png and metallic.png where fitted (raw)
+    env.exr         the recovered environment, OpenEXR lat-long on the Y-up world
+    scene.usda      references asset.usdc and adds the dome light
+    asset.usdz      scene.usda's composition in one self-contained package: what one double-clicks
+    report.json     what the export measured
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph import __version__
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.usd_checks import check_asset, check_name
+from exmesh_graph.io.usd_mesh import mesh_report, scene_geometry
+from exmesh_graph.io.usd_package import write_usdz
+from exmesh_graph.io.usd_read import UsdContents, read_usd
+from exmesh_graph.io.usd_textures import prepare_maps, write_environment, write_map
+from exmesh_graph.io.usd_validate import Problem, validate_usd
+from exmesh_graph.types import Asset, Frame
+
+__all__ = ["Problem", "UsdContents", "read_usd", "validate_usd", "write_usd"]
+
+
+def write_usd(
+    folder: Path,
+    asset: Asset,
+    frame: Frame | None = None,
+    *,
+    name: str = "asset",
+    roughness_floor: float = 0.04,
+    dilation: int = 8,
+    provenance: Mapping[str, str | int | float] | None = None,
+) -> dict[str, Any]:
+    """Write `asset` into the new `folder`; return the export's report (also written as report.json).
+
+    asset            maps linear, environment canonical; points in the normalised world
+    frame            its similarity returns the points to the scene's own units (Y-up kept); None: normalised units
+    roughness_floor  lowest roughness written: below it, highlights are spikes that renderers disagree about
+    dilation         texels by which charts are padded
+    provenance       further plain values for `customData.recon`
+
+    Everything is checked before the first byte is written, written beside `folder`, and moved there at the end, so
+    that no half asset is ever seen. Equal inputs give equal bytes. Raises DataError, GeometryError or NumericsError.
+    """
+    check_name(name)
+    check_asset(asset)
+    if folder.exists():
+        raise DataError("the target exists", where=str(folder), fix="remove it, or export to another folder")
+    maps, report = prepare_maps(asset, roughness_floor=roughness_floor, dilation=dilation)
+    points, normals, rotation, scale = scene_geometry(asset, frame)
+    report |= mesh_report(asset) | scale
+
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        (partial / "textures").mkdir()
+        for map_name, pixels in maps.items():
+            write_map(partial / "textures" / f"{map_name}.png", pixels)
+        error = write_environment(partial / "env.exr", asset.environment)
+        report["environment_size"] = [int(n) for n in asset.environment.shape[:2]]
+        report["environment_rounding"] = float(f"{error:.3g}")
+        _write_layers(partial, name, asset, maps, points, normals, rotation, report, provenance or {})
+        text = json.dumps(report, sort_keys=True, indent=1, allow_nan=False)
+        (partial / "report.json").write_text(text + "\n", encoding="utf-8")
+        partial.chmod(0o755)
+        partial.rename(folder)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    return report
+
+
+def _write_layers(
+    folder: Path,
+    name: str,
+    asset: Asset,
+    maps: Mapping[str, np.ndarray],
+    points: np.ndarray,
+    normals: np.ndarray,
+    rotation: np.ndarray,
+    report: Mapping[str, Any],
+    provenance: Mapping[str, str | int | float],
+) -> None:
+    from pxr import Sdf
+
+    from exmesh_graph.io.usd_stage import (
+        StageContent,
+        author_asset_layer,
+        author_flat_layer,
+        author_scene_layer,
+    )
+
+    plain = {key: value for key, value in report.items() if isinstance(value, str | int | float)}
+    used, inverse = np.unique(asset.uv_faces, return_inverse=True)  # only the texture vertices that faces use
+    content = StageContent(
+        name=name,
+        points=points,
+        normals=normals,
+        faces=asset.faces.astype(np.int32),
+        st=np.clip(asset.uvs[used], 0.0, 1.0).astype(np.float32),
+        st_faces=inverse.reshape(-1, 3).astype(np.int32),
+        maps=tuple(sorted(maps)),
+        metres_per_unit=float(report["metres_per_unit"]),
+        rotation=rotation,
+        provenance={"tool": "exmesh-graph", "version": __version__, **plain, **provenance},
+    )
+    # Layers are written by Save, never by UsdStage.Export: that one turns relative asset paths into absolute ones.
+    for file, author in (("asset.usdc", author_asset_layer), ("flat.usdc", author_flat_layer)):
+        layer = Sdf.Layer.CreateNew(str(folder / file))
+        author(layer, content)
+        layer.Save()
+    layer = Sdf.Layer.CreateNew(str(folder / "scene.usda"))
+    author_scene_layer(layer, content, "./asset.usdc")
+    layer.Save()
+    members = [("asset.usdc", folder / "flat.usdc"), ("env.exr", folder / "env.exr")]
+    members += [(f"textures/{map_name}.png", folder / "textures" / f"{map_name}.png") for map_name in sorted(maps)]
+    write_usdz(folder / "asset.usdz", members)
+    (folder / "flat.usdc").unlink()
