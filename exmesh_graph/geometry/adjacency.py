@@ -1,0 +1,233 @@
+"""Who is next to whom in a triangle mesh: one sorted edge table, and every question answered from it.
+
+Half-edge h = 3 f + k runs from corner k to corner (k + 1) % 3 of face f; the corner opposite to it is (k + 2) % 3.
+Everything is vectorised; nothing assumes that the mesh is manifold unless it says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The undirected edges of a triangle mesh, sorted by (lower vertex, higher vertex).
+
+    vertices    int64 [E, 2], lower index first
+    halfedges   int64 [E, 2], the first two half-edges on the edge in ascending order; -1 where there is none
+    count       int64 [E], how many half-edges lie on the edge: 1 boundary, 2 interior, more: non-manifold
+    face_edges  int64 [F, 3], the edge of half-edge 3 f + k
+    """
+
+    vertices: np.ndarray
+    halfedges: np.ndarray
+    count: np.ndarray
+    face_edges: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    @property
+    def faces(self) -> np.ndarray:
+        """int64 [E, 2], the faces on each side; -1 where there is none."""
+        return np.where(self.halfedges >= 0, self.halfedges // 3, -1)
+
+    @property
+    def interior(self) -> np.ndarray:
+        """bool [E], edges with exactly two faces."""
+        return self.count == 2
+
+
+def edges_of(faces: np.ndarray) -> Edges:
+    """The edge table of `faces` (int [F, 3])."""
+    start = faces.astype(np.int64, copy=False).reshape(-1)
+    end = np.roll(faces.astype(np.int64, copy=False), -1, axis=1).reshape(-1)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    stride = int(high.max()) + 1 if len(high) else 1
+    key = low * stride + high
+    order = np.argsort(key, kind="stable")
+    sorted_key = key[order]
+    first = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]]) if len(key) else np.zeros(0, np.int64)
+    count = np.diff(np.r_[first, len(key)])
+    edge_of_sorted = np.repeat(np.arange(len(first)), count)
+    face_edges = np.empty(len(key), np.int64)
+    face_edges[order] = edge_of_sorted
+    second = np.where(count >= 2, order[np.minimum(first + 1, len(key) - 1)], -1) if len(key) else first
+    lead = order[first]
+    return Edges(
+        vertices=np.stack([low[lead], high[lead]], axis=1),
+        halfedges=np.stack([lead, second], axis=1),
+        count=count,
+        face_edges=face_edges.reshape(-1, 3),
+    )
+
+
+def is_edge_manifold(faces: np.ndarray) -> bool:
+    """Whether no edge has more than two faces and no face uses a vertex twice."""
+    return bool((edges_of(faces).count <= 2).all()) and not has_collapsed_faces(faces)
+
+
+def is_closed(faces: np.ndarray) -> bool:
+    """Whether every edge has exactly two faces."""
+    return bool((edges_of(faces).count == 2).all()) and not has_collapsed_faces(faces)
+
+
+def is_vertex_manifold(faces: np.ndarray) -> bool:
+    """Whether the faces around every vertex form a single fan (a disc, or a half disc on a boundary)."""
+    if not is_edge_manifold(faces):
+        return False
+    fans, _ = corner_fans(faces)
+    return int(fans.max(initial=-1)) + 1 == len(np.unique(faces))
+
+
+def has_collapsed_faces(faces: np.ndarray) -> bool:
+    """Whether some face names the same vertex twice."""
+    return bool(((faces == np.roll(faces, -1, axis=1)).any(axis=1)).any())
+
+
+def is_winding_consistent(faces: np.ndarray, edges: Edges | None = None) -> bool:
+    """Whether the two faces of every interior edge run along it in opposite directions."""
+    edges = edges_of(faces) if edges is None else edges
+    start = faces.reshape(-1)[edges.halfedges[edges.interior]]
+    return bool((start[:, 0] != start[:, 1]).all())
+
+
+def corner_fans(
+    faces: np.ndarray, edges: Edges | None = None, keep: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Groups the corners that reach each other around a vertex across interior edges of consistent winding.
+
+    keep  bool [E], edges that may be crossed (all if None): leave edges out to cut the mesh along them.
+    Returns fans int64 [F, 3] (group of each corner, numbered by first appearance) and vertex int64 [groups].
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    edges = edges_of(faces) if edges is None else edges
+    use = edges.interior if keep is None else edges.interior & keep
+    flat = faces.reshape(-1)
+    here, there = edges.halfedges[use].T
+    opposed = flat[here] != flat[there]
+    here, there = here[opposed], there[opposed]
+    after_here, after_there = next_halfedge(here), next_halfedge(there)
+    rows = np.concatenate([here, after_here])  # the corner at the start of one is the corner at the end of the other
+    columns = np.concatenate([after_there, there])
+    n = flat.size
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first, kind="stable")] = np.arange(len(first))
+    return rank[inverse].reshape(faces.shape), flat[np.sort(first)].astype(np.int64)
+
+
+def next_halfedge(h: np.ndarray) -> np.ndarray:
+    """The half-edge after `h` in its face."""
+    return h - h % 3 + (h + 1) % 3
+
+
+def boundary_edges(faces: np.ndarray) -> np.ndarray:
+    """int64 [B, 2], the directed half-edges (start, end) that have no partner."""
+    edges = edges_of(faces)
+    h = edges.halfedges[edges.count == 1, 0]
+    flat = faces.reshape(-1)
+    return np.stack([flat[h], flat[next_halfedge(h)]], axis=1).astype(np.int64)
+
+
+def vertex_degrees(faces: np.ndarray, n_vertices: int, edges: Edges | None = None) -> np.ndarray:
+    """int64 [V], the number of edges at each vertex."""
+    edges = edges_of(faces) if edges is None else edges
+    return np.bincount(edges.vertices.reshape(-1), minlength=n_vertices)
+
+
+def neighbours(faces: np.ndarray, n_vertices: int, edges: Edges | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(offsets int64 [V + 1], indices): the neighbours of v, ascending, are indices[offsets[v]:offsets[v + 1]]."""
+    edges = edges_of(faces) if edges is None else edges
+    start = np.concatenate([edges.vertices[:, 0], edges.vertices[:, 1]])
+    end = np.concatenate([edges.vertices[:, 1], edges.vertices[:, 0]])
+    order = np.lexsort((end, start))
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=n_vertices))])
+    return offsets, end[order]
+
+
+def incident_faces(faces: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:
+    """(offsets int64 [V + 1], indices): the faces at v, ascending, are indices[offsets[v]:offsets[v + 1]]."""
+    flat = faces.reshape(-1)
+    order = np.argsort(flat, kind="stable")
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(flat, minlength=n_vertices))])
+    return offsets, order // 3
+
+
+def euler_characteristic(faces: np.ndarray) -> int:
+    """V - E + F over the vertices that faces use: 2 for a sphere, 0 for a torus, 1 for a disc."""
+    return len(np.unique(faces)) - len(edges_of(faces)) + len(faces)
+
+
+def components(faces: np.ndarray, edges: Edges | None = None, keep: np.ndarray | None = None) -> np.ndarray:
+    """int64 [F], the edge-connected component of every face, numbered by first appearance.
+
+    keep  bool [E], edges that connect (all if None).
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    edges = edges_of(faces) if edges is None else edges
+    # Every face against the first face of its edge: right for non-manifold edges too.
+    lead = edges.halfedges[edges.face_edges.reshape(-1), 0] // 3
+    face = np.repeat(np.arange(len(faces)), 3)
+    if keep is not None:
+        crossing = keep[edges.face_edges.reshape(-1)]
+        lead, face = lead[crossing], face[crossing]
+    graph = coo_matrix((np.ones(len(face), np.int8), (face, lead)), shape=(len(faces), len(faces)))
+    _, label = connected_components(graph, directed=False)
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first, kind="stable")] = np.arange(len(first))
+    return rank[inverse]
+
+
+def area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [F, 3], the face normals times twice the face areas."""
+    a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [F]."""
+    return 0.5 * np.linalg.norm(area_vectors(vertices, faces), axis=1)
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [F, 3], unit normals; zero for faces without area."""
+    vectors = area_vectors(vertices, faces)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [V, 3], area-weighted unit normals; zero for unused vertices."""
+    vectors = area_vectors(vertices, faces)
+    total = np.stack(
+        [
+            np.bincount(faces.reshape(-1), weights=np.repeat(vectors[:, k], 3), minlength=len(vertices))
+            for k in range(3)
+        ],
+        axis=1,
+    )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
+
+
+def edge_lengths(vertices: np.ndarray, edges: Edges) -> np.ndarray:
+    """float64 [E]."""
+    ends = vertices[edges.vertices].astype(np.float64)
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Volume enclosed by a closed mesh; positive when its faces run counter-clockwise seen from outside."""
+    centred = vertices.astype(np.float64) - vertices[faces.reshape(-1)].astype(np.float64).mean(axis=0)
+    a, b, c = (centred[faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
