@@ -1,0 +1,32 @@
+"""Pinhole projection to homogeneous pixel coordinates."""
+
+from __future__ import annotations
+
+import torch
+
+
+def project(vertices: torch.Tensor, intrinsics: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
+    """Homogeneous pixel coordinates (x z, y z, z) of world points [V, 3]; differentiable in `vertices`.
+
+    (x z, y z, z)^T = K (R v + t), with z the depth along the camera's axis (OpenCV: positive in front). Nothing is
+    divided, so that points behind the camera are harmless; x, y are in pixels with pixel centres at +0.5.
+
+    vertices         [V, 3], any float type; the result has its type and device
+    intrinsics       [3, 3] with last row (0, 0, 1): any focal lengths, skew and principal point
+    world_to_camera  [4, 4], rigid
+    """
+    world_to_camera = world_to_camera.to(vertices.device, torch.float64)
+    intrinsics = intrinsics.to(vertices.device, torch.float64)
+    # K R and K t in float64 first: one rounding instead of two, and one matrix product over the vertices
+    linear = (intrinsics @ world_to_camera[:3, :3]).to(vertices.dtype)
+    offset = (intrinsics @ world_to_camera[:3, 3]).to(vertices.dtype)
+    return vertices @ linear.T + offset
+
+
+def pixel_centres(
+    height: int, width: int, *, dtype: torch.dtype = torch.float32, device: torch.device | str = "cpu"
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(x [W], y [H]) of the pixel centres, i + 0.5."""
+    x = torch.arange(width, dtype=dtype, device=device) + 0.5
+    y = torch.arange(height, dtype=dtype, device=device) + 0.5
+    return x, y

@@ -1,0 +1,93 @@
+"""One place where Warp is set up: quiet, lazily, with a kernel cache that can be written."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import torch
+
+_NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver"
+
+
+@cache
+def warp() -> Any:
+    """The initialised `warp` module. Nothing is compiled yet: each module of kernels does so on its first launch."""
+    import warp as wp
+
+    if hasattr(wp.config, "log_level"):
+        wp.config.log_level = wp.LOG_WARNING
+    else:  # before Warp 1.12
+        wp.config.quiet = True
+    if not _cache_is_writable():
+        # a read-only home would make every first launch fail: fall back to a private folder of this user
+        wp.config.kernel_cache_dir = str(Path(tempfile.gettempdir()) / f"exmesh-warp-{os.getuid()}")
+    with _without_driver_notice():
+        wp.init()
+    return wp
+
+
+@cache
+def kernels() -> Any:
+    """The module of Warp kernels, imported after `warp()` has been configured."""
+    warp()
+    from exmesh_graph.raster import kernels
+
+    return kernels
+
+
+def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:
+    """Launch `kernel` over `size` threads on the device of its first tensor argument.
+
+    Contiguous tensors are handed over as they lie, without a copy: a float32 [N, 3] fills an array of `vec3`, an
+    int32 [N, 3] one of `vec3i`, as the kernel's signature says. On CUDA the launch joins torch's current stream.
+    """
+    wp = warp()
+    device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
+    converted = []
+    for argument, slot in zip(arguments, kernel.adj.args, strict=True):
+        if isinstance(argument, torch.Tensor):
+            argument = wp.from_torch(argument.detach(), dtype=slot.type.dtype, requires_grad=False)
+        converted.append(argument)
+    stream = wp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None
+    wp.launch(kernel, dim=size, inputs=converted, device=wp.device_from_torch(device), stream=stream)
+
+
+def _cache_is_writable() -> bool:
+    root = os.environ.get("WARP_CACHE_PATH") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    try:
+        Path(root).mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(root, os.W_OK)
+
+
+@contextmanager
+def _without_driver_notice() -> Iterator[None]:
+    """Warp's native library writes to file descriptor 2 that there is no CUDA driver; on a CPU that is no news.
+
+    Whatever else is written meanwhile is passed on.
+    """
+    try:
+        sys.stderr.flush()
+        saved = os.dup(2)
+    except (OSError, ValueError, AttributeError):  # no usable stderr: nothing to keep quiet
+        yield
+        return
+    with tempfile.TemporaryFile() as held:
+        os.dup2(held.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            held.seek(0)
+            lines = [line for line in held if not line.startswith(_NO_DRIVER)]
+            if lines:
+                os.write(2, b"".join(lines))
