@@ -191,7 +191,8 @@ def _adopt(
     waiting = list(np.flatnonzero(orphans))
     if not waiting:
         return uvs, corners
-    edges, corners, extra = edges_of(faces), corners.copy(), []
+    edges, corners = edges_of(faces), corners.copy()
+    extra: list[np.ndarray] = []
     ready = ~orphans
     while waiting:
         left = []

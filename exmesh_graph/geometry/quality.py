@@ -1,0 +1,49 @@
+"""Figures on the shape of triangles: degeneracy (eq. 4), angles, edge lengths, degrees."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from exmesh_graph.geometry.adjacency import edge_lengths, edges_of, face_areas, vertex_degrees
+
+
+def degeneracy(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [F], D_f = Area(f) / l_max(f)^2 (eq. 4): sqrt(3)/4 when equilateral, 0 for a sliver or a point."""
+    longest2 = (corner_edge_lengths(vertices, faces) ** 2).max(axis=1)
+    area = face_areas(vertices, faces)
+    return np.divide(area, longest2, out=np.zeros_like(area), where=longest2 > 0)
+
+
+def corner_edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [F, 3], the length of half-edge 3 f + k."""
+    p = vertices[faces].astype(np.float64)
+    return np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
+
+
+def corner_angles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [F, 3], radians; 0 where a corner has a side without length."""
+    p = vertices[faces].astype(np.float64)
+    u, v = np.roll(p, -1, axis=1) - p, np.roll(p, -2, axis=1) - p
+    return np.arctan2(np.linalg.norm(np.cross(u, v), axis=2), np.einsum("fki,fki->fk", u, v))
+
+
+def mesh_quality(vertices: np.ndarray, faces: np.ndarray) -> dict[str, float]:
+    """Named figures: counts, edge lengths (mean, spread), smallest angles (degrees), slivers, degrees."""
+    edges = edges_of(faces)
+    length = edge_lengths(vertices, edges)
+    smallest = np.degrees(corner_angles(vertices, faces).min(axis=1))
+    shape = degeneracy(vertices, faces)
+    degree = vertex_degrees(faces, len(vertices), edges)
+    degree = degree[degree > 0]
+    return {
+        "vertices": len(degree),
+        "faces": len(faces),
+        "edge_mean": float(length.mean()),
+        "edge_cv": float(length.std() / max(length.mean(), 1e-300)),
+        "min_angle_mean": float(smallest.mean()),
+        "min_angle_p1": float(np.percentile(smallest, 1)),
+        "degeneracy_p1": float(np.percentile(shape, 1)),
+        "slivers": float((shape < 0.05).mean()),
+        "degree_max": int(degree.max()),
+        "degree_std": float(degree.std()),
+    }
