@@ -1,0 +1,132 @@
+"""The self-contained HTML page of a report: style, charts and pictures are all inside it."""
+
+from __future__ import annotations
+
+from importlib import resources
+from typing import Any
+
+from exmesh_graph.report.charts import bar_chart, line_chart, thin
+from exmesh_graph.report.collect import Figure, Node, Report
+from exmesh_graph.report.graph_picture import Box, graph_picture
+from exmesh_graph.report.lineage import fold_edges, fold_name
+from exmesh_graph.report.text import number, seconds, size
+
+_STATES = ("failed", "running", "done", "hit")  # the most telling state of a folded block comes first
+
+
+def render_page(report: Report) -> str:
+    """HTML text of the report; works offline."""
+    from jinja2 import Environment, StrictUndefined
+    from markupsafe import Markup
+
+    here = resources.files(__package__)
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(number=number, seconds=seconds, size=size)
+    template = environment.from_string((here / "report.html").read_text(encoding="utf-8"))
+    boxes = fold_nodes(report.nodes)
+    return template.render(
+        report=report,
+        style=Markup((here / "style.css").read_text(encoding="utf-8")),
+        tiles=[_tile(figure) for figure in report.headline],
+        bars=Markup(bar_chart([(_label(box), box.seconds, box.state) for box in boxes])),
+        error_charts=[Markup(chart) for chart in _error_charts(report.headline)],
+        history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
+        graph=Markup(graph_picture(boxes, fold_edges(report.edges))),
+        galleries=_galleries(report),
+        tables={node: list(_rows(values)) for node, values in report.metrics.items()},
+        hits=sum(node.state == "hit" for node in report.nodes),
+    )
+
+
+def fold_nodes(nodes: list[Node]) -> list[Box]:
+    """One box per node of the graph file: rounds of a repeat block are summed."""
+    groups: dict[str, list[Node]] = {}
+    for node in nodes:
+        groups.setdefault(fold_name(node.name), []).append(node)
+    boxes = []
+    for name, members in groups.items():
+        types = list(dict.fromkeys(node.type for node in members))
+        states = [node.state for node in members]
+        state = next((state for state in _STATES if state in states), states[0])
+        boxes.append(Box(name, " / ".join(types), state, sum(node.seconds for node in members), len(members)))
+    return boxes
+
+
+def _label(box: Box) -> str:
+    text = box.name if box.count == 1 else f"{box.name} ×{box.count}"
+    return text if len(text) <= 26 else text[:25] + "…"
+
+
+def _tile(figure: Figure) -> dict[str, Any]:
+    """A headline figure with the lengths of its bar (0 to 1), where a bar says something."""
+    tile: dict[str, Any] = {"figure": figure, "bar": None, "floor": None, "goal": None}
+    value = figure.value
+    marks = [mark for mark in (figure.floor, figure.goal) if mark is not None]
+    if marks and isinstance(value, int | float) and not isinstance(value, bool) and value >= 0:
+        top = 1.08 * max(value, *marks)
+        if top > 0:
+            tile["bar"] = value / top
+            tile["floor"] = None if figure.floor is None else figure.floor / top
+            tile["goal"] = None if figure.goal is None else figure.goal / top
+    return tile
+
+
+def _error_charts(figures: list[Figure]) -> list[str]:
+    """For each measure its value at every scored stage over the time spent until then, from the floor at 0 s."""
+    charts = []
+    for series in dict.fromkeys(figure.series for figure in figures if figure.series):
+        members = [f for f in figures if f.series == series and f.after is not None]
+        members = [f for f in members if isinstance(f.value, int | float) and not isinstance(f.value, bool)]
+        members.sort(key=lambda f: f.after or 0.0)
+        if not members:
+            continue
+        floor = next((f.floor for f in members if f.floor is not None), None)
+        xs = [float(f.after or 0.0) for f in members]
+        ys = [float(f.value) for f in members]
+        if floor is not None:
+            xs, ys = [0.0, *xs], [floor, *ys]
+        elif len(members) < 2:
+            continue
+        unit = f", {members[0].unit}" if members[0].unit else ""
+        charts.append(
+            line_chart([(series, xs, ys)], title=series + unit, x_label="seconds spent", floor=floor, points=True)
+        )
+    return charts
+
+
+def _history_charts(report: Report) -> list[tuple[str, list[str]]]:
+    """One chart per node and quantity; the rounds of a repeat block follow each other in one chart."""
+    groups: dict[tuple[str, str], list[Any]] = {}
+    for curve in report.curves:
+        groups.setdefault((fold_name(curve.node), curve.name), []).append(curve)
+    charts: dict[str, list[str]] = {}
+    for (node, name), curves in groups.items():
+        lines: list[tuple[str, list[float], list[float]]] = []
+        offset = 0.0
+        for curve in curves:
+            keep = thin(curve.positions)
+            shift = offset if curve.positions[0] <= offset else 0.0  # a round may count from its own start
+            lines.append((curve.node, [curve.positions[k] + shift for k in keep], [curve.values[k] for k in keep]))
+            offset = lines[-1][1][-1]
+        charts.setdefault(node, []).append(line_chart(lines, title=name, x_label=curves[0].axis))
+    return list(charts.items())
+
+
+def _galleries(report: Report) -> list[tuple[str, list[Any]]]:
+    groups: dict[str, list[Any]] = {}
+    for picture in report.pictures:
+        groups.setdefault(picture.node, []).append(picture)
+    return list(groups.items())
+
+
+def _rows(values: Any, prefix: str = "") -> Any:
+    """Flat (name, value) rows of nested metrics, without histories and the headline (shown elsewhere)."""
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from _rows(value, f"{name} · ")
+        elif isinstance(value, list):
+            if key != "headline" and len(value) <= 16 and all(isinstance(x, int | float | str) for x in value):
+                yield name, ", ".join(number(x) for x in value)
+        else:
+            yield name, number(value)
