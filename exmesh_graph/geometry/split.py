@@ -41,11 +41,11 @@ class SplitSettings:
     curvature_weight: float = 0.4
     area_quantile: float = 0.5
     criterion: str = "score"
-    edge_degrees: str = "endpoints"
+    edge_degrees: str = "opposite"
     position: str = "projection"
     mu_min: float = 0.25
     mu_max: float = 0.75
-    max_degree: int = 12
+    max_degree: int = 10
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,332 @@
+"""Vertex merging (paper section 4.2): edge collapse that keeps the surface manifold, unfolded and textured.
+
+Beyond the paper: the link condition, a test against flipped and thinner faces, boundary and seam vertices survive,
+and the corners of the deleted vertex move to the UV of the survivor in their own chart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.adjacency import (
+    Edges,
+    area_vectors,
+    edges_of,
+    face_areas,
+    incident_faces,
+    neighbours,
+    next_halfedge,
+    vertex_degrees,
+)
+from exmesh_graph.geometry.maps import Step, VertexMap
+from exmesh_graph.geometry.quality import corner_edge_lengths, degeneracy
+from exmesh_graph.geometry.rounds import greedy_disjoint, rounded
+from exmesh_graph.geometry.split import Topology
+
+
+@dataclass(frozen=True)
+class MergeSettings:
+    """Which faces collapse, and how far a collapse may turn its neighbours.
+
+    degenerate     tau_degen of eq. 4 (Table 1)
+    area_quantile  only faces at or below this quantile of area are candidates ("relatively small areas")
+    criterion      "degenerate" (paper) or "random" (ablation: a tenth of the small faces, edges at random)
+    min_cosine     a remaining face must keep its normal within this cosine
+    """
+
+    degenerate: float = 0.05
+    area_quantile: float = 0.3
+    criterion: str = "degenerate"
+    min_cosine: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Collapses:
+    """Planned collapses of disjoint neighbourhoods: `removed` int64 [N] goes into `survivor` int64 [N]."""
+
+    removed: np.ndarray
+    survivor: np.ndarray
+
+
+def merge(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    uvs: np.ndarray,
+    uv_faces: np.ndarray,
+    rendered: np.ndarray | None = None,
+    settings: MergeSettings | None = None,
+    *,
+    min_faces: int = 4,
+    max_rounds: int = 8,
+    seed: int = 0,
+) -> Topology:
+    """Collapse edges of small degenerate or never rendered faces, round after round while there are any.
+
+    vertices  float [V, 3]; faces int [F, 3]; uvs float [T, 2]; uv_faces int [F, 3]
+    rendered  int [F], C_rend: pixels of the training views that showed each face; None: only degenerate faces merge
+    min_faces rounds stop before the mesh has fewer faces
+
+    Survivors do not move. Vertices and UVs that nothing uses are dropped; no UV coordinate moves. Seam-splitting
+    charts are never welded. A face that a collapse changed counts as rendered.
+    """
+    settings = settings or MergeSettings()
+    if faces.shape != uv_faces.shape or (rendered is not None and len(rendered) != len(faces)):
+        raise GeometryError(
+            f"{len(faces)} faces, {len(uv_faces)} UV faces"
+            + ("" if rendered is None else f", {len(rendered)} contribution counts"),
+            expected="one UV face and one count per face",
+        )
+    rng = np.random.default_rng(seed)
+    state = Topology(vertices, faces, uvs, uv_faces, VertexMap(), np.arange(len(faces)), 0)
+    seen = np.ones(len(faces), bool) if rendered is None else rendered > 0
+    total = 0
+    for _ in range(max_rounds):
+        budget = (len(state.faces) - min_faces) // 2
+        plan = plan_merges(state, seen[state.face_source], settings, rng)
+        plan = Collapses(plan.removed[: max(budget, 0)], plan.survivor[: max(budget, 0)])
+        if len(plan.removed) == 0:
+            break
+        state = apply_merges(state, plan)
+        total += len(plan.removed)
+        if settings.criterion == "random":
+            break
+    if total == 0:
+        state = apply_merges(state, Collapses(np.zeros(0, np.int64), np.zeros(0, np.int64)))
+    return Topology(state.vertices, state.faces, state.uvs, state.uv_faces, state.map, state.face_source, total)
+
+
+def plan_merges(
+    state: Topology, seen: np.ndarray, settings: MergeSettings, rng: np.random.Generator | None = None
+) -> Collapses:
+    """One round: collapses in the order of the sequential pass, most degenerate faces first.
+
+    A collapse changes the faces around both of its vertices and is skipped when one of them has been changed: with
+    this the tests made at the start of the round still hold when its turn comes.
+    """
+    vertices, faces = state.vertices, state.faces
+    edges = edges_of(faces)
+    score, candidate, pick = _candidates(vertices, faces, edges, seen, settings, rng)
+    order = np.lexsort((candidate, score))
+    candidate, pick = candidate[order], pick[order]
+    removed, survivor, legal = _orient(state, edges, 3 * candidate + pick)
+    legal &= _links_meet_properly(faces, edges, 3 * candidate + pick, removed, survivor, len(vertices))
+    removed, survivor = removed[legal], survivor[legal]
+    # Several faces may ask for the same collapse: the first one counts.
+    _, first = np.unique(removed * len(vertices) + survivor, return_index=True)
+    first.sort()
+    removed, survivor = removed[first], survivor[first]
+    safe = _shape_is_kept(state, removed, survivor, settings)
+    removed, survivor = removed[safe], survivor[safe]
+
+    start, around = incident_faces(faces, len(vertices))
+    pair = np.stack([removed, survivor], axis=1).reshape(-1)
+    size = (start[pair + 1] - start[pair]).reshape(-1, 2)
+    touched = around[_ranges(start[pair], size.reshape(-1))]
+    offsets = np.concatenate([[0], np.cumsum(size.sum(axis=1))])
+    go = greedy_disjoint(np.arange(len(removed)), offsets, touched, len(faces))
+    return Collapses(removed[go], survivor[go])
+
+
+def apply_merges(state: Topology, plan: Collapses) -> Topology:
+    """Carry out collapses of disjoint neighbourhoods, then drop unused vertices and UVs and renumber the rest."""
+    goes_to = np.arange(len(state.vertices))
+    goes_to[plan.removed] = plan.survivor
+    faces = goes_to[state.faces]
+    corners = _moved_corners(state.faces, state.uv_faces, plan, len(state.vertices))[0]
+    a, b, c = faces.T
+    alive = (a != b) & (b != c) & (c != a)
+    faces, corners = faces[alive], corners[alive]
+    kept, new_faces = np.unique(faces, return_inverse=True)
+    kept_uvs, new_corners = np.unique(corners, return_inverse=True)
+    step = Step(kept.astype(np.int64))
+    return Topology(
+        step.carry(state.vertices),
+        new_faces.reshape(-1, 3).astype(state.faces.dtype),
+        state.uvs[kept_uvs],
+        new_corners.reshape(-1, 3).astype(state.uv_faces.dtype),
+        state.map.then(step),
+        state.face_source[alive],
+        len(plan.removed),
+    )
+
+
+def _candidates(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    edges: Edges,
+    seen: np.ndarray,
+    settings: MergeSettings,
+    rng: np.random.Generator | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(score, face, corner k of the edge to collapse) of every candidate; the lowest score goes first."""
+    area = rounded(face_areas(vertices, faces))
+    small = area <= np.quantile(area, settings.area_quantile)
+    length = corner_edge_lengths(vertices, faces)
+    if settings.criterion == "random":
+        rng = rng or np.random.default_rng(0)
+        face = np.flatnonzero(small & (rng.random(len(faces)) < 0.1))
+        return rng.random(len(face)), face, rng.integers(0, 3, len(face))
+    if settings.criterion != "degenerate":
+        raise GeometryError(f"unknown merge criterion {settings.criterion!r}", expected="degenerate or random")
+    shape = np.round(degeneracy(vertices, faces), 6)
+    face = np.flatnonzero(small & (~seen | (shape < settings.degenerate)))
+    # A boundary edge if there is one (the shortest of several), else the shortest edge; the first of equals.
+    boundary = edges.count[edges.face_edges[face]] == 1
+    usable = np.where(boundary.any(axis=1, keepdims=True) & ~boundary, np.inf, length[face])
+    shortest = usable.min(axis=1, keepdims=True)
+    return shape[face], face, (usable <= shortest * (1.0 + 1e-5)).argmax(axis=1)
+
+
+def _orient(state: Topology, edges: Edges, halfedge: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(removed, survivor, legal) for each edge.
+
+    The end of lower degree goes (paper), the higher index of equals; but a boundary vertex outlives an inner one, so
+    that the outline stays, and a seam vertex outlives an inner one of its chart, so that the seam stays.
+    """
+    faces, n = state.faces, len(state.vertices)
+    flat = faces.reshape(-1)
+    i, j = flat[halfedge].astype(np.int64), flat[next_halfedge(halfedge)].astype(np.int64)
+    degree = vertex_degrees(faces, n, edges)
+    on_boundary = np.zeros(n, bool)
+    on_boundary[edges.vertices[edges.count == 1].reshape(-1)] = True
+    pairs = np.unique(np.stack([flat, state.uv_faces.reshape(-1)], axis=1), axis=0)
+    on_seam = np.bincount(pairs[:, 0], minlength=n) > 1
+    fixed = 2 * on_boundary.astype(np.int64) + on_seam
+    i_goes = np.where(
+        fixed[i] != fixed[j],
+        fixed[i] < fixed[j],
+        np.where(degree[i] != degree[j], degree[i] < degree[j], i > j),
+    )
+    edge = edges.face_edges.reshape(-1)[halfedge]
+    legal = edges.count[edge] <= 2
+    legal &= ~((edges.count[edge] == 2) & on_boundary[i] & on_boundary[j])
+    return np.where(i_goes, i, j), np.where(i_goes, j, i), legal
+
+
+def _links_meet_properly(
+    faces: np.ndarray,
+    edges: Edges,
+    halfedge: np.ndarray,
+    removed: np.ndarray,
+    survivor: np.ndarray,
+    n_vertices: int,
+) -> np.ndarray:
+    """The link condition: the ends have no common neighbour but the vertices opposite to the edge.
+
+    Those must have more than three neighbours (more than two on a boundary), else two faces would fall together.
+    """
+    start, near = neighbours(faces, n_vertices, edges)
+    degree = np.diff(start)
+    size = degree[removed]
+    owner = np.repeat(np.arange(len(removed)), size)
+    key = survivor[owner] * n_vertices + near[_ranges(start[removed], size)]
+    known = np.repeat(np.arange(n_vertices), degree) * n_vertices + near  # ascending
+    found = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
+    common = np.bincount(owner, weights=known[found] == key, minlength=len(removed))
+
+    edge = edges.face_edges.reshape(-1)[halfedge]
+    sides = edges.halfedges[edge]
+    on_boundary = np.zeros(n_vertices, bool)
+    on_boundary[edges.vertices[edges.count == 1].reshape(-1)] = True
+    opposite = faces.reshape(-1)[next_halfedge(next_halfedge(np.maximum(sides, 0)))]
+    enough = (degree[opposite] > np.where(on_boundary[opposite], 2, 3)) | (sides < 0)
+    return (common == edges.count[edge]) & enough.all(axis=1)
+
+
+def _shape_is_kept(state: Topology, removed: np.ndarray, survivor: np.ndarray, settings: MergeSettings) -> np.ndarray:
+    """bool [N]: no remaining face turns over, folds in the atlas or becomes a sliver, and every corner finds its UV."""
+    vertices, faces, corners = state.vertices, state.faces, state.uv_faces
+    n = len(removed)
+    start, around = incident_faces(faces, len(vertices))
+    size = start[removed + 1] - start[removed]
+    owner = np.repeat(np.arange(n), size)
+    face = around[_ranges(start[removed], size)]
+    stays = (faces[face] != survivor[owner, None]).all(axis=1)
+    owner, face = owner[stays], face[stays]
+
+    before = faces[face]
+    is_removed = before == removed[owner, None]
+    after = np.where(is_removed, survivor[owner, None], before)
+    old, new = area_vectors(vertices, before), area_vectors(vertices, after)
+    cosine = np.einsum("ij,ij->i", old, new)
+    lengths = np.linalg.norm(old, axis=1) * np.linalg.norm(new, axis=1)
+    shape_old, shape_new = degeneracy(vertices, before), degeneracy(vertices, after)
+    bad = (cosine <= settings.min_cosine * lengths) & (shape_old > 1e-6)
+    bad |= shape_new < np.minimum(shape_old, settings.degenerate) * (1.0 - 1e-5)
+    bad |= shape_new < 1e-6
+
+    target, known = _uv_target(faces, corners, removed, survivor, owner, face, is_removed, start, around)
+    bad |= ~known
+    k = is_removed.argmax(axis=1)
+    moved = corners[face].astype(np.int64)
+    moved[np.arange(len(face)), k] = np.where(known, target, moved[np.arange(len(face)), k])
+    area_old, area_new = _uv_areas(state.uvs, corners[face]), _uv_areas(state.uvs, moved)
+    bad |= (area_old > 0) & (area_new <= 1e-3 * area_old * np.minimum(1.0, settings.degenerate))
+    safe = np.ones(n, bool)
+    safe[owner[bad]] = False
+    return safe
+
+
+def _uv_target(
+    faces: np.ndarray,
+    corners: np.ndarray,
+    removed: np.ndarray,
+    survivor: np.ndarray,
+    owner: np.ndarray,
+    face: np.ndarray,
+    is_removed: np.ndarray,
+    start: np.ndarray,
+    around: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(UV index of the survivor for the removed corner of `face`, whether it is known and unambiguous).
+
+    Every face that vanishes says which UV of the survivor lies in the same chart as a UV of the removed vertex.
+    """
+    size = start[removed + 1] - start[removed]
+    own = np.repeat(np.arange(len(removed)), size)
+    star = around[_ranges(start[removed], size)]
+    dies = (faces[star] == survivor[own, None]).any(axis=1)
+    own, star = own[dies], star[dies]
+    rows = np.arange(len(star))
+    uv_removed = corners[star][rows, (faces[star] == removed[own, None]).argmax(axis=1)].astype(np.int64)
+    uv_survivor = corners[star][rows, (faces[star] == survivor[own, None]).argmax(axis=1)].astype(np.int64)
+    stride = int(corners.max()) + 1
+    key = own * stride + uv_removed
+    order = np.argsort(key, kind="stable")
+    key, value = key[order], uv_survivor[order]
+    wanted = owner * stride + corners[face][np.arange(len(face)), is_removed.argmax(axis=1)]
+    left = np.minimum(np.searchsorted(key, wanted, "left"), max(len(key) - 1, 0))
+    right = np.maximum(np.searchsorted(key, wanted, "right") - 1, 0)
+    known = (key[left] == wanted) & (value[left] == value[right])
+    return value[left], known
+
+
+def _moved_corners(
+    faces: np.ndarray, corners: np.ndarray, plan: Collapses, n_vertices: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """(corners after the plan int64 [F, 3], faces changed): the corners of removed vertices take the survivor's UV."""
+    start, around = incident_faces(faces, n_vertices)
+    size = start[plan.removed + 1] - start[plan.removed]
+    owner = np.repeat(np.arange(len(plan.removed)), size)
+    face = around[_ranges(start[plan.removed], size)]
+    stays = (faces[face] != plan.survivor[owner, None]).all(axis=1)
+    owner, face = owner[stays], face[stays]
+    moved = corners.astype(np.int64)
+    if len(face):
+        is_removed = faces[face] == plan.removed[owner, None]
+        target, _ = _uv_target(faces, corners, plan.removed, plan.survivor, owner, face, is_removed, start, around)
+        moved[face, is_removed.argmax(axis=1)] = target
+    return moved, face
+
+
+def _ranges(first: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """first[0], first[0] + 1, ... (size[0] of them), first[1], ..."""
+    return np.arange(int(size.sum())) + np.repeat(first - (np.cumsum(size) - size), size)
+
+
+def _uv_areas(uvs: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    a, b, c = (uvs[corners[:, k]].astype(np.float64) for k in range(3))
+    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))
