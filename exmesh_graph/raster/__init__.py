@@ -5,14 +5,24 @@ loads torch but not Warp.
 """
 
 from exmesh_graph.raster.camera import pixel_centres, project
+from exmesh_graph.raster.interpolate import barycentrics, interpolate, shade
 from exmesh_graph.raster.rasterize import Fragments, rasterize, rasterize_projected
+from exmesh_graph.raster.silhouette import EdgeTable, Silhouette, antialias, edge_table, find_silhouette
 from exmesh_graph.raster.texture import sample_texture
 
 __all__ = [
+    "EdgeTable",
     "Fragments",
+    "Silhouette",
+    "antialias",
+    "barycentrics",
+    "edge_table",
+    "find_silhouette",
+    "interpolate",
     "pixel_centres",
     "project",
     "rasterize",
     "rasterize_projected",
     "sample_texture",
+    "shade",
 ]

@@ -192,8 +192,8 @@ def sample_bilinear_adjoint(
     bottom = int(y[1]) * width
     left = int(x[0])
     right = int(x[1])
-    du = float(0.0)
-    dv = float(0.0)
+    du = float(0.0)  # noqa: UP018 - Warp: a variable that changes in a loop
+    dv = float(0.0)  # noqa: UP018
     for c in range(channels):
         g = grad[n * channels + c]
         ia = (top + left) * channels + c
@@ -214,3 +214,178 @@ def sample_bilinear_adjoint(
         inside_x = float(u - 0.5 > 0.0 and u - 0.5 < float(width - 1))
         inside_y = float(v - 0.5 > 0.0 and v - 0.5 < float(height - 1))
         grad_uv[n] = wp.vec2(du * float(width) * inside_x, -dv * float(height) * inside_y)
+
+
+@wp.kernel
+def shade(
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    uvs: wp.array(dtype=wp.vec2),
+    uv_faces: wp.array(dtype=wp.vec3i),
+    texture: wp.array(dtype=float),
+    face_id: wp.array(dtype=wp.int32),
+    image_width: int,
+    height: int,
+    width: int,
+    channels: int,
+    uv: wp.array(dtype=wp.vec2),
+    out: wp.array(dtype=float),
+):
+    """Per pixel: perspective-correct uv, then the bilinear texture value (0 on the background)."""
+    pixel = wp.tid()
+    i = face_id[pixel]
+    if i < 0:
+        return
+    f = faces[i]
+    t = uv_faces[i]
+    x = float(pixel % image_width) + 0.5
+    y = float(pixel // image_width) + 0.5
+    u = _barycentrics(vertices[f[0]], vertices[f[1]], vertices[f[2]], f, x, y)
+    b = u / (u[0] + u[1] + u[2])
+    here = b[0] * uvs[t[0]] + b[1] * uvs[t[1]] + b[2] * uvs[t[2]]
+    uv[pixel] = here
+    column = _texel_pair(here[0] * float(width), width)
+    row = _texel_pair((1.0 - here[1]) * float(height), height)
+    ia = (int(row[0]) * width + int(column[0])) * channels
+    ib = (int(row[0]) * width + int(column[1])) * channels
+    id = (int(row[1]) * width + int(column[0])) * channels
+    ie = (int(row[1]) * width + int(column[1])) * channels
+    for c in range(channels):
+        upper = texture[ia + c] + (texture[ib + c] - texture[ia + c]) * column[2]
+        lower = texture[id + c] + (texture[ie + c] - texture[id + c]) * column[2]
+        out[pixel * channels + c] = upper + (lower - upper) * row[2]
+
+
+@wp.kernel
+def shade_vertices_adjoint(
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    uvs: wp.array(dtype=wp.vec2),
+    uv_faces: wp.array(dtype=wp.vec3i),
+    face_id: wp.array(dtype=wp.int32),
+    grad_uv: wp.array(dtype=wp.vec2),
+    image_width: int,
+    grad_vertices: wp.array(dtype=wp.vec3),
+):
+    """dL/d(homogeneous pixel coordinates) from dL/duv per pixel.
+
+    With rows X = x', Y = y' over the corners: u = X x Y, b = u / sum(u), so dL/du = (dL/db - b . dL/db) / sum(u),
+    dL/dX = Y x dL/du, dL/dY = dL/du x X, and x'_i = x_i - p_x z_i gives the depth's share.
+    """
+    pixel = wp.tid()
+    i = face_id[pixel]
+    if i < 0:
+        return
+    g = grad_uv[pixel]
+    if g[0] == 0.0 and g[1] == 0.0:
+        return
+    f = faces[i]
+    t = uv_faces[i]
+    x = float(pixel % image_width) + 0.5
+    y = float(pixel // image_width) + 0.5
+    v0 = vertices[f[0]]
+    v1 = vertices[f[1]]
+    v2 = vertices[f[2]]
+    row_x = wp.vec3(v0[0] - x * v0[2], v1[0] - x * v1[2], v2[0] - x * v2[2])
+    row_y = wp.vec3(v0[1] - y * v0[2], v1[1] - y * v1[2], v2[1] - y * v2[2])
+    u = wp.cross(row_x, row_y)
+    total = u[0] + u[1] + u[2]
+    b = u / total
+    grad_b = wp.vec3(wp.dot(g, uvs[t[0]]), wp.dot(g, uvs[t[1]]), wp.dot(g, uvs[t[2]]))
+    mean = wp.dot(grad_b, b)
+    grad_u = (grad_b - wp.vec3(mean, mean, mean)) / total
+    grad_x = wp.cross(row_y, grad_u)
+    grad_y = wp.cross(grad_u, row_x)
+    wp.atomic_add(grad_vertices, f[0], wp.vec3(grad_x[0], grad_y[0], -x * grad_x[0] - y * grad_y[0]))
+    wp.atomic_add(grad_vertices, f[1], wp.vec3(grad_x[1], grad_y[1], -x * grad_x[1] - y * grad_y[1]))
+    wp.atomic_add(grad_vertices, f[2], wp.vec3(grad_x[2], grad_y[2], -x * grad_x[2] - y * grad_y[2]))
+
+
+@wp.func
+def _propose(
+    near_pixel: int,
+    far_pixel: int,
+    z: float,
+    code: int,
+    face_id: wp.array(dtype=wp.int32),
+    depth: wp.array(dtype=float),
+    behind: float,
+    in_front: float,
+    keys: wp.array(dtype=wp.int64),
+    slot: int,
+):
+    # the pair is accepted if the near pixel shows a surface and the edge lies before the far pixel's surface
+    if face_id[near_pixel] < 0:
+        return
+    z_near = depth[near_pixel]
+    if face_id[far_pixel] >= 0:
+        z_far = depth[far_pixel]
+        if z_near >= z_far or z >= z_far - behind * z:
+            return
+    # at a grazing silhouette the near centre lies far before the edge, so only an edge well in FRONT is refused
+    if z > z_near - in_front * z:
+        wp.atomic_min(keys, slot, (wp.int64(wp.cast(z, wp.int32)) << wp.int64(32)) | wp.int64(code))
+
+
+@wp.kernel
+def find_silhouette(
+    vertices: wp.array(dtype=wp.vec3),
+    edges: wp.array(dtype=wp.vec2i),
+    opposite: wp.array(dtype=wp.vec2i),
+    face_id: wp.array(dtype=wp.int32),
+    depth: wp.array(dtype=float),
+    height: int,
+    width: int,
+    near: float,
+    behind: float,
+    in_front: float,
+    keys: wp.array(dtype=wp.int64),
+):
+    """Per silhouette edge: the pairs of neighbouring pixel centres it passes between, nearest edge per pair.
+
+    Pairs are (p, p + 1) in slot p, and (p, p + width) in slot height * width + p. The low 32 bits of a key are
+    2 * edge + 1 if the pair's first pixel lies on the surface's side, 2 * edge otherwise.
+    """
+    e = wp.tid()
+    a = vertices[edges[e][0]]
+    b = vertices[edges[e][1]]
+    if not (wp.isfinite(a) and wp.isfinite(b)):
+        return
+    if a[2] <= near or b[2] <= near:
+        return
+    ax = a[0] / a[2]
+    ay = a[1] / a[2]
+    side = _edge(b, vertices[opposite[e][0]], ax, ay) > 0.0
+    if opposite[e][1] >= 0:
+        # two faces on the same side of their edge in the image: the surface turns away here
+        if (_edge(b, vertices[opposite[e][1]], ax, ay) > 0.0) != side:
+            return
+    bx = b[0] / b[2]
+    by = b[1] / b[2]
+
+    # half-open ranges: an end point shared by two edges is counted once
+    first = int(wp.ceil(wp.clamp(wp.min(ay, by) - 0.5, 0.0, float(height))))
+    last = int(wp.ceil(wp.clamp(wp.max(ay, by) - 0.5, 0.0, float(height))))
+    for row in range(first, last):
+        s = (float(row) + 0.5 - ay) / (by - ay)
+        x = ax + s * (bx - ax) - 0.5
+        if x >= 0.0 and x < float(width - 1):
+            z = 1.0 / ((1.0 - s) / a[2] + s / b[2])
+            p = row * width + int(wp.floor(x))
+            if (by > ay) == side:
+                _propose(p, p + 1, z, 2 * e + 1, face_id, depth, behind, in_front, keys, p)
+            else:
+                _propose(p + 1, p, z, 2 * e, face_id, depth, behind, in_front, keys, p)
+
+    first = int(wp.ceil(wp.clamp(wp.min(ax, bx) - 0.5, 0.0, float(width))))
+    last = int(wp.ceil(wp.clamp(wp.max(ax, bx) - 0.5, 0.0, float(width))))
+    for column in range(first, last):
+        s = (float(column) + 0.5 - ax) / (bx - ax)
+        y = ay + s * (by - ay) - 0.5
+        if y >= 0.0 and y < float(height - 1):
+            z = 1.0 / ((1.0 - s) / a[2] + s / b[2])
+            p = int(wp.floor(y)) * width + column
+            if (bx < ax) == side:
+                _propose(p, p + width, z, 2 * e + 1, face_id, depth, behind, in_front, keys, height * width + p)
+            else:
+                _propose(p + width, p, z, 2 * e, face_id, depth, behind, in_front, keys, height * width + p)

@@ -1,0 +1,213 @@
+"""Image, silhouette and depth losses, and the sRGB curves. Plain torch: CPU or CUDA, whatever the inputs are on.
+
+Images are [H, W, C] (or [H, W]); every loss is a scalar tensor, a mean over pixels and channels.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+
+SSIM_WINDOW = 11
+SSIM_SIGMA = 1.5
+_C1, _C2 = 0.01**2, 0.03**2
+
+
+def l1(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    """mean |image - target|."""
+    return (image - target).abs().mean()
+
+
+def log_l1(image: torch.Tensor, target: torch.Tensor, epsilon: float = 1.0) -> torch.Tensor:
+    """mean |log(image + epsilon) - log(target + epsilon)| of non-negative linear radiance."""
+    return (torch.log(image.clamp(min=0) + epsilon) - torch.log(target.clamp(min=0) + epsilon)).abs().mean()
+
+
+def total_variation(image: torch.Tensor, mask: torch.Tensor | None = None) -> torch.Tensor:
+    """Mean absolute difference of horizontal plus of vertical neighbours of [H, W, C].
+
+    `mask` bool [H, W] keeps the pairs with both ends inside; 0 where no pair is left.
+    """
+    total = image.new_zeros(())
+    for axis in (0, 1):
+        size = image.shape[axis]
+        if size < 2:
+            continue
+        difference = (image.narrow(axis, 1, size - 1) - image.narrow(axis, 0, size - 1)).abs()
+        if mask is None:
+            total = total + difference.mean()
+        else:
+            pairs = mask.narrow(axis, 1, size - 1) & mask.narrow(axis, 0, size - 1)
+            kept = torch.where(pairs[..., None], difference, 0.0).sum()
+            total = total + kept / (pairs.sum() * image.shape[-1]).clamp(min=1)
+    return total
+
+
+def silhouette_l1(alpha: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """mean |alpha - mask|."""
+    return l1(alpha, mask)
+
+
+def silhouette_bce(alpha: torch.Tensor, mask: torch.Tensor, epsilon: float = 1e-3) -> torch.Tensor:
+    """Binary cross-entropy of coverage, the paper's L_m; `alpha` is held inside [epsilon, 1 - epsilon].
+
+    Antialiased coverage may leave [0, 1] slightly, and at exactly 0 or 1 the logarithm has no gradient.
+    """
+    alpha = alpha.clamp(epsilon, 1 - epsilon)
+    return -(mask * alpha.log() + (1 - mask) * (1 - alpha).log()).mean()
+
+
+def pearson_depth(depth: torch.Tensor, reference: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """1 - correlation of two depth images over `mask` (paper eq. 9): blind to the reference's scale and shift.
+
+    0, without gradient, where the mask has fewer than 3 pixels or either depth is constant there (to 1e-6 of its
+    magnitude): a correlation is then not defined. Both must measure the same thing (camera z, not ray length).
+    """
+    a, b = depth[mask], reference[mask]
+    if a.numel() < 3:
+        return depth.new_zeros(())
+    a_mean, b_mean = a.mean(), b.mean()
+    a, b = a - a_mean, b - b_mean
+    a_variance, b_variance = a.square().mean(), b.square().mean()
+    floor = 1e-6
+    if a_variance <= (floor * a_mean).square() or b_variance <= (floor * b_mean).square():
+        return depth.new_zeros(())
+    return 1 - (a * b).mean() / (a_variance * b_variance).sqrt()
+
+
+class SsimTarget(NamedTuple):
+    """What SSIM needs of a fixed target, computed once: planes [1, C, H, W], local mean and local variance."""
+
+    planes: torch.Tensor
+    mean: torch.Tensor
+    variance: torch.Tensor
+
+
+def ssim_target(target: torch.Tensor) -> SsimTarget:
+    """Local statistics of `target` [H, W, C] for repeated use in `ssim` and `d_ssim`."""
+    planes = _planes(target.detach())
+    mean = _blur(planes)
+    return SsimTarget(planes, mean, (_blur(planes * planes) - mean * mean).clamp(min=0))
+
+
+def ssim(image: torch.Tensor, target: torch.Tensor | SsimTarget) -> torch.Tensor:
+    """Mean structural similarity (Wang et al. 2004) of two [H, W, C] images with values in [0, 1].
+
+    11 x 11 Gaussian window of sigma 1.5, zeros beyond the border, C1 = 0.01^2, C2 = 0.03^2. Local variances are
+    held >= 0, so that flat images give 1 with a finite gradient in float32. float16 is refused (ValueError): the
+    difference of squares keeps no digits there.
+    """
+    if image.dtype in (torch.float16, torch.bfloat16):
+        raise ValueError(f"ssim needs float32 or float64, got {image.dtype}")
+    if not isinstance(target, SsimTarget):
+        target = ssim_target(target)
+    x = _planes(image)
+    channels = x.shape[1]
+    # one call of the blur for the three fields: E[x], E[x^2], E[x y]
+    fields = _blur(torch.cat([x, x * x, x * target.planes], dim=1))
+    x_mean, x_square, cross = fields.split(channels, dim=1)
+    x_variance = (x_square - x_mean * x_mean).clamp(min=0)
+    covariance = cross - x_mean * target.mean
+    luminance = (2 * x_mean * target.mean + _C1) / (x_mean * x_mean + target.mean * target.mean + _C1)
+    structure = (2 * covariance + _C2) / (x_variance + target.variance + _C2)
+    return (luminance * structure).mean()
+
+
+def d_ssim(image: torch.Tensor, target: torch.Tensor | SsimTarget) -> torch.Tensor:
+    """(1 - SSIM) / 2, in [0, 1]."""
+    return (1 - ssim(image, target)) / 2
+
+
+class Box(NamedTuple):
+    """Rows [top, bottom) and columns [left, right) of an image."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    def crop(self, image: torch.Tensor) -> torch.Tensor:
+        return image[self.top : self.bottom, self.left : self.right]
+
+    @property
+    def area(self) -> int:
+        return max(self.bottom - self.top, 0) * max(self.right - self.left, 0)
+
+
+def mask_box(mask: torch.Tensor, margin: int = SSIM_WINDOW // 2) -> Box:
+    """The smallest box around the pixels of bool `mask` [H, W], grown by `margin`; the whole image if none is set.
+
+    Outside it both images are background, where SSIM is 1 and its gradient 0: d_ssim of the crops times the box's
+    share of the image is the d_ssim of the whole (up to the windows that reach out of the box).
+    """
+    height, width = mask.shape
+    rows = torch.nonzero(mask.any(dim=1))[:, 0]
+    columns = torch.nonzero(mask.any(dim=0))[:, 0]
+    if len(rows) == 0:
+        return Box(0, height, 0, width)
+    return Box(
+        max(int(rows[0]) - margin, 0),
+        min(int(rows[-1]) + 1 + margin, height),
+        max(int(columns[0]) - margin, 0),
+        min(int(columns[-1]) + 1 + margin, width),
+    )
+
+
+def linear_to_srgb(linear: torch.Tensor) -> torch.Tensor:
+    """IEC 61966-2-1 encoding; negative input stays on the linear segment. No upper clamp.
+
+    The power's argument is held above the switch point, so that the unused branch has no infinite gradient at 0.
+    """
+    power = 1.055 * linear.clamp(min=0.0031308).pow(1 / 2.4) - 0.055
+    return torch.where(linear <= 0.0031308, 12.92 * linear, power)
+
+
+def srgb_to_linear(encoded: torch.Tensor) -> torch.Tensor:
+    """The inverse of `linear_to_srgb`, likewise with finite gradients everywhere."""
+    power = ((encoded.clamp(min=0.04045) + 0.055) / 1.055).pow(2.4)
+    return torch.where(encoded <= 0.04045, encoded / 12.92, power)
+
+
+def display(rgb: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+    """Display image over black: sRGB(clip(rgb / alpha)) * alpha, from linear premultiplied `rgb` [..., 3].
+
+    `alpha` [...]; 0 where nothing is covered.
+    """
+    covered = alpha > 1e-6
+    straight = rgb / torch.where(covered, alpha, 1.0)[..., None]
+    encoded = linear_to_srgb(straight.clamp(0, 1)) * alpha[..., None]
+    return torch.where(covered[..., None], encoded, 0.0)
+
+
+def _planes(image: torch.Tensor) -> torch.Tensor:
+    return (image if image.dim() == 3 else image[..., None]).permute(2, 0, 1)[None].contiguous()
+
+
+def _blur(planes: torch.Tensor) -> torch.Tensor:
+    return _GaussianBlur.apply(planes)
+
+
+class _GaussianBlur(torch.autograd.Function):
+    """Separable Gaussian with zero padding: symmetric, hence its own adjoint (autograd's is far slower on CPU)."""
+
+    @staticmethod
+    def forward(ctx, planes):
+        return _separable(planes)
+
+    @staticmethod
+    def backward(ctx, grad):
+        return _GaussianBlur.apply(grad)
+
+
+def _separable(planes: torch.Tensor) -> torch.Tensor:
+    # (1, C, H, W) with groups = C: as (C, 1, H, W) the same convolution is tens of times slower on CPU
+    channels = planes.shape[1]
+    offsets = torch.arange(SSIM_WINDOW, dtype=planes.dtype, device=planes.device) - SSIM_WINDOW // 2
+    window = torch.exp(-offsets.square() / (2 * SSIM_SIGMA**2))
+    window = window / window.sum()
+    half = SSIM_WINDOW // 2
+    row = window.view(1, 1, 1, -1).expand(channels, 1, 1, -1)
+    column = window.view(1, 1, -1, 1).expand(channels, 1, -1, 1)
+    planes = torch.nn.functional.conv2d(planes, row, padding=(0, half), groups=channels)
+    return torch.nn.functional.conv2d(planes, column, padding=(half, 0), groups=channels)

@@ -1,0 +1,154 @@
+"""Silhouette antialiasing by a scan over silhouette edges, with gradients to positions.
+
+`edge_table` once per topology; `find_silhouette` per image (Warp); `antialias` blends colour and alpha together
+(torch). Looking only at the edges of the faces under the pixels loses most of the gradient once faces shrink to a few
+pixels; walking along the silhouette edges themselves does not (docs/rasteriser.md).
+
+A pair is two horizontally or vertically neighbouring pixel centres with a silhouette edge between them, at
+t in [0, 1] from the first; with s = t if the first is the near (surface) pixel and 1 - t otherwise,
+
+    s > 1/2:  C_far  += w (s - 1/2) (C_near - C_far)          else  C_near += w (s - 1/2) (C_near - C_far)
+
+with w = n_axis^2 / |n|^2 (n the edge's normal in the image, held constant), so that the horizontal and the vertical
+pairs together move the covered area exactly as fast as the edge does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+
+from exmesh_graph.raster.rasterize import NEAR, Fragments
+from exmesh_graph.raster.warp_runtime import kernels, launch
+
+BEHIND = 5e-4
+"""An edge must lie this share of its depth before the far pixel's surface: equal surfaces make no silhouette."""
+IN_FRONT = 0.025
+"""An edge nearer than the near pixel's surface by more than this share of its depth belongs to something thinner."""
+
+_EMPTY_KEY = torch.iinfo(torch.int64).max
+
+
+class EdgeTable(NamedTuple):
+    """Edges by shared vertex ids.
+
+    edges     int32 [E, 2]
+    opposite  int32 [E, 2], the third vertex of the faces on either side; -1 in the second place at a boundary
+    """
+
+    edges: torch.Tensor
+    opposite: torch.Tensor
+
+
+class Silhouette(NamedTuple):
+    """Pixel pairs with a silhouette edge between them, P of them.
+
+    first, second  int64 [P], flat pixel indices;  second is right of or below first
+    ends           int64 [P, 2], the edge's vertices
+    vertical       bool [P], the pair is a vertical one
+    near_first     bool [P], the surface lies on the first pixel's side
+    """
+
+    first: torch.Tensor
+    second: torch.Tensor
+    ends: torch.Tensor
+    vertical: torch.Tensor
+    near_first: torch.Tensor
+
+
+def edge_table(faces: torch.Tensor) -> EdgeTable:
+    """The edges of `faces` [F, 3] by vertex ids, so that UV seams do not show.
+
+    An edge of k > 2 faces is listed once per consecutive pair of its faces: it may then count as a silhouette of one
+    sheet in front of another, which the depth tests of `find_silhouette` sort out.
+    """
+    faces = faces.long()
+    ends = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    third = torch.cat([faces[:, 2], faces[:, 0], faces[:, 1]])
+    ends = ends.sort(dim=1).values
+    if len(faces) == 0:
+        empty = torch.zeros((0, 2), dtype=torch.int32, device=faces.device)
+        return EdgeTable(empty, empty.clone())
+    key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
+    key, order = torch.sort(key, stable=True)
+    ends, third = ends[order], third[order]
+    same_as_next = torch.cat([key[1:] == key[:-1], key.new_zeros(1, dtype=torch.bool)])
+    same_as_previous = torch.cat([key.new_zeros(1, dtype=torch.bool), key[1:] == key[:-1]])
+    rows = torch.nonzero(same_as_next | ~same_as_previous)[:, 0]
+    second = torch.where(same_as_next[rows], third[(rows + 1).clamp(max=len(third) - 1)], -1)
+    opposite = torch.stack([third[rows], second], dim=1)
+    keep = ends[rows, 0] != ends[rows, 1]
+    return EdgeTable(ends[rows][keep].to(torch.int32).contiguous(), opposite[keep].to(torch.int32).contiguous())
+
+
+def find_silhouette(
+    projected: torch.Tensor, table: EdgeTable, fragments: Fragments, *, near: float = NEAR
+) -> Silhouette:
+    """The pixel pairs whose colours the silhouette blends; of several edges between a pair the nearest counts.
+
+    projected  [V, 3] homogeneous pixel coordinates, those that made `fragments`
+
+    An edge is a silhouette if it has one face or its two faces lie on the same side of it in the image. Edges with
+    an end at or before the near plane are left out.
+    """
+    height, width = fragments.face_id.shape
+    device = projected.device
+    keys = torch.full((2 * height * width,), _EMPTY_KEY, dtype=torch.int64, device=device)
+    if len(table.edges) and height * width:
+        launch(
+            kernels().find_silhouette,
+            len(table.edges),
+            projected.detach().to(torch.float32).contiguous(),
+            table.edges,
+            table.opposite,
+            fragments.face_id.view(-1),
+            fragments.depth.view(-1),
+            height,
+            width,
+            near,
+            BEHIND,
+            IN_FRONT,
+            keys,
+        )
+    slots = torch.nonzero(keys != _EMPTY_KEY)[:, 0]
+    code = keys[slots] & 0xFFFFFFFF
+    vertical = slots >= height * width
+    first = torch.where(vertical, slots - height * width, slots)
+    second = first + torch.where(vertical, width, 1)
+    return Silhouette(first, second, table.edges[code >> 1].long(), vertical, (code & 1).bool())
+
+
+def antialias(image: torch.Tensor, projected: torch.Tensor, silhouette: Silhouette) -> torch.Tensor:
+    """Blend `image` [H, W, C] (colour and alpha together) along the silhouette; differentiable in both arguments.
+
+    Values stay within those of the two pixels of each pair for a single pair; a pixel in several pairs may leave
+    them slightly.
+    """
+    height, width, channels = image.shape
+    flat = image.reshape(-1, channels)
+    t, weight = _crossing(projected, silhouette, width)
+    s = torch.where(silhouette.near_first, t, 1 - t)
+    near = torch.where(silhouette.near_first, silhouette.first, silhouette.second)
+    far = torch.where(silhouette.near_first, silhouette.second, silhouette.first)
+    difference = flat.index_select(0, near) - flat.index_select(0, far)
+    change = (weight * (s - 0.5)).to(image.dtype)[:, None] * difference
+    target = torch.where(s > 0.5, far, near)
+    return flat.index_add(0, target, change).view(height, width, channels)
+
+
+def _crossing(projected: torch.Tensor, silhouette: Silhouette, width: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """(t, w): where the edge crosses between the two centres, and the squared normal component along the pair."""
+    x = (silhouette.first % width).to(projected.dtype) + 0.5
+    y = (silhouette.first // width).to(projected.dtype) + 0.5
+    a = projected.index_select(0, silhouette.ends[:, 0])
+    b = projected.index_select(0, silhouette.ends[:, 1])
+    # the image line through both ends, relative to the first centre: l = a' x b', l . (X, Y, 1) = 0
+    ax, ay, az = a[:, 0] - x * a[:, 2], a[:, 1] - y * a[:, 2], a[:, 2]
+    bx, by, bz = b[:, 0] - x * b[:, 2], b[:, 1] - y * b[:, 2], b[:, 2]
+    normal_x, normal_y = ay * bz - az * by, az * bx - ax * bz
+    along = torch.where(silhouette.vertical, normal_y, normal_x)
+    t = -(ax * by - ay * bx) / along
+    with torch.no_grad():
+        weight = along.square() / (normal_x.square() + normal_y.square())
+    return t, weight
