@@ -6,7 +6,7 @@ Files written (docs/usd.md):
     env.exr         the recovered environment, OpenEXR lat-long on the Y-up world
     scene.usda      references asset.usdc and adds the dome light
     asset.usdz      scene.usda's composition in one self-contained package: what one double-clicks
-    report.json     what the export measured
+    export.json     what the export measured
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def write_usd(
     dilation: int = 8,
     provenance: Mapping[str, str | int | float] | None = None,
 ) -> dict[str, Any]:
-    """Write `asset` into the new `folder`; return the export's report (also written as report.json).
+    """Write `asset` into the new `folder`; return the export's report (also written as export.json).
 
     asset            maps linear, environment canonical; points in the normalised world
     frame            its similarity returns the points to the scene's own units (Y-up kept); None: normalised units
@@ -73,7 +73,7 @@ def write_usd(
         report["environment_rounding"] = float(f"{error:.3g}")
         _write_layers(partial, name, asset, maps, points, normals, rotation, report, provenance or {})
         text = json.dumps(report, sort_keys=True, indent=1, allow_nan=False)
-        (partial / "report.json").write_text(text + "\n", encoding="utf-8")
+        (partial / "export.json").write_text(text + "\n", encoding="utf-8")
         partial.chmod(0o755)
         partial.rename(folder)
     except BaseException:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import vertex_normals
 from exmesh_graph.io.usd_checks import check_frame
 from exmesh_graph.types import Asset, Frame
 
@@ -17,6 +16,8 @@ def scene_geometry(asset: Asset, frame: Frame | None) -> tuple[np.ndarray, np.nd
     Without a frame the points stay in normalised units. An unknown scale is exported as one metre per unit and
     says so in the report.
     """
+    from exmesh_graph.shading.lattice import vertex_normals  # the very normals that Stage II shaded with
+
     normals = np.asarray(vertex_normals(asset.vertices, asset.faces), np.float64)
     normals[~normals.any(axis=1)] = [0.0, 1.0, 0.0]  # vertices without any area around them still need a unit normal
     points, rotation = asset.vertices.astype(np.float64), np.eye(3)

@@ -18,10 +18,11 @@ def build_report(run_folder: Path, run_record: Mapping[str, Any], load_artifact:
     """Write `report.json` and the self-contained `report.html` into `run_folder`; return the path of the page.
 
     run_record     what the run recorded; `nodes` is required, all else is optional (docs/report.md):
-                   nodes    [{name, type, state, seconds, inputs {port: {digest}}, outputs {port: {type, digest,
-                            bytes}}, warnings [text], peak_rss bytes}]; seconds are those of the execution that
-                            made the result, also where this run took it from the store
-                   name, graph, command, seconds
+                   nodes     [{name, type, state, seconds, outputs {port: {type, digest, bytes}}, warnings [text],
+                             peak_rss bytes}]; seconds are those of the execution that made the result, also
+                             where this run took it from the store
+                   resolved  {nodes: {name: {inputs: {port: "@node.port"}}}}
+                   id, graph (its name), file, command, state, seconds, machine
     load_artifact  digest -> the value; called for outputs of type Metrics and Gallery only
     """
     report = collect(run_record, load_artifact, run_name=run_folder.name)

@@ -91,6 +91,7 @@ class Report:
     metrics: dict[str, dict[str, Any]]
     curves: list[Curve]
     pictures: list[Picture]
+    state: str
     machine: dict[str, str]
     versions: dict[str, str] = field(default_factory=dict)
 
@@ -112,6 +113,7 @@ class Report:
             "run": self.run,
             "graph": self.graph,
             "command": self.command,
+            "state": self.state,
             "seconds": {"this_run": self.wall_seconds, "all_results": self.total_seconds},
             "headline": {
                 figure.label: {
@@ -133,7 +135,7 @@ class Report:
                     "type": node.type,
                     "state": node.state,
                     "seconds": node.seconds,
-                    "peak_rss": node.peak_rss,
+                    "peak_memory": node.peak_rss,
                     "bytes": node.bytes,
                     "warnings": list(node.warnings),
                 }
@@ -152,7 +154,7 @@ class Report:
 def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, run_name: str = "") -> Report:
     """Read the record and load its Metrics and Gallery artifacts."""
     nodes = [_node(entry) for entry in record["nodes"]]
-    edges = edges_between(record["nodes"])
+    edges = edges_between(record)
     spent = cumulative_seconds([(node.name, node.seconds) for node in nodes], edges)
     metrics: dict[str, dict[str, Any]] = {}
     figures: list[Figure] = []
@@ -168,9 +170,9 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
             elif output["type"] == "Gallery":
                 pictures += _pictures(Path(load_artifact(output["digest"]).root), entry["name"])
     report = Report(
-        name=str(record.get("name") or run_name or "run"),
-        run=run_name,
-        graph=str(record.get("graph") or ""),
+        name=str(record.get("graph") or run_name or "run"),
+        run=str(record.get("id") or run_name),
+        graph=Path(str(record.get("file") or "")).name,
         command=str(record.get("command") or ""),
         wall_seconds=_number(record.get("seconds")),
         nodes=nodes,
@@ -179,7 +181,8 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         metrics=metrics,
         curves=curves,
         pictures=pictures,
-        machine=_machine(),
+        state=str(record.get("state") or ""),
+        machine={str(key): str(value) for key, value in (record.get("machine") or _machine()).items()},
         versions=_versions(),
     )
     report.headline.append(

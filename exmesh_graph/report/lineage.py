@@ -9,21 +9,20 @@ from typing import Any
 _ROUND = re.compile(r"^(?P<block>.+)\[(?P<round>\d+)\]\.(?P<inner>.+)$")
 
 
-def edges_between(entries: Iterable[Mapping[str, Any]]) -> list[tuple[str, str]]:
+def edges_between(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     """(producer, consumer) pairs of a run record, in order, each once.
 
-    An input is matched to its producer by digest: several nodes may have made equal bytes, of which the latest
-    before the consumer is taken.
+    Inputs are wires "@node.port", with each node's entry or under `resolved.nodes`.
     """
-    made: dict[str, str] = {}
+    resolved = (record.get("resolved") or {}).get("nodes") or {}
+    known = {entry["name"] for entry in record["nodes"]}
     edges: dict[tuple[str, str], None] = {}
-    for entry in entries:
-        for source in (entry.get("inputs") or {}).values():
-            producer = made.get(source.get("digest", ""))
-            if producer is not None and producer != entry["name"]:
+    for entry in record["nodes"]:
+        inputs = entry.get("inputs") or resolved.get(entry["name"], {}).get("inputs") or {}
+        for wire in inputs.values():
+            producer = str(wire).removeprefix("@").rpartition(".")[0]
+            if producer in known:
                 edges[producer, entry["name"]] = None
-        for output in (entry.get("outputs") or {}).values():
-            made[output["digest"]] = entry["name"]
     return list(edges)
 
 
