@@ -42,9 +42,7 @@ def solid_angles(height: int, width: int) -> np.ndarray:
     return (edges[:-1] - edges[1:]) * (2 * np.pi / width)
 
 
-def bilinear(
-    height: int, width: int, u: torch.Tensor, v: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
+def bilinear(height: int, width: int, u: torch.Tensor, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """The four texels under image coordinates [N]: flat indices int64 [N, 4] and weights [N, 4]."""
     x, y = u * width - 0.5, (v * height - 0.5).clamp(0, height - 1)
     x0, y0 = x.floor(), y.floor().clamp(max=max(height - 2, 0))
@@ -85,9 +83,7 @@ def resample(environment: np.ndarray, height: int, width: int) -> np.ndarray:
         indexing="ij",
     )
     source = torch.from_numpy(np.ascontiguousarray(environment, np.float64))
-    index, weight = bilinear(
-        rows, columns, torch.from_numpy(u).reshape(-1), torch.from_numpy(v).reshape(-1)
-    )
+    index, weight = bilinear(rows, columns, torch.from_numpy(u).reshape(-1), torch.from_numpy(v).reshape(-1))
     fine = (source.reshape(-1, 3)[index] * weight[..., None]).sum(1)
     fine = fine.reshape(height, per_row, width, per_column, 3)
     sine = torch.from_numpy(np.sin(np.pi * v[:, 0])).reshape(height, per_row, 1, 1, 1)
@@ -128,9 +124,7 @@ def total_variation(environment: torch.Tensor) -> torch.Tensor:
 
 def mean_radiance(environment: torch.Tensor) -> torch.Tensor:
     """Mean radiance over the sphere (solid-angle weighted), [3]."""
-    row = torch.as_tensor(
-        solid_angles(*environment.shape[:2]), dtype=environment.dtype, device=environment.device
-    )
+    row = torch.as_tensor(solid_angles(*environment.shape[:2]), dtype=environment.dtype, device=environment.device)
     return (environment.mean(dim=1) * row[:, None]).sum(dim=0) / row.sum()
 
 

@@ -1,0 +1,190 @@
+"""Specular light without noise: the split sum over a stack of prefiltered environments.
+
+    L_s(x, v) ~ [A(n.v, r) F0 + B(n.v, r)] * sum_k w_r(R . w_k) E(w_k) / sum_k w_r(R . w_k),   R = 2 (n.v) n - v
+
+(Karis 2013.) w_r is the GGX lobe seen head-on. The lobe depends on the angle only, so on the lat-long grid the filter
+is circulant in longitude: a real matrix per longitudinal frequency, applied between two FFTs. It is exact on its grid,
+linear in the texels and cheap enough to run in every step. What the split sum leaves out (the lobe's stretch at
+grazing angles, occlusion, reflections of the mesh itself) `stage2.correction` measures with rays.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+
+from exmesh_graph.shading import envmap
+from exmesh_graph.shading.brdf import ALPHA_MIN
+
+#: Roughness of the prefiltered levels; between them radiance is interpolated linearly.
+LEVELS = (0.0, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
+
+
+class PrefilteredStack:
+    """The fixed linear operator from a map [H, W, 3] to its levels, and their lookup.
+
+    Level l keeps the largest H / 2^k that still has about `_TEXELS_PER_LOBE` rows in its lobe's width.
+    """
+
+    def __init__(self, height: int, width: int, device: torch.device | str = "cpu") -> None:
+        self.knots = torch.tensor(LEVELS, device=device)
+        self.shape = (height, width)
+        self.factors = [_pooling(r, height, width) for r in LEVELS]
+        sizes = [(height // f, width // f) for f in self.factors]
+        self.heights = torch.tensor([s[0] for s in sizes], device=device)
+        self.widths = torch.tensor([s[1] for s in sizes], device=device)
+        counts = [h * w for h, w in sizes]
+        self.starts = torch.tensor(np.concatenate([[0], np.cumsum(counts[:-1])]), device=device)
+        self.kernels = [
+            None if r == 0 else torch.from_numpy(_lobe_spectrum(r, *size)).to(device)
+            for r, size in zip(LEVELS, sizes, strict=True)
+        ]
+
+    def build(self, environment: torch.Tensor) -> torch.Tensor:
+        """All levels of `environment` [H, W, 3], flattened and stacked: [sum of level sizes, 3]."""
+        levels, pooled = [], {1: environment}
+        for factor, kernel in zip(self.factors, self.kernels, strict=True):
+            if factor not in pooled:
+                pooled[factor] = _pool(environment, factor)
+            levels.append(pooled[factor] if kernel is None else _convolve(pooled[factor], kernel))
+        return torch.cat([level.reshape(-1, 3) for level in levels])
+
+    def locate(
+        self, u: torch.Tensor, v: torch.Tensor, roughness: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Rows of `build`'s result and their weights for N lookups: int64 [N, 8], float [N, 8].
+
+        u, v [N]: image coordinates (envmap.uv_of) of the reflected direction; differentiable in roughness [N].
+        """
+        upper = torch.searchsorted(self.knots, roughness.detach().contiguous()).clamp(1, len(LEVELS) - 1)
+        low, high = self.knots[upper - 1], self.knots[upper]
+        t = ((roughness - low) / (high - low)).clamp(0, 1)
+        index, weight = [], []
+        for level, share in ((upper - 1, 1 - t), (upper, t)):
+            i, w = _bilinear_in(self.heights[level], self.widths[level], u, v)
+            index.append(i + self.starts[level][:, None])
+            weight.append(w * share[:, None])
+        return torch.cat(index, dim=1), torch.cat(weight, dim=1)
+
+
+_TEXELS_PER_LOBE = 5.0
+
+
+def _pooling(roughness: float, height: int, width: int) -> int:
+    """How far a level of this roughness may be coarsened: a power of two that divides the map."""
+    rows = _TEXELS_PER_LOBE / max(roughness * roughness, ALPHA_MIN)
+    factor = 1
+    while (
+        height // (factor * 2) >= max(rows, 16) and height % (factor * 2) == 0 and width % (factor * 2) == 0
+    ):
+        factor *= 2
+    return factor
+
+
+def _pool(environment: torch.Tensor, factor: int) -> torch.Tensor:
+    height, width = environment.shape[:2]
+    row = torch.as_tensor(
+        envmap.solid_angles(height, width), dtype=environment.dtype, device=environment.device
+    ).reshape(height // factor, factor, 1, 1, 1)
+    blocks = environment.reshape(height // factor, factor, width // factor, factor, 3)
+    return (blocks * row).sum(dim=(1, 3)) / (row.sum(dim=1)[:, 0] * factor)
+
+
+def _lobe_spectrum(roughness: float, height: int, width: int) -> np.ndarray:
+    """The normalised lobe as matrices between rows, one per longitudinal frequency: float32 [W/2 + 1, H, H]."""
+    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
+    longitude = 2 * np.pi * np.arange(width) / width
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    cos_angle = sine[:, None, None] * sine[None, :, None] + cosine[:, None, None] * cosine[None, :, None] * np.cos(
+        longitude
+    )
+    a2 = max(roughness * roughness, ALPHA_MIN) ** 2
+    # head-on: the half vector stands at half the angle between axis and light
+    sine2_half = np.clip(0.5 * (1 - cos_angle), 0, 1)
+    lobe = np.clip(cos_angle, 0, None) * a2 / (a2 + (1 - a2) * sine2_half) ** 2
+    lobe *= envmap.solid_angles(height, width)[None, :, None]
+    lobe /= lobe.sum(axis=(1, 2), keepdims=True)
+    # even in longitude, hence a real spectrum
+    return np.ascontiguousarray(np.fft.rfft(lobe, axis=2).real.transpose(2, 0, 1)).astype(np.float32)
+
+
+def _convolve(environment: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
+    spectrum = torch.fft.rfft(environment, dim=1).permute(1, 0, 2)
+    parts = torch.cat([spectrum.real, spectrum.imag], dim=2)
+    filtered = torch.bmm(kernel.to(environment.dtype), parts)
+    result = torch.complex(filtered[..., :3].contiguous(), filtered[..., 3:].contiguous())
+    return torch.fft.irfft(result.permute(1, 0, 2), n=environment.shape[1], dim=1)
+
+
+def _bilinear_in(
+    height: torch.Tensor, width: torch.Tensor, u: torch.Tensor, v: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """`envmap.bilinear` for lookups that each have a map size of their own."""
+    x = u * width - 0.5
+    y = torch.minimum((v * height - 0.5).clamp_min(0), height - 1.0)
+    x0 = x.floor()
+    y0 = torch.minimum(y.floor(), (height - 2.0).clamp_min(0))
+    fx, fy = x - x0, y - y0
+    left = x0.long() % width
+    right = (left + 1) % width
+    top = y0.long() * width
+    bottom = torch.minimum(y0.long() + 1, height - 1) * width
+    index = torch.stack([top + left, top + right, bottom + left, bottom + right], dim=-1)
+    weight = torch.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], dim=-1)
+    return index, weight
+
+
+_TABLE = 64
+
+
+def reflectance_table(samples: int = 32, device: torch.device | str = "cpu") -> torch.Tensor:
+    """A and B of the split sum on a grid of (n.v, r), float32 [64, 64, 2]; samples^2 half vectors each.
+
+    A F0 + B is the directional albedo of D V F: the integral of f_s n.l over the upper hemisphere.
+    """
+    grid = (np.arange(_TABLE) + 0.5) / _TABLE
+    n_v, roughness = (axis[..., None] for axis in np.meshgrid(grid, grid, indexing="ij"))
+    a2 = np.maximum(roughness * roughness, ALPHA_MIN) ** 2
+    s, t = ((axis.reshape(-1) + 0.5) / samples for axis in np.meshgrid(*[np.arange(samples)] * 2, indexing="ij"))
+    cos2 = (1 - s) / (1 + (a2 - 1) * s)
+    n_h, sine = np.sqrt(cos2), np.sqrt(1 - cos2)
+    v_h = np.sqrt(1 - n_v * n_v) * sine * np.cos(2 * np.pi * t) + n_v * n_h
+    n_l = 2 * v_h * n_h - n_v
+    lit = (n_l > 0) & (v_h > 0)
+    n_l = np.where(lit, n_l, 1)
+    visibility = 0.5 / (n_l * np.sqrt(a2 + (1 - a2) * n_v * n_v) + n_v * np.sqrt(a2 + (1 - a2) * n_l * n_l))
+    weight = np.where(lit, 4 * visibility * n_l * v_h / n_h, 0)
+    fresnel = (1 - np.clip(v_h, 0, 1)) ** 5
+    table = np.stack([(weight * (1 - fresnel)).mean(-1), (weight * fresnel).mean(-1)], axis=-1)
+    return torch.from_numpy(table.astype(np.float32)).to(device)
+
+
+def directional_albedo(
+    table: torch.Tensor, n_v: torch.Tensor, roughness: torch.Tensor, f0: torch.Tensor | float
+) -> torch.Tensor:
+    """A(n.v, r) F0 + B(n.v, r), bilinear in `reflectance_table`; [N] for a number F0, else [N, 3]."""
+    x = (n_v * _TABLE - 0.5).clamp(0, _TABLE - 1.001)
+    y = (roughness * _TABLE - 0.5).clamp(0, _TABLE - 1.001)
+    x0, y0 = x.detach().floor(), y.detach().floor()
+    fx, fy = (x - x0)[..., None], (y - y0)[..., None]
+    row, column = x0.long(), y0.long()
+    near = table[row, column] * (1 - fy) + table[row, column + 1] * fy
+    far = table[row + 1, column] * (1 - fy) + table[row + 1, column + 1] * fy
+    a, b = (near * (1 - fx) + far * fx).unbind(-1)
+    if isinstance(f0, torch.Tensor) and f0.dim() > a.dim():
+        a, b = a[..., None], b[..., None]
+    return a * f0 + b
+
+
+def mean_visibility(
+    transfer_visible: torch.Tensor, directions: torch.Tensor, reflected: torch.Tensor, roughness: float
+) -> torch.Tensor:
+    """Share of the lobe around `reflected` [N, 3] that sees the sky, [N]: the average over all K rays of a point,
+    weighted by the lobe, from their visibility [N, K]."""
+    alpha = max(roughness * roughness, math.sqrt(4 * math.pi / len(directions)) / 4)
+    cosine = reflected @ directions.T
+    sine2_half = (0.5 * (1 - cosine)).clamp(0, 1)
+    weight = cosine.clamp_min(0) / (alpha**2 + (1 - alpha**2) * sine2_half) ** 2
+    return (weight * transfer_visible).sum(1) / weight.sum(1)

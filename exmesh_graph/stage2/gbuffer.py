@@ -1,0 +1,159 @@
+"""What each training pixel sees, once for the whole fit: the primary hits of a frozen mesh never change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from exmesh_graph.raster import rasterize
+from exmesh_graph.shading import envmap
+from exmesh_graph.shading.lattice import locate
+from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.types import Transport, Views
+
+
+@dataclass
+class ViewBuffer:
+    """One training view on the carrier: N pixels whose centre meets the mesh inside the object's mask.
+
+    pixel         int64 [N], row-major
+    target        [N, 3], linear straight colour;  clipped bool [N, 3]: at the top of an 8-bit file's range
+    coverage      [N], the mask's alpha, the pixel's weight in the loss
+    face, bary    [N], [N, 3]
+    texel, texel_weight   [N, 4], rows of the fit's compact texel table
+    point, point_weight   [N, 3], lattice points of the light transport
+    env_u, env_v  [N], image coordinates of the reflected direction
+    n_v           [N]
+    pairs         int64 [Q, 2], neighbouring pixels (by row of this buffer) on one continuous surface
+    specular_scale [N, 3], what to multiply the split sum with (stage2.correction)
+    """
+
+    name: str
+    pixel: torch.Tensor
+    target: torch.Tensor
+    clipped: torch.Tensor
+    coverage: torch.Tensor
+    face: torch.Tensor
+    bary: torch.Tensor
+    texel: torch.Tensor
+    texel_weight: torch.Tensor
+    point: torch.Tensor
+    point_weight: torch.Tensor
+    env_u: torch.Tensor
+    env_v: torch.Tensor
+    n_v: torch.Tensor
+    pairs: torch.Tensor
+    camera: torch.Tensor
+    specular_scale: torch.Tensor
+
+    def samples(self, geometry: CarrierGeometry) -> SurfaceSamples:
+        """The buffer's surface samples, rebuilt."""
+        return geometry.samples(self.face, self.bary, self.camera)
+
+
+def build_gbuffer(
+    geometry: CarrierGeometry, light: Transport, views: Views, size: int, min_coverage: float
+) -> tuple[list[ViewBuffer], torch.Tensor]:
+    """The buffers of all views and the flat texels (int64 [T], ascending) that some view or lattice point reads.
+
+    `texel` indices refer to that table. Pixels with alpha below `min_coverage` are left out.
+    """
+    device = geometry.device
+    buffers, used = [], [_lattice_footprint(geometry, light, size)[0].reshape(-1)]
+    for number in range(len(views)):
+        buffer = _view(geometry, light, views, number, size, min_coverage)
+        buffers.append(buffer)
+        used.append(buffer.texel.reshape(-1))
+    texels = torch.unique(torch.cat(used))
+    row = torch.full((size * size,), -1, dtype=torch.int64, device=device)
+    row[texels] = torch.arange(len(texels), device=device)
+    for buffer in buffers:
+        buffer.texel = row[buffer.texel]
+    return buffers, texels
+
+
+def lattice_texels(
+    geometry: CarrierGeometry, light: Transport, texels: torch.Tensor, size: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows of the compact table and weights [P, 4] of the light transport's points."""
+    index, weight = _lattice_footprint(geometry, light, size)
+    return torch.searchsorted(texels, index), weight
+
+
+def _lattice_footprint(geometry: CarrierGeometry, light: Transport, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+    corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(light.point_face.astype(np.int64)).to(geometry.device)]]
+    bary = torch.from_numpy(light.point_bary).to(geometry.device)
+    return texel_footprint((corners * bary[..., None]).sum(1), size)
+
+
+def _view(
+    geometry: CarrierGeometry, light: Transport, views: Views, number: int, size: int, min_coverage: float
+) -> ViewBuffer:
+    device = geometry.device
+    height, width = views.height, views.width
+    fragments = rasterize(
+        geometry.vertices,
+        geometry.faces.to(torch.int32),
+        torch.from_numpy(views.intrinsics[number]).to(device),
+        torch.from_numpy(views.world_to_camera[number]).to(device),
+        height,
+        width,
+    )
+    alpha = torch.from_numpy(views.alpha[number]).to(device)
+    inside = (fragments.face_id >= 0) & (alpha >= min_coverage)
+    pixel = torch.nonzero(inside.reshape(-1))[:, 0]
+    face = fragments.face_id.reshape(-1)[pixel].long()
+    bary = fragments.bary.reshape(-1, 3)[pixel]
+    camera = torch.from_numpy(views.camera_to_world[number][:3, 3].astype(np.float32)).to(device)
+    samples = geometry.samples(face, bary, camera)
+    coverage = alpha.reshape(-1)[pixel]
+    target = torch.from_numpy(views.images[number]).to(device).reshape(-1, 3)[pixel] / coverage[:, None]
+    texel, texel_weight = texel_footprint(samples.uv, size)
+    point, point_weight = locate(light.face_points, light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
+    env_u, env_v = envmap.uv_of(samples.reflected)
+    return ViewBuffer(
+        name=views.names[number],
+        pixel=pixel,
+        target=target,
+        clipped=(target >= 1 - 1 / 512) if views.clipped else torch.zeros_like(target, dtype=torch.bool),
+        coverage=coverage,
+        face=face,
+        bary=bary,
+        texel=texel,
+        texel_weight=texel_weight,
+        point=torch.from_numpy(point.astype(np.int64)).to(device),
+        point_weight=torch.from_numpy(point_weight).to(device),
+        env_u=env_u,
+        env_v=env_v,
+        n_v=samples.n_v,
+        pairs=_pairs(inside, fragments.depth, samples, pixel, geometry),
+        camera=camera,
+        specular_scale=torch.ones_like(target),
+    )
+
+
+def _pairs(
+    inside: torch.Tensor,
+    depth: torch.Tensor,
+    samples: SurfaceSamples,
+    pixel: torch.Tensor,
+    geometry: CarrierGeometry,
+) -> torch.Tensor:
+    """Horizontal and vertical neighbours that lie on one surface: the step between them stays near both tangent
+    planes (a jump in depth is no neighbourhood of the material)."""
+    height, width = inside.shape
+    row = torch.full((height * width,), -1, dtype=torch.int64, device=inside.device)
+    row[pixel] = torch.arange(len(pixel), device=inside.device)
+    grid = row.reshape(height, width)
+    across = torch.stack([grid[:, :-1].reshape(-1), grid[:, 1:].reshape(-1)], 1)
+    down = torch.stack([grid[:-1].reshape(-1), grid[1:].reshape(-1)], 1)
+    pairs = torch.cat([across, down])
+    pairs = pairs[(pairs >= 0).all(1)]
+    step = samples.position[pairs[:, 0]] - samples.position[pairs[:, 1]]
+    length = step.norm(dim=-1).clamp_min(1e-12)
+    slope = torch.maximum(
+        (step * samples.flat[pairs[:, 0]]).sum(-1).abs(), (step * samples.flat[pairs[:, 1]]).sum(-1).abs()
+    )
+    return pairs[slope < 0.5 * length]

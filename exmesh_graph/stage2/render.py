@@ -1,0 +1,187 @@
+"""Full-quality forward renders of a finished asset, under its own or any other environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from exmesh_graph.raster import rasterize
+from exmesh_graph.rays import make_ray_tracer
+from exmesh_graph.shading import brdf, envmap
+from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.lattice import locate
+from exmesh_graph.shading.sampling import Pyramid
+from exmesh_graph.shading.transport import LightTransport, choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.stage2.reflect import traced_specular
+from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.types import Asset, Transport
+
+#: Lattice points and directions of the transport that `render_views` traces when it is given none.
+RENDER_POINTS = 30_000
+RENDER_DIRECTIONS = 256
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """N rendered views, linear float32.
+
+    images [N, H, W, 3] premultiplied by alpha [N, H, W]; albedo [N, H, W, 3], roughness [N, H, W] and normal
+    [N, H, W, 3] (unit, world) averaged over the covered part of each pixel, 0 where nothing is covered
+    """
+
+    images: np.ndarray
+    alpha: np.ndarray
+    albedo: np.ndarray
+    roughness: np.ndarray
+    normal: np.ndarray
+
+
+def render_transport(asset: Asset, bounces: int = 2, directions: int = RENDER_DIRECTIONS) -> Transport:
+    """The light transport of `render_views`, to be shared by several calls on one asset."""
+    subdivision = choose_subdivision(len(asset.vertices), len(asset.faces), RENDER_POINTS)
+    light = trace_transport(asset.vertices, asset.faces, directions, subdivision)
+    return with_bounces(light, bounces) if bounces else light
+
+
+def render_views(
+    asset: Asset,
+    intrinsics: np.ndarray,
+    camera_to_world: np.ndarray,
+    height: int,
+    width: int,
+    *,
+    environment: np.ndarray | None = None,
+    bounces: int = 2,
+    supersampling: int = 2,
+    specular_samples: int = 12,
+    transport: Transport | None = None,
+    seed: int = 0,
+    device: str = "cpu",
+    progress: Callable[[int, int], None] | None = None,
+) -> Rendered:
+    """Render an asset.
+
+    intrinsics [N, 3, 3] and camera_to_world [N, 4, 4] as types.Views; environment [h, w, 3] canonical lat-long, None
+    for the asset's own. Diffuse light by `transport` (traced here when None) with `bounces` interreflections; specular
+    by `specular_samples` GGX rays for each of the supersampling^2 samples of a pixel, with the mesh mirrored in itself.
+    Coverage is antialiased by the same samples.
+    """
+    light = transport or render_transport(asset, bounces)
+    scene = _Scene(asset, light, asset.environment if environment is None else environment, device)
+    generator = torch.Generator().manual_seed(seed)
+    results = []
+    for number in range(len(intrinsics)):
+        camera = (intrinsics[number], camera_to_world[number])
+        results.append(_render(scene, *camera, height, width, supersampling, specular_samples, generator))
+        if progress:
+            progress(number + 1, len(intrinsics))
+    columns = [np.stack(column) for column in zip(*results, strict=True)]
+    return Rendered(*columns)
+
+
+class _Scene:
+    """An asset under one environment: its maps, irradiance and leaving radiance at the lattice points."""
+
+    def __init__(self, asset: Asset, light: Transport, environment: np.ndarray, device: str) -> None:
+        self.geometry = CarrierGeometry(asset, device)
+        self.tracer = make_ray_tracer(asset.vertices, asset.faces, "cpu")
+        self.light = light
+        self.size = asset.base_color.shape[0]
+        columns = [asset.base_color, asset.roughness[..., None]]
+        self.metallic = asset.metallic is not None
+        if asset.metallic is not None:
+            columns.append(asset.metallic[..., None])
+        maps = np.concatenate(columns, axis=-1, dtype=np.float32)
+        self.maps = torch.from_numpy(maps).reshape(-1, maps.shape[-1]).to(device)
+        operators = LightTransport(light, device)
+        radiance = torch.from_numpy(np.ascontiguousarray(environment, np.float32)).to(device)
+        binned = torch.sparse.mm(operators.bin_matrix(*radiance.shape[:2]), radiance.reshape(-1, 3))
+        face = torch.from_numpy(light.point_face.astype(np.int64)).to(device)
+        corners = self.geometry.uvs[self.geometry.uv_faces[face]]
+        material = self.read((corners * torch.from_numpy(light.point_bary).to(device)[..., None]).sum(1))
+        f_d = brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)
+        self.irradiance = operators.irradiance(binned, f_d)
+        self.pyramid = Pyramid(torch.from_numpy(_even(environment)).to(device))
+
+    def read(self, uv: torch.Tensor) -> torch.Tensor:
+        return gather_rows(self.maps, *texel_footprint(uv, self.size))
+
+    def diffuse(self, face: torch.Tensor, bary: torch.Tensor, material: torch.Tensor) -> torch.Tensor:
+        index, weight = locate(
+            self.light.face_points, self.light.subdivision, face.cpu().numpy(), bary.cpu().numpy()
+        )
+        rows = torch.from_numpy(index.astype(np.int64)).to(material.device)
+        irradiance = gather_rows(self.irradiance, rows, torch.from_numpy(weight).to(material))
+        return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None) * irradiance
+
+    def hit_radiance(self, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
+        uv = (self.geometry.uvs[self.geometry.uv_faces[face]] * bary[..., None]).sum(1)
+        return self.diffuse(face, bary, self.read(uv))
+
+    def shade(
+        self, surface: SurfaceSamples, material: torch.Tensor, samples: int, generator: torch.Generator
+    ) -> torch.Tensor:
+        f0 = brdf.base_reflectance(material[:, :3], material[:, 4] if self.metallic else None)
+        specular = traced_specular(
+            surface,
+            self.geometry.face_normals,
+            material[:, 3],
+            f0,
+            self.pyramid,
+            self.tracer,
+            self.hit_radiance,
+            samples,
+            generator,
+        )
+        return self.diffuse(surface.face, surface.bary, material) + specular
+
+
+@torch.no_grad()
+def _render(
+    scene: _Scene,
+    intrinsics: np.ndarray,
+    camera_to_world: np.ndarray,
+    height: int,
+    width: int,
+    supersampling: int,
+    samples: int,
+    generator: torch.Generator,
+) -> tuple[np.ndarray, ...]:
+    device = scene.maps.device
+    scaled = np.diag([supersampling, supersampling, 1.0]) @ intrinsics
+    fragments = rasterize(
+        scene.geometry.vertices,
+        scene.geometry.faces.to(torch.int32),
+        torch.from_numpy(scaled).to(device),
+        torch.from_numpy(np.linalg.inv(camera_to_world)).to(device),
+        height * supersampling,
+        width * supersampling,
+    )
+    face_id = fragments.face_id.reshape(-1)
+    chosen = torch.nonzero(face_id >= 0)[:, 0]
+    camera = torch.from_numpy(camera_to_world[:3, 3].astype(np.float32)).to(device)
+    surface = scene.geometry.samples(face_id[chosen].long(), fragments.bary.reshape(-1, 3)[chosen], camera)
+    material = scene.read(surface.uv)
+    radiance = scene.shade(surface, material, samples, generator)
+    fine = torch.zeros(len(face_id), 11, device=device)
+    fine[chosen] = torch.cat(
+        [radiance, torch.ones_like(radiance[:, :1]), material[:, :4], surface.normal], dim=1
+    )
+    mean = fine.reshape(height, supersampling, width, supersampling, 11).mean(dim=(1, 3))
+    alpha = mean[..., 3]
+    covered = mean[..., 4:] / alpha[..., None].clamp_min(1e-6)
+    normal = covered[..., 4:7] / covered[..., 4:7].norm(dim=-1, keepdim=True).clamp_min(1e-6)
+    parts = (mean[..., :3], alpha, covered[..., :3], covered[..., 3], normal)
+    return tuple(part.cpu().numpy() for part in parts)
+
+
+def _even(environment: np.ndarray) -> np.ndarray:
+    """The map at a size that can be halved down to a few rows."""
+    height, width = environment.shape[:2]
+    rows = max(16, 1 << round(np.log2(height)))
+    if height % 16 == 0 and width % 16 == 0:
+        return np.ascontiguousarray(environment, np.float32)
+    return envmap.resample(environment, rows, 2 * rows)
