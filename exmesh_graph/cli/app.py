@@ -1,0 +1,229 @@
+"""The commands of `exmesh`. Each imports what it needs when it runs, so that help and checks answer at once.
+
+Exit codes: 0 done; 1 a node, the store or the report failed; 2 the graph or the command line is wrong; 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from exmesh_graph.errors import ExmeshError
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.check import Checked
+    from exmesh_graph.graph.packs import Packs
+    from exmesh_graph.graph.store import Store
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Photographs to relightable USD assets, as a cached graph of typed nodes.",
+)
+
+GraphFile = Annotated[Path, typer.Argument(metavar="GRAPH", help="The graph file (YAML).")]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Change a graph parameter, or node.param; repeatable."),
+]
+Targets = Annotated[
+    list[str] | None, typer.Option("--node", metavar="NODE", help="Only what this node needs; repeatable.")
+]
+StoreFolder = Annotated[
+    Path | None, typer.Option("--store", help="The artifact store (default: $EXMESH_STORE or ./.exmesh).")
+]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="Where run folders go.")]
+
+
+@app.command()
+def run(
+    graph: GraphFile,
+    set_: Sets = None,
+    node: Targets = None,
+    force: Annotated[
+        list[str] | None, typer.Option("--force", metavar="NODE", help="Run this node even on a hit; repeatable.")
+    ] = None,
+    store: StoreFolder = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Run a graph. What is in the store already is not run again, so the same command also resumes."""
+    from exmesh_graph.cli.running import run_graph
+
+    checked, packs = _checked(graph, set_)
+    targets = checked.needed_for(_names(checked, node)) if node else None
+    forced = set(_names(checked, force))
+    command = _command(graph, set_, store, runs)
+    code = run_graph(checked, _store(store), runs, targets, forced, command, tuple(set_ or ()), packs)
+    raise typer.Exit(code)
+
+
+@app.command()
+def check(graph: GraphFile, set_: Sets = None) -> None:
+    """Check a graph: types, wires, parameters, source files. Nothing runs."""
+    checked, _ = _checked(graph, set_)
+    sources = sum(len(bound.sources) for bound in checked.nodes.values())
+    typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
+
+
+@app.command()
+def plan(graph: GraphFile, set_: Sets = None, node: Targets = None, store: StoreFolder = None) -> None:
+    """Show what a run would do with each node, and why."""
+    from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN
+    from exmesh_graph.graph.plan import plan as make_plan
+
+    checked, _ = _checked(graph, set_)
+    targets = checked.needed_for(_names(checked, node)) if node else None
+    opened = _store(store)
+    steps = make_plan(checked, opened, targets)
+    width = max(len(step.name) for step in steps)
+    for step in steps:
+        typer.echo(f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip())
+    counts = {state: sum(step.state == state for step in steps) for state in (HIT, RUN, UNKNOWN)}
+    typer.echo(f"{counts[HIT]} hit, {counts[RUN]} to run, {counts[UNKNOWN]} unknown (below a node that must run)")
+    _show_notes(opened)
+
+
+@app.command()
+def why(
+    node: Annotated[str, typer.Argument(help="The node's name, e.g. pbr or rounds[3].refine.")],
+    graph: Annotated[Path | None, typer.Argument(help="The graph (default: that of the latest run).")] = None,
+    set_: Sets = None,
+    store: StoreFolder = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Say why a node is a hit or must run: its key, and what differs from the nearest earlier record."""
+    from exmesh_graph.cli.show import show_why
+
+    if graph is None:
+        record = _read_run(runs / "latest")
+        graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
+    checked, _ = _checked(graph, set_)
+    name = _names(checked, [node])[0]
+    show_why(checked, name, _store(store))
+
+
+@app.command()
+def nodes(
+    type: Annotated[str | None, typer.Argument(help="A node type, for its ports and parameters.")] = None,
+) -> None:
+    """List the node types, or describe one."""
+    from exmesh_graph.cli.show import show_node, show_nodes
+    from exmesh_graph.graph.packs import load_packs
+
+    packs = load_packs()
+    if type is None:
+        show_nodes(packs)
+    else:
+        show_node(packs, type)
+
+
+@app.command()
+def report(
+    run: Annotated[Path, typer.Argument(help="A run folder.")] = Path("runs/latest"), store: StoreFolder = None
+) -> None:
+    """Build a run's report again."""
+    from exmesh_graph.cli.running import make_report
+    from exmesh_graph.graph.packs import load_packs
+
+    load_packs()
+    record = _read_run(run)
+    folder = run.resolve()
+    make_report(folder, record, _store(store))
+    typer.echo(str(folder / "report.html"))
+
+
+@app.command()
+def verify(store: StoreFolder = None) -> None:
+    """Read the whole store and check every byte; what is broken goes to quarantine and is made again."""
+    opened = _store(store)
+    objects, actions = opened.count()
+    broken = 0
+    for what, reason in opened.verify():
+        broken += 1
+        typer.echo(f"{what}: {reason}")
+    typer.echo(f"{objects} objects and {actions} actions read, {broken} moved to quarantine")
+    raise typer.Exit(1 if broken else 0)
+
+
+@app.command()
+def status(runs: RunsFolder = Path("runs"), last: Annotated[int, typer.Option(help="How many runs.")] = 10) -> None:
+    """Show the last runs."""
+    from exmesh_graph.cli.show import show_status
+
+    show_status(runs, last)
+
+
+def run_app() -> None:
+    """Run the command line; every expected error becomes a message and an exit code."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        app()
+    except ExmeshError as error:
+        typer.echo(str(error), err=True)
+        sys.exit(2 if error.code == "graph" else 1)
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        sys.exit(130)
+
+
+def _interrupt(signum: int, frame: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def _checked(graph: Path, sets: list[str] | None) -> tuple[Checked, Packs]:
+    from exmesh_graph.graph.check import check_file
+    from exmesh_graph.graph.packs import load_packs
+
+    packs = load_packs()
+    return check_file(graph, sets or [], packs), packs
+
+
+def _store(folder: Path | None) -> Store:
+    from exmesh_graph.graph.store import Store
+
+    return Store(folder or Path(os.environ.get("EXMESH_STORE") or ".exmesh"))
+
+
+def _show_notes(store: Store) -> None:
+    for note in store.notes:
+        typer.echo(f"store: {note}", err=True)
+
+
+def _names(checked: Checked, names: list[str] | None) -> list[str]:
+    from exmesh_graph.errors import GraphError
+    from exmesh_graph.graph.problems import nearest
+
+    for name in names or []:
+        if name not in checked.nodes:
+            close = ", ".join(nearest(name, checked.nodes))
+            raise GraphError(f"the graph has no node {name!r}", expected=close)
+    return list(names or [])
+
+
+def _read_run(run: Path) -> dict[str, Any]:
+    import json
+
+    path = run / "run.json"
+    if not path.is_file():
+        raise ExmeshError(f"{run} is no run folder", fix="exmesh status lists the runs")
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _command(graph: Path, sets: list[str] | None, store: Path | None, runs: Path) -> str:
+    """The command that runs this again, for the messages."""
+    import shlex
+
+    words = ["exmesh", "run", str(graph)]
+    for text in sets or []:
+        words += ["--set", text]
+    if store is not None:
+        words += ["--store", str(store)]
+    if runs != Path("runs"):
+        words += ["--runs", str(runs)]
+    return shlex.join(words)

@@ -1,0 +1,132 @@
+"""Plain tables of the command line: node types, why, status."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+import time
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph.check import Checked
+from exmesh_graph.graph.fingerprint import fingerprint
+from exmesh_graph.graph.packs import Packs
+from exmesh_graph.graph.plan import differences, explain, plan, record_time
+from exmesh_graph.graph.ports import Signature, signature
+from exmesh_graph.graph.problems import nearest
+from exmesh_graph.graph.rundir import is_alive
+from exmesh_graph.graph.store import Store
+
+
+def clock(seconds: float) -> str:
+    """`0.12 s`, `12 s`, `3 min 20 s`, `2 h 5 min`."""
+    if seconds < 10:
+        return f"{seconds:.2f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def show_nodes(packs: Packs) -> None:
+    """All node types, one line each."""
+    width = max((len(name) for name in packs.types), default=0)
+    for name, definition in packs.types.items():
+        doc = (definition.function.__doc__ or "").strip().splitlines()
+        typer.echo(f"{name:<{width + 2}}{doc[0] if doc else ''}".rstrip())
+    for module, why in packs.broken.items():
+        typer.echo(f"cannot import {module}: {why}", err=True)
+
+
+def show_node(packs: Packs, name: str) -> None:
+    """Ports, parameters with units and ranges, and the documentation of one node type."""
+    if name not in packs.types:
+        close = ", ".join(nearest(name, packs.types))
+        broken = "".join(f"\n  cannot import {module}: {why}" for module, why in packs.broken.items())
+        raise ExmeshError(f"there is no node type {name!r}{broken}", expected=close, fix="exmesh nodes lists all")
+    definition = packs.types[name]
+    found = signature(definition)
+    traits = "" if definition.deterministic else ", not deterministic"
+    typer.echo(f"{name}  (version {definition.version}{traits})")
+    if found.doc:
+        typer.echo(textwrap.indent(found.doc, "  "))
+    for title, ports in (("inputs", found.inputs), ("outputs", found.outputs)):
+        typer.echo(f"{title}:")
+        for port in ports.values():
+            typer.echo(f"  {port.name}: {port}{'  (optional)' if port.optional else ''}")
+    typer.echo("parameters:")
+    for field in found.params.model_fields:
+        typer.echo("  " + _parameter(found, field))
+
+
+def _parameter(found: Signature, name: str) -> str:
+    info = found.params.model_fields[name]
+    kind = getattr(info.annotation, "__name__", "") if isinstance(info.annotation, type) else str(info.annotation)
+    kind = kind.replace("typing.", "").replace("pathlib.", "")
+    default = "required" if info.is_required() else f"= {info.get_default(call_default_factory=True)!r}"
+    limits = []
+    for limit in info.metadata:
+        for word, sign in (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="), ("multiple_of", "multiple of")):
+            if getattr(limit, word, None) is not None:
+                limits.append(f"{sign} {getattr(limit, word)}")
+        for word in ("min_length", "max_length"):
+            if getattr(limit, word, None) is not None:
+                limits.append(f"{word} {getattr(limit, word)}")
+    extra = found.extra(name)
+    unit = f" {extra['unit']}" if extra.get("unit") else ""
+    notes = [*limits, *(["not part of the key"] if extra.get("tuning") else [])]
+    tail = f"  ({', '.join(notes)})" if notes else ""
+    return f"{name}: {kind} {default}{unit}{tail}  {info.description or ''}".rstrip()
+
+
+def show_why(graph: Checked, name: str, store: Store) -> None:
+    """The state of a node, its key, and what differs from the nearest earlier record."""
+    steps = {step.name: step for step in plan(graph, store, graph.needed_for([name]), reasons=False)}
+    step, bound = steps[name], graph.nodes[name]
+    typer.echo(f"{name}: {step.state}")
+    if step.preimage is None:
+        typer.echo(f"  {step.reason}; its key is known only when that has run")
+        typer.echo(f"  exmesh why {step.reason.removeprefix('waits for ').split(',')[0]}")
+        return
+    typer.echo(f"  key {step.key}")
+    if step.action is not None:
+        info = step.action.info
+        typer.echo(f"  made {record_time(step.action)} by {info.get('node')} of {info.get('graph')} "
+                   f"in {clock(float(info.get('seconds', 0)))}")  # fmt: skip
+        for line in differences(step.preimage, step.action, bound):
+            typer.echo(f"  {line}")
+    else:
+        for line in explain(bound, step.preimage, store):
+            typer.echo(f"  {line}")
+    typer.echo("  the key depends on:")
+    for field in ("type", "version", "seed"):
+        typer.echo(f"    {field} {step.preimage[field]}")
+    for field in ("params", "libraries", "sources", "inputs"):
+        values: dict[str, Any] = step.preimage[field]
+        if values:
+            typer.echo(f"    {field}: {', '.join(values)}")
+    typer.echo("    code: " + ", ".join(fingerprint(bound.definition).parts))
+
+
+def show_status(runs: Path, last: int) -> None:
+    """The last runs, newest first."""
+    found = sorted((path for path in runs.glob("*/run.json") if not path.parent.is_symlink()), reverse=True)
+    if not found:
+        typer.echo(f"no runs in {runs}")
+        return
+    for path in found[:last]:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        state = record["state"]
+        if state == "unfinished":
+            state = "running" if is_alive(path.parent) else "killed"
+        rows = record["nodes"]
+        ready = sum(row["state"] in ("hit", "done") for row in rows)
+        hits = sum(row["state"] == "hit" for row in rows)
+        spent = clock(record["seconds"] if "seconds" in record else time.time() - record["started"])
+        typer.echo(f"{state:<12}{record['id']}  {ready}/{len(rows)} nodes, {hits} hits, {spent}")
+        busy = [row["name"] for row in rows if row["state"] in ("running", "failed", "interrupted")]
+        if busy and state != "done":
+            typer.echo(f"{'':<12}at {', '.join(busy)}")

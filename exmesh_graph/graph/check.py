@@ -1,0 +1,377 @@
+"""Judging an expanded graph before anything runs: node types, ports, parameters, wires, facets, cycles, sources.
+
+The result is a `Checked` graph: every node with its validated parameters and its wires, in an order in which they
+can run. Facets that an output does not promise are left to the run (see `contracts`).
+"""
+
+from __future__ import annotations
+
+import heapq
+import importlib.metadata
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph.expand import Graph, Link, NodeSpec, expand
+from exmesh_graph.graph.node import NodeDef, Params
+from exmesh_graph.graph.packs import Packs
+from exmesh_graph.graph.ports import RESERVED, Port, Signature, signature
+from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.spec import Value, load_tree
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A node ready to run: definition, signature, parameters, wires by input port, source files by name."""
+
+    name: str
+    definition: NodeDef
+    signature: Signature
+    params: Params
+    inputs: Mapping[str, Link]
+    sources: Mapping[str, Path]
+    seed: int
+    where: Where
+
+    def wire(self, port: str) -> str:
+        """`views.train -> start.views`, for messages."""
+        link = self.inputs[port]
+        return f"{link.node}.{link.port} -> {self.name}.{port}"
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A graph without faults; `nodes` are in an order in which they can run."""
+
+    name: str
+    file: Path
+    nodes: Mapping[str, Bound]
+    outputs: Mapping[str, Link]
+    params: Mapping[str, Any]
+
+    def resolved(self) -> dict[str, Any]:
+        """The graph as plain JSON-like data, for the run record."""
+        nodes = {
+            name: {
+                "type": bound.definition.type,
+                "seed": bound.seed,
+                "params": bound.params.model_dump(mode="json"),
+                "inputs": {port: str(link) for port, link in bound.inputs.items()},
+            }
+            for name, bound in self.nodes.items()
+        }
+        outputs = {name: str(link) for name, link in self.outputs.items()}
+        return {"name": self.name, "params": _plain(self.params), "nodes": nodes, "outputs": outputs}
+
+    def needed_for(self, targets: Iterable[str]) -> set[str]:
+        """The names of `targets` and of everything upstream of them."""
+        needed: set[str] = set()
+        todo = list(targets)
+        while todo:
+            name = todo.pop()
+            if name not in needed:
+                needed.add(name)
+                todo += [link.node for link in self.nodes[name].inputs.values()]
+        return needed
+
+
+def check_file(path: Path, overrides: Iterable[str], packs: Packs) -> Checked:
+    """Load, expand and check a graph file. Raises GraphErrors with everything that is wrong at once."""
+    problems = Problems()
+    tree = load_tree(path, overrides, problems)
+    return check(expand(tree, problems), packs, problems)
+
+
+def check(graph: Graph, packs: Packs, problems: Problems | None = None) -> Checked:
+    """Check an expanded graph against the installed node types."""
+    return _Check(graph, packs, Problems() if problems is None else problems).run()
+
+
+@dataclass
+class _Check:
+    graph: Graph
+    packs: Packs
+    problems: Problems
+    signatures: dict[str, Signature] = field(default_factory=dict)
+    wires: dict[str, dict[str, tuple[Link, Where]]] = field(default_factory=dict)
+
+    def run(self) -> Checked:
+        for spec in self.graph.nodes.values():
+            self._type(spec)
+        nodes = {}
+        for name, spec in self.graph.nodes.items():
+            if name in self.signatures:
+                nodes[name] = self._node(spec)
+        outputs = self._outputs()
+        order = self._order()
+        self.problems.raise_if_any()
+        bound = {name: nodes[name] for name in order}
+        return Checked(self.graph.name, self.graph.file, bound, outputs, self.graph.params)
+
+    def _type(self, spec: NodeSpec) -> None:
+        definition = self.packs.types.get(spec.type)
+        if definition is None:
+            broken = "; ".join(f"{name}: {why}" for name, why in self.packs.broken.items())
+            self.problems.add(
+                "node-type", spec.where, f"{spec.name}: there is no node type {spec.type!r}",
+                nearest=nearest(spec.type, self.packs.types),
+                found=f"node modules that failed to import: {broken}" if broken else "",
+                fix="exmesh nodes lists all types",
+            )  # fmt: skip
+            return
+        try:
+            self.signatures[spec.name] = signature(definition)
+        except (TypeError, NameError) as error:
+            self.problems.add("declaration", spec.where, f"{spec.type} is declared wrongly: {error}")
+
+    def _node(self, spec: NodeSpec) -> Bound:
+        found = self.signatures[spec.name]
+        links: dict[str, Link] = {}
+        params: dict[str, Value] = {}
+        for key, value in spec.fields.items():
+            if key in found.inputs:
+                link = self._input(spec, found.inputs[key], value)
+                if link is not None:
+                    links[key] = link
+            elif key in found.params.model_fields:
+                params[key] = value
+            elif not value.inherited:
+                self._unknown(spec, found, key, value)
+        for name, port in found.inputs.items():
+            if not port.optional and name not in spec.fields:
+                self.problems.add(
+                    "missing-port", spec.where, f"{spec.name}: the input {name} is not connected",
+                    expected=str(port), nearest=self._suitable(port, spec.name), fix=f'{name}: "@node.port"',
+                )  # fmt: skip
+        model = self._params(spec, found, params)
+        definition = self.packs.types[spec.type]
+        self._libraries(spec, definition)
+        sources = {} if model is None else self._sources(spec, definition, model)
+        return Bound(spec.name, definition, found, model or Params(), links, sources, spec.seed, spec.where)
+
+    def _unknown(self, spec: NodeSpec, found: Signature, key: str, value: Value) -> None:
+        kind = "input port" if isinstance(value.value, Link) else "parameter"
+        first, second = (
+            (found.inputs, found.params.model_fields)
+            if kind == "input port"
+            else (found.params.model_fields, found.inputs)
+        )
+        names = nearest(key, [*first, *second]) or list(first)
+        reserved = f"; {key!r} is a word of the framework" if key in RESERVED else ""
+        self.problems.add(
+            "unknown-port" if kind == "input port" else "unknown-parameter", value.where,
+            f"{spec.name}: {spec.type} has no {kind} {key!r}{reserved}",
+            nearest=names, fix=f"exmesh nodes {spec.type}",
+        )  # fmt: skip
+
+    def _input(self, spec: NodeSpec, port: Port, value: Value) -> Link | None:
+        link = value.value
+        end = f"{spec.name}.{port.name} ({value.where})"
+        if link is None:
+            return None  # either null for an unused optional port, or a link already complained about
+        if not isinstance(link, Link):
+            self.problems.add(
+                "link", value.where, f"{spec.name}: {port.name} is an input port, not a parameter",
+                expected=f'a link "@node.port" that carries {port}', found=repr(link),
+                nearest=self._suitable(port, spec.name),
+            )  # fmt: skip
+            return None
+        source = self._source(link, value.where, end)
+        if source is None:
+            return None
+        wire = f"{link.node}.{link.port} ({self.graph.nodes[link.node].where}) -> {end}"
+        self.wires.setdefault(spec.name, {})[port.name] = (link, value.where)
+        if not issubclass(source.type, port.type):
+            self.problems.add(
+                "wrong-type", value.where, f"{link} does not fit {spec.name}.{port.name}",
+                wire=wire, expected=str(port), found=str(source), nearest=self._suitable(port, spec.name),
+            )  # fmt: skip
+        elif source.optional and not port.optional:
+            self.problems.add(
+                "maybe-absent", value.where, f"{link} may be absent, but {spec.name} needs it",
+                wire=wire, expected=str(port), found=f"{source} or nothing",
+            )  # fmt: skip
+        else:
+            for name, wanted in port.facets.items():
+                if name in source.facets and source.facets[name] != wanted:
+                    self.problems.add(
+                        "facet", value.where, f"{link} has {name}={source.facets[name]!r}",
+                        wire=wire, expected=str(port), found=str(source),
+                        nearest=self._suitable(port, spec.name),
+                    )  # fmt: skip
+        return link
+
+    def _source(self, link: Link, where: Where, end: str) -> Port | None:
+        if link.node not in self.graph.nodes:
+            names = [f"@{name}.{link.port}" for name in nearest(link.node, self.graph.nodes)]
+            self.problems.add(
+                "unknown-node", where, f"{link}: there is no node {link.node!r}",
+                wire=f"{link.node}.{link.port} (nowhere) -> {end}", nearest=names,
+            )  # fmt: skip
+            return None
+        if link.node not in self.signatures:
+            return None
+        outputs = self.signatures[link.node].outputs
+        if link.port not in outputs:
+            names = nearest(link.port, outputs) or list(outputs)
+            spec = self.graph.nodes[link.node]
+            self.problems.add(
+                "unknown-port", where, f"{link}: {spec.type} has no output {link.port!r}",
+                wire=f"{link.node}.{link.port} ({spec.where}) -> {end}",
+                expected=", ".join(f"{name}: {port}" for name, port in outputs.items()),
+                nearest=[f"@{link.node}.{name}" for name in names],
+            )  # fmt: skip
+            return None
+        return outputs[link.port]
+
+    def _suitable(self, port: Port, consumer: str) -> list[str]:
+        """Outputs that would fit, those of the consumer's own block first."""
+        fits = [
+            f"@{name}.{output.name}"
+            for name, found in self.signatures.items()
+            for output in found.outputs.values()
+            if name != consumer and issubclass(output.type, port.type)
+            and all(output.facets.get(key, value) == value for key, value in port.facets.items())
+        ]  # fmt: skip
+        prefix = "@" + consumer.rpartition(".")[0]
+        return sorted(fits, key=lambda name: not name.startswith(prefix))[:3]
+
+    def _params(self, spec: NodeSpec, found: Signature, given: Mapping[str, Value]) -> Params | None:
+        from pydantic import ValidationError
+
+        raw, failed = {}, False
+        for key, value in given.items():
+            if isinstance(value.value, Link):
+                self.problems.add("link", value.where, f"{spec.name}: {key} is a parameter, not an input port")
+                failed = True
+            raw[key] = value.value
+        if failed:
+            return None
+        try:
+            model = found.params.model_validate(raw)
+        except ValidationError as error:
+            for item in error.errors(include_url=False):
+                self._bad_value(spec, found, given, item)
+            return None
+        moved = {}
+        for key in found.path_fields() & set(given):
+            moved[key] = _absolute(getattr(model, key), given[key].base)
+        return model.model_copy(update=moved)
+
+    def _bad_value(self, spec: NodeSpec, found: Signature, given: Mapping[str, Value], item: Any) -> None:
+        path = [str(part) for part in item["loc"]]
+        key = path[0] if path else ""
+        where = given[key].where if key in given else spec.where
+        if item["type"] == "missing":
+            what = f"{spec.name}: the parameter {key} must be given"
+        else:
+            what = f"{spec.name}: {'.'.join(path) or spec.type}: {item['msg']}"
+        doc, unit = "", ""
+        if key in found.params.model_fields:
+            doc = found.params.model_fields[key].description or ""
+            unit = str(found.extra(key).get("unit") or "")
+        expected = " ".join(part for part in (doc, f"[{unit}]" if unit else "") if part)
+        shown = repr(given[key].value) if key in given else ""
+        self.problems.add("parameter", where, what, expected=expected, found=shown)
+
+    def _libraries(self, spec: NodeSpec, definition: NodeDef) -> None:
+        for library in definition.libraries:
+            try:
+                importlib.metadata.version(library)
+            except importlib.metadata.PackageNotFoundError:
+                self.problems.add(
+                    "missing-library", spec.where, f"{spec.name}: {spec.type} needs the library {library}",
+                    fix=f"pip install {library}",
+                )  # fmt: skip
+
+    def _sources(self, spec: NodeSpec, definition: NodeDef, model: Params) -> Mapping[str, Path]:
+        if definition.sources is None:
+            return {}
+        try:
+            files = {str(name): Path(path) for name, path in definition.sources(model).items()}
+        except ExmeshError as error:
+            self.problems.add(
+                "source", spec.where, f"{spec.name}: {error.what}", found=error.where,
+                expected=error.expected, fix=error.fix,
+            )  # fmt: skip
+            return {}
+        except OSError as error:
+            self.problems.add("source", spec.where, f"{spec.name}: {error}")
+            return {}
+        for name, path in files.items():
+            if PurePath(name).is_absolute():
+                what = f"{spec.type}: the source name {name!r} is an absolute path; keys must not hold any"
+                self.problems.add("declaration", spec.where, what)
+            elif not path.is_file():
+                self.problems.add("source", spec.where, f"{spec.name}: no such file: {path}")
+        return files
+
+    def _outputs(self) -> dict[str, Link]:
+        result = {}
+        for name, value in self.graph.outputs.items():
+            if isinstance(value.value, Link):
+                if self._source(value.value, value.where, f"outputs.{name} ({value.where})") is not None:
+                    result[name] = value.value
+            elif value.value is not None:
+                what = f"outputs.{name} must be a link"
+                self.problems.add("link", value.where, what, expected='"@node.port"', found=repr(value.value))
+        return result
+
+    def _order(self) -> list[str]:
+        """Topological order (Kahn), ties by the order of the file; what is left over holds a cycle."""
+        rank = {name: index for index, name in enumerate(self.graph.nodes)}
+        waits = {name: {link.node for link, _ in self.wires.get(name, {}).values()} for name in rank}
+        users: dict[str, list[str]] = {name: [] for name in rank}
+        for name, sources in waits.items():
+            for source in sources:
+                users[source].append(name)
+        ready = [rank[name] for name, sources in waits.items() if not sources]
+        heapq.heapify(ready)
+        names, order = list(rank), []
+        while ready:
+            name = names[heapq.heappop(ready)]
+            order.append(name)
+            for user in users[name]:
+                waits[user].discard(name)
+                if not waits[user]:
+                    heapq.heappush(ready, rank[user])
+        left = [name for name in rank if name not in set(order)]
+        if left:
+            self._report_cycle(left[0], waits)
+        return order
+
+    def _report_cycle(self, start: str, waits: Mapping[str, set[str]]) -> None:
+        path = [start]
+        while path[-1] not in path[:-1]:
+            path.append(min(waits[path[-1]]))
+        cycle = path[path.index(path[-1]) :]
+        text = " <- ".join(cycle)
+        self.problems.add("cycle", self.graph.nodes[cycle[0]].where, f"the nodes wait for each other: {text}")
+
+
+def _absolute(value: Any, base: Path) -> Any:
+    if isinstance(value, PurePath):
+        path = Path(value).expanduser()
+        return path if path.is_absolute() else Path(_normal(base / path))
+    if isinstance(value, list | tuple):
+        return type(value)(_absolute(item, base) for item in value)
+    if isinstance(value, dict):
+        return {key: _absolute(item, base) for key, item in value.items()}
+    return value
+
+
+def _normal(path: Path) -> str:
+    """Without `..`, but with symbolic links left as the user wrote them where that is possible."""
+    import os.path
+
+    return os.path.normpath(path) if not any(p.is_symlink() for p in path.parents) else str(path)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, PurePath) else value

@@ -1,0 +1,112 @@
+"""What must hold while a node runs: facets of its inputs, types and facets of its outputs, untouched inputs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.check import Bound
+from exmesh_graph.graph.expand import Link
+from exmesh_graph.graph.ports import Port
+from exmesh_graph.types import Artifact
+
+_SAMPLES = 4096
+
+
+def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str, Any]) -> None:
+    """Facets that the port asks for and the wire does not promise, measured on the value itself."""
+    open_facets = {k: v for k, v in bound.signature.inputs[port].facets.items() if k not in promised}
+    if not open_facets:
+        return
+    measured = value.facets()
+    for name, wanted in open_facets.items():
+        if measured.get(name) != wanted:
+            found = f"{name}={measured[name]!r}" if name in measured else f"no facet {name!r}"
+            raise GraphError(
+                f"the wire {bound.wire(port)} carries {value.type_name} with {found}",
+                where=str(bound.where),
+                expected=str(bound.signature.inputs[port]),
+                fix=f"put a node before {bound.name} whose output has {name}={wanted!r}",
+            )
+
+
+def outputs_of(bound: Bound, result: Any) -> dict[str, Artifact | None]:
+    """The values a node returned, by port; refuses wrong types and facets it promised but does not keep."""
+    ports = bound.signature.outputs
+    if not isinstance(result, tuple) or len(result) != len(ports):
+        raise GraphError(f"{bound.definition.type} returned {type(result).__name__}", expected=", ".join(ports))
+    values = dict(zip(ports, result, strict=True))
+    for name, value in values.items():
+        if value is None and ports[name].optional:
+            continue
+        if not isinstance(value, ports[name].type):
+            raise GraphError(
+                f"{bound.definition.type} returned {type(value).__name__} for its output {name}",
+                expected=str(ports[name]),
+            )
+        _check_promise(bound, ports[name], value)
+    return values
+
+
+def _check_promise(bound: Bound, port: Port, value: Artifact) -> None:
+    if not port.facets:
+        return
+    measured = value.facets()
+    for name, promised in port.facets.items():
+        if name in measured and measured[name] != promised:
+            raise GraphError(
+                f"{bound.definition.type} promises {port.name} with {name}={promised!r} "
+                f"but made one with {name}={measured[name]!r}",
+                fix="a fault of the node: mend it, or drop the promise from its annotation",
+            )
+
+
+def frozen(value: Any) -> Any:
+    """Make the arrays of a dataclass read-only, so that no node changes what another will read."""
+    for array in _arrays(value):
+        array.flags.writeable = False
+    return value
+
+
+def sample(inputs: Mapping[str, Artifact]) -> dict[str, int]:
+    """A cheap fingerprint of each input, to notice a node that writes into one behind numpy's back."""
+    return {port: hash(tuple(_sampled(array) for array in _arrays(value))) for port, value in inputs.items()}
+
+
+def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mapping[str, int]) -> None:
+    """Raise when a node changed an input in place: what it was keyed by is not what others would read."""
+    for port, mark in sample(inputs).items():
+        if mark != before[port]:
+            raise GraphError(
+                f"{bound.definition.type} changed its input {port} in place",
+                where=bound.wire(port),
+                fix="copy the array before changing it (np.array, torch.tensor)",
+            )
+
+
+def promised_by(link: Link, nodes: Mapping[str, Bound]) -> Mapping[str, Any]:
+    """The facets that the output at the far end of a wire promises."""
+    return nodes[link.node].signature.outputs[link.port].facets
+
+
+def _arrays(value: Any) -> list[Any]:
+    if not dataclasses.is_dataclass(value):
+        return []
+    found: list[Any] = []
+    todo = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    while todo:
+        item = todo.pop()
+        if hasattr(item, "flags") and hasattr(item, "tobytes"):
+            found.append(item)
+        elif isinstance(item, list | tuple):
+            todo += item
+        elif isinstance(item, dict):
+            todo += item.values()
+    return found
+
+
+def _sampled(array: Any) -> bytes:
+    flat = array.reshape(-1)
+    return bytes(flat[:: max(1, flat.size // _SAMPLES)].tobytes())

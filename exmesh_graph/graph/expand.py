@@ -1,0 +1,284 @@
+"""Unrolling `repeat` blocks and turning `@node.port` into links between full names.
+
+Round r of the node `refine` in the block `rounds` becomes `rounds[r].refine`, r = 1, 2, ... Inside a block the short
+names of its own nodes come first, then those of the enclosing blocks; `@carry.x` is the value carried into the
+round; outside, `@rounds.x` is the value after the last round (the first carried value where `repeat` is 0).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.graph.problems import Problems, Where, fail, nearest
+from exmesh_graph.graph.spec import BLOCK_KEYS, Tree, Value, _check_keys, _mapping, substitute
+from exmesh_graph.graph.yamlfile import Map
+
+MAX_ROUNDS = 1000
+MAX_NODES = 5000
+
+
+@dataclass(frozen=True)
+class Link:
+    """An output port of a node, by full names."""
+
+    node: str
+    port: str
+
+    def __str__(self) -> str:
+        return f"@{self.node}.{self.port}"
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """A node as written: values of `fields` are still unchecked; links are Link objects."""
+
+    name: str
+    type: str
+    fields: Mapping[str, Value]
+    where: Where
+    seed: int
+
+
+@dataclass(frozen=True)
+class Graph:
+    """An expanded graph: nodes by full name in the order of the file."""
+
+    name: str
+    file: Path
+    nodes: Mapping[str, NodeSpec]
+    outputs: Mapping[str, Value]
+    params: Mapping[str, Any]
+
+
+@dataclass
+class _Scope:
+    params: Mapping[str, Value]
+    prefix: str = ""
+    parent: _Scope | None = None
+    rounds: tuple[int, ...] = ()
+    nodes: dict[str, str | _Block] = field(default_factory=dict)
+    block: _Block | None = None
+
+    def chain(self) -> Iterator[_Scope]:
+        scope: _Scope | None = self
+        while scope is not None:
+            yield scope
+            scope = scope.parent
+
+
+class _Block:
+    """One unrolled repeat: knows what each round carries in, and what comes out in the end."""
+
+    def __init__(self, name: str, entry: Map, count: int, outer: _Scope, work: _Expansion) -> None:
+        self.name, self.entry, self.count, self.outer, self.work = name, entry, count, outer, work
+        self.carry = _mapping(entry, "carry", work.problems)
+        self.next = _mapping(entry, "next", work.problems)
+        self.scopes: list[_Scope] = []
+        self.known: dict[tuple[int, str], Link | None] = {}
+        for key in {**self.carry, **self.next}:
+            if (key in self.carry) != (key in self.next):
+                where = (self.carry if key in self.carry else self.next).lines[key]
+                lacks = "next" if key in self.carry else "carry"
+                work.problems.add("repeat", where, f"{name}: {key!r} is missing in {lacks}:")
+
+    def carried(self, rounds_done: int, key: str, where: Where) -> Link | None:
+        """The value of `key` after `rounds_done` rounds."""
+        if key not in self.carry or key not in self.next:
+            if (key in self.carry) == (key in self.next):
+                names = nearest(key, self.carry) or list(self.carry)
+                self.work.problems.add("repeat", where, f"{self.name} carries no {key!r}", nearest=names)
+            return None
+        for done in range(rounds_done + 1):
+            if (done, key) in self.known:
+                continue
+            self.known[done, key] = None  # a value that is defined by itself stays None
+            scope, source = (self.outer, self.carry) if done == 0 else (self.scopes[done - 1], self.next)
+            self.known[done, key] = self.work.link(source[key], scope, source.lines[key])
+        return self.known[rounds_done, key]
+
+
+@dataclass
+class _Expansion:
+    tree: Tree
+    problems: Problems
+    nodes: dict[str, NodeSpec] = field(default_factory=dict)
+    pending: list[tuple[str, Map, _Scope]] = field(default_factory=list)
+
+    def declare(self, nodes: Map, scope: _Scope) -> None:
+        """Give every node its full name before any link is resolved, so that links may point forwards."""
+        for name, entry in nodes.items():
+            where = nodes.lines[name]
+            if name == "carry":
+                self.problems.add("name", where, "a node cannot be called 'carry'")
+            if not isinstance(entry, Map):
+                self.problems.add("graph", where, f"node {name} must be a mapping", expected="{type: ..., ...}")
+            elif "repeat" in entry:
+                self._declare_block(name, entry, scope)
+            else:
+                if len(self.pending) >= MAX_NODES:
+                    fail("repeat", where, f"the graph unrolls to more than {MAX_NODES} nodes")
+                scope.nodes[name] = scope.prefix + name
+                self.pending.append((scope.prefix + name, entry, scope))
+
+    def _declare_block(self, name: str, entry: Map, scope: _Scope) -> None:
+        full = scope.prefix + name
+        _check_keys(entry, BLOCK_KEYS, f"the repeat block {full}", self.problems)
+        where = entry.lines["repeat"]
+        count = substitute(entry["repeat"], scope.params, where, self.problems).value
+        for override in self.tree.overrides:
+            if override.target == f"{_plain(full)}.repeat":
+                count, override.used, where = override.value, True, Where(None)
+        if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= MAX_ROUNDS:
+            expected = f"a whole number from 0 to {MAX_ROUNDS}"
+            self.problems.add("repeat", where, f"{full}: repeat is {count!r}", expected=expected)
+            count = 0
+        block = _Block(full, entry, count, scope, self)
+        scope.nodes[name] = block
+        inner = _mapping(entry, "nodes", self.problems)
+        for number in range(1, count + 1):
+            params = {
+                **scope.params,
+                "round": Value(number, where, where.base),
+                "rounds": Value(count, where, where.base),
+            }
+            child = _Scope(params, f"{full}[{number}].", scope, (*scope.rounds, number), block=block)
+            block.scopes.append(child)
+            self.declare(inner, child)
+
+    def finish(self) -> None:
+        """Build every declared node."""
+        for full, entry, scope in self.pending:
+            self._node(full, entry, scope)
+        for override in self.tree.overrides:
+            if not override.used:
+                self._unused(override.target)
+
+    def _node(self, full: str, entry: Map, scope: _Scope) -> None:
+        layers = [(entry, False)]
+        layers += [(patch, True) for patch in self._round_patches(full, entry, scope)]
+        kind: Value | None = None
+        replaced = False
+        raw: dict[str, tuple[Any, Where, bool]] = {}
+        for layer, is_patch in layers:
+            if "type" in layer:
+                kind = substitute(layer["type"], scope.params, layer.lines["type"], self.problems)
+                replaced = replaced or is_patch
+            for key, value in layer.items():
+                if key not in ("type", "every", "at", "doc"):
+                    raw[str(key)] = (value, layer.lines[key], is_patch)
+        fields = {}
+        for key, (value, where, is_patch) in raw.items():
+            found = self.value(value, scope, where)
+            fields[key] = Value(found.value, found.where, found.base, replaced and not is_patch)
+        kind = self._apply_overrides(full, fields, kind, scope)
+        if kind is None or not isinstance(kind.value, str):
+            names = "name: {type: data.blender, ...}"
+            self.problems.add("graph", entry.where, f"node {full} has no type", expected=names)
+            return
+        seed = self._seed(full, fields, scope)
+        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed)
+
+    def _round_patches(self, full: str, entry: Map, scope: _Scope) -> Iterator[Map]:
+        for key in ("every", "at"):
+            if key not in entry:
+                continue
+            where, patches = entry.lines[key], entry[key]
+            if not scope.rounds:
+                self.problems.add("repeat", where, f"{full}: {key}: is for nodes inside a repeat block")
+                continue
+            if not isinstance(patches, Map):
+                self.problems.add("repeat", where, f"{full}: {key}: maps rounds to settings", expected="{4: {...}}")
+                continue
+            for number in sorted(patches, key=lambda n: (str(type(n)), n)):
+                patch = patches[number]
+                if not isinstance(number, int) or number < 1 or not isinstance(patch, Map):
+                    self.problems.add(
+                        "repeat", patches.lines[number], f"{full}: {key}: {number!r} is not usable",
+                        expected="a round number from 1 and a mapping of settings",
+                    )  # fmt: skip
+                elif scope.rounds[-1] == number or (key == "every" and scope.rounds[-1] % number == 0):
+                    yield patch
+
+    def value(self, value: Any, scope: _Scope, where: Where) -> Value:
+        """Substitute parameters; a string that begins with one @ becomes a Link (`@@` is a literal @)."""
+        found = substitute(value, scope.params, where, self.problems)
+        text = found.value
+        if isinstance(text, str) and text.startswith("@@"):
+            return Value(text[1:], where, found.base)
+        if isinstance(text, str) and text.startswith("@"):
+            return Value(self.link(text, scope, where), where, found.base)
+        return found
+
+    def link(self, text: Any, scope: _Scope, where: Where) -> Link | None:
+        """The link that `@node.port` means in `scope`; None after a problem was noted."""
+        text = substitute(text, scope.params, where, self.problems).value
+        match = re.fullmatch(r"@([^@\s]+)\.([A-Za-z_]\w*)", text) if isinstance(text, str) else None
+        if match is None:
+            self.problems.add("link", where, f"{text!r} is not a link", expected='"@node.port"')
+            return None
+        node, port = match.groups()
+        for level in scope.chain():
+            if node == "carry" and level.block is not None:
+                return level.block.carried(level.rounds[-1] - 1, port, where)
+            target = level.nodes.get(node)
+            if isinstance(target, str):
+                return Link(target, port)
+            if target is not None:
+                return target.carried(target.count, port, where)
+        if node == "carry":
+            self.problems.add("link", where, f"{text}: there is no carried value outside a repeat block")
+            return None
+        return Link(node, port)
+
+    def _apply_overrides(self, full: str, fields: dict[str, Value], kind: Value | None, scope: _Scope) -> Value | None:
+        for override in self.tree.overrides:
+            target, _, key = override.target.rpartition(".")
+            if target not in (full, _plain(full)):
+                continue
+            override.used = True
+            here = Where(None)
+            if key == "type":
+                kind = Value(override.value, here, here.base)
+            else:
+                fields[key] = self.value(override.value, scope, here)
+        return kind
+
+    def _unused(self, target: str) -> None:
+        node, _, key = target.rpartition(".")
+        known = [_plain(name) for name, _, _ in self.pending]
+        names = [f"{name}.{key}" for name in nearest(node, known)]
+        self.problems.add("set", Where(None), f"--set {target}: there is no node {node!r}", nearest=names)
+
+    def _seed(self, full: str, fields: dict[str, Value], scope: _Scope) -> int:
+        seed = self.tree.seed
+        if "seed" in fields:
+            given = fields.pop("seed")
+            if isinstance(given.value, bool) or not isinstance(given.value, int) or given.value < 0:
+                self.problems.add("seed", given.where, f"{full}: seed must be a whole number >= 0")
+            else:
+                seed = given.value
+        if not scope.rounds:
+            return seed
+        text = ":".join(map(str, (seed, *scope.rounds)))
+        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
+
+
+def expand(tree: Tree, problems: Problems) -> Graph:
+    """Unroll all blocks and resolve all links. Problems are noted, not raised."""
+    work = _Expansion(tree, problems)
+    root = _Scope(tree.params)
+    work.declare(tree.nodes, root)
+    work.finish()
+    outputs = {name: work.value(value, root, tree.outputs.lines[name]) for name, value in tree.outputs.items()}
+    params = {name: value.value for name, value in tree.params.items()}
+    return Graph(tree.name, tree.file, work.nodes, outputs, params)
+
+
+def _plain(name: str) -> str:
+    """`rounds[3].refine` without its round: `rounds.refine`."""
+    return re.sub(r"\[\d+\]", "", name)

@@ -1,0 +1,144 @@
+"""Small, careful file operations: digests, durable writes, and a memo of the digests of source files."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+_RACY = 2_000_000_000  # ns: a file changed this recently may change again without a new time stamp
+
+
+def sha256_file(path: Path) -> str:
+    """sha256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sync(path: Path) -> None:
+    """Force a file or folder to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_durably(path: Path, text: str, work: Path) -> None:
+    """Replace `path` by `text` in one step: written in `work` (same file system), synced, renamed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = work / f"{path.name}.{os.getpid()}.{time.monotonic_ns()}"
+    temporary.write_text(text, encoding="utf-8")
+    sync(temporary)
+    os.replace(temporary, path)
+    sync(path.parent)
+
+
+def sealed(record: dict[str, Any]) -> str:
+    """JSON of `record` with a checksum of itself."""
+    return json.dumps({**record, "checksum": _checksum(record)}, sort_keys=True, indent=1, allow_nan=False) + "\n"
+
+
+def unseal(text: str) -> dict[str, Any]:
+    """What `sealed` wrote. Raises ValueError when anything in it was changed."""
+    record = json.loads(text)
+    if not isinstance(record, dict):
+        raise ValueError("the record is not a mapping")
+    checksum = record.pop("checksum", None)
+    if checksum != _checksum(record):
+        raise ValueError("the record's checksum does not fit")
+    return record
+
+
+def _checksum(record: dict[str, Any]) -> str:
+    text = json.dumps(record, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def walk_files(folder: Path) -> list[tuple[str, Path]]:
+    """(relative name with /, path) of all files below `folder`, sorted by name."""
+    found = [(path.relative_to(folder).as_posix(), path) for path in folder.rglob("*") if not path.is_dir()]
+    return sorted(found)
+
+
+class SourceDigests:
+    """Digests of source files, remembered by (device, inode, size, mtime, ctime) so that each is read once."""
+
+    def __init__(self, memo: Path | None, work: Path | None = None) -> None:
+        self.memo, self.work = memo, work
+        self.known: dict[str, str] = {}
+        self.changed = False
+        if memo is not None:
+            with contextlib.suppress(OSError, ValueError, KeyError):
+                self.known = dict(unseal(memo.read_text(encoding="utf-8"))["digests"])
+
+    def digest(self, path: Path) -> str:
+        """sha256 of the file's present contents."""
+        status = path.stat()
+        times = f"{status.st_mtime_ns}:{status.st_ctime_ns}"
+        key = f"{status.st_dev}:{status.st_ino}:{status.st_size}:{times}"
+        if key not in self.known:
+            value = sha256_file(path)
+            if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) < _RACY:
+                return value
+            self.known[key] = value
+            self.changed = True
+        return self.known[key]
+
+    def save(self) -> None:
+        """Keep the memo for the next process."""
+        if self.changed and self.memo is not None and self.work is not None:
+            write_durably(self.memo, sealed({"digests": self.known}), self.work)
+            self.changed = False
+
+
+@contextlib.contextmanager
+def own_folder(parent: Path) -> Iterator[Path]:
+    """A fresh folder below `parent`, locked while this process lives, and removed in the end."""
+    parent.mkdir(parents=True, exist_ok=True)
+    folder = parent / f"{os.getpid()}-{time.time_ns()}"
+    folder.mkdir()
+    lock = _locked(folder / "lock")
+    try:
+        yield folder
+    finally:
+        remove_tree(folder)
+        if lock is not None:
+            os.close(lock)
+
+
+def sweep_abandoned(parent: Path) -> None:
+    """Remove the folders of `own_folder` whose process is gone (its lock died with it)."""
+    for folder in parent.iterdir() if parent.is_dir() else ():
+        if time.time() - folder.stat().st_mtime < 5 and not (folder / "lock").exists():
+            continue  # being made right now
+        lock = _locked(folder / "lock")
+        if lock is not None:
+            remove_tree(folder)
+            os.close(lock)
+
+
+def _locked(path: Path) -> int | None:
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def remove_tree(folder: Path) -> None:
+    """Remove a folder, read-only files included; gone already is fine."""
+    import shutil
+
+    shutil.rmtree(folder, ignore_errors=True)

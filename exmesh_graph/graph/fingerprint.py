@@ -1,0 +1,327 @@
+"""The code fingerprint of a node: which source text its result depends on, without importing any of it.
+
+It covers the node function, the module-level definitions that the function uses (transitively, its Params and output
+classes included), and every project module that these import, transitively and also inside functions. Project modules
+are those of exmesh_graph (but for graph, cli and report, which cannot change a result) and of the node's own pack.
+Comments, docstrings, formatting, `param(...)` declarations (their values are in the key) and the `@node(...)`
+decorator do not count. Not seen: modules imported by a computed name, data files of a package (declare `code=` and
+`version=`, or make them sources), and installed libraries (declare `libraries=`).
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import importlib.util
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.node import NodeDef
+
+OWN = "exmesh_graph"
+IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.report")
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """The digest that goes into the key, and the parts it was made of: {module: digest}."""
+
+    digest: str
+    parts: dict[str, str]
+    modules: tuple[str, ...]
+
+
+def fingerprint(definition: NodeDef) -> Fingerprint:
+    """The code fingerprint of a node type, as its source files were when this process first looked."""
+    function = definition.function
+    return _fingerprint(function.__module__, function.__name__, definition.code)
+
+
+def sources_changed(definition: NodeDef) -> list[str]:
+    """Modules of the fingerprint whose files were edited since: what ran may not be what was fingerprinted."""
+    return [name for name in fingerprint(definition).modules if _module(name).stamp != _stamp(_module(name).path)]
+
+
+@functools.cache
+def _fingerprint(module: str, function: str, code: tuple[str, ...]) -> Fingerprint:
+    tops = frozenset({OWN, module.partition(".")[0]})
+    text, imports = _Slice(_module(module)).of(function)
+    parts = {f"{module}:{function}": _sha(text)}
+    for name in code:
+        if _find(name) is None:
+            raise GraphError(f"code={name!r} of the node {function} in {module} is no module")
+        imports.append((name, None))
+    tops |= {name.partition(".")[0] for name in code}
+    for name in _closure(imports, tops):
+        parts[name] = _module(name).digest
+    parts = dict(sorted(parts.items()))
+    digest = _sha("\n".join(f"{name} {part}" for name, part in parts.items()))
+    return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts})))
+
+
+Import = tuple[str, str | None]
+"""(module, name imported from it); None for `import module` and `from module import *`."""
+
+
+def _closure(imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
+    """The project modules reachable from `imports`."""
+    seen: set[Import] = set()
+    done: set[str] = set()
+    todo = list(imports)
+    while todo:
+        item = todo.pop()
+        if item in seen:
+            continue
+        seen.add(item)
+        name, attribute = item
+        if name.partition(".")[0] not in tops or any(name == i or name.startswith(i + ".") for i in IGNORED):
+            continue
+        if attribute and _find(f"{name}.{attribute}") is not None:
+            todo.append((f"{name}.{attribute}", None))
+            todo.append((name, ""))
+            continue
+        if "." in name:
+            todo.append((name.rpartition(".")[0], ""))
+        module = _module(name)
+        if module.exports is not None and attribute is not None:
+            if attribute in module.exports:
+                todo.append(module.exports[attribute])
+            if attribute == "" or attribute in module.exports:
+                continue
+        if name not in done:
+            done.add(name)
+            yield name
+            todo += module.imports
+
+
+@dataclass(frozen=True)
+class _Module:
+    name: str
+    tree: ast.Module
+    package: str
+    path: Path
+    stamp: tuple[int, int] | None
+
+    @functools.cached_property
+    def imports(self) -> list[Import]:
+        return list(_imports_in(self.tree, self.package))
+
+    @functools.cached_property
+    def digest(self) -> str:
+        return _sha(_normalised(self.tree))
+
+    @functools.cached_property
+    def exports(self) -> dict[str, Import] | None:
+        """{name: where it comes from} of a module that only re-exports, None for any other."""
+        found: dict[str, Import] = {}
+        for statement in self.tree.body:
+            if isinstance(statement, ast.Import | ast.ImportFrom):
+                if any(name is None for _, name in _imports_in(statement, self.package)):
+                    return None
+                if isinstance(statement, ast.ImportFrom):
+                    for alias, item in zip(statement.names, _imports_in(statement, self.package), strict=True):
+                        found[alias.asname or alias.name] = item
+            elif isinstance(statement, ast.Assign):
+                targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
+                if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
+                    return None
+            elif not _is_text(statement):
+                return None
+        return found
+
+
+@functools.cache
+def _module(name: str) -> _Module:
+    path = _find(name)
+    if path is None:
+        raise GraphError(f"the source of the module {name} cannot be found", fix="install it as plain .py files")
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    stamp = _stamp(path)
+    return _Module(name, ast.parse(path.read_bytes(), str(path)), package, path, stamp)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+@functools.cache
+def _find(name: str) -> Path | None:
+    """The source file of a module, found without importing it; None when there is none."""
+    top, _, rest = name.partition(".")
+    roots: list[str] = []
+    if top in sys.modules:
+        loaded = sys.modules[top]
+        file, roots = getattr(loaded, "__file__", None), list(getattr(loaded, "__path__", []))
+    else:
+        try:
+            spec = importlib.util.find_spec(top)
+        except (ImportError, ValueError):
+            spec = None
+        file = spec.origin if spec else None
+        roots = list(spec.submodule_search_locations or []) if spec else []
+    if not rest:
+        return Path(file) if file and file.endswith(".py") else None
+    for root in roots:
+        base = Path(root).joinpath(*rest.split("."))
+        for path in (base.with_name(base.name + ".py"), base / "__init__.py"):
+            if path.is_file():
+                return path
+    return None
+
+
+class _Slice:
+    """The part of a module that one of its functions depends on."""
+
+    def __init__(self, module: _Module) -> None:
+        self.module = module
+        self.binders: dict[str, list[int]] = {}
+        self.always: list[int] = []
+        for index, statement in enumerate(module.tree.body):
+            names = set(_bound_by(statement))
+            for name in names:
+                self.binders.setdefault(name, []).append(index)
+            if not names and not _is_text(statement):
+                self.always.append(index)
+
+    def of(self, function: str) -> tuple[str, list[Import]]:
+        """(normalised text, imports) of everything `function` uses."""
+        body = self.module.tree.body
+        if function not in self.binders:
+            raise GraphError(f"{self.module.name} has no function {function} at its top level")
+        chosen: set[int] = set()
+        todo = [*self.binders[function], *self.always]
+        while todo:
+            index = todo.pop()
+            if index in chosen:
+                continue
+            chosen.add(index)
+            for name in _used_by(body[index]):
+                todo += self.binders.get(name, [])
+        texts, imports = [], []
+        for index in sorted(chosen):
+            statement = body[index]
+            if isinstance(statement, ast.Import | ast.ImportFrom):
+                used = {name for i in chosen if i != index for name in _used_by(body[i])}
+                pairs = zip(statement.names, _imports_in(statement, self.module.package), strict=True)
+                for alias, item in pairs:
+                    if alias.name == "*" or (alias.asname or alias.name).partition(".")[0] in used:
+                        imports.append(item)
+                        texts.append(f"import {alias.asname or alias.name} {item}")
+            else:
+                texts.append(_normalised(statement))
+                imports += _imports_in(statement, self.module.package)
+        return "\n".join(texts), imports
+
+
+def _bound_by(statement: ast.stmt) -> Iterator[str]:
+    """Module-level names that a top-level statement defines or changes."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        yield statement.name
+        return
+    for item in ast.walk(statement):
+        if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield item.name
+        elif isinstance(item, ast.Import | ast.ImportFrom):
+            for alias in item.names:
+                yield (alias.asname or alias.name).partition(".")[0]
+        elif isinstance(item, ast.Name) and isinstance(item.ctx, ast.Store):
+            yield item.id
+        elif isinstance(item, ast.Attribute | ast.Subscript) and isinstance(item.ctx, ast.Store):
+            base: ast.expr = item
+            while isinstance(base, ast.Attribute | ast.Subscript):
+                base = base.value
+            if isinstance(base, ast.Name):
+                yield base.id
+
+
+def _used_by(statement: ast.stmt) -> Iterator[str]:
+    """Names a statement may refer to; a string that spells a name counts (quoted annotations, getattr)."""
+    for item in ast.walk(statement):
+        if isinstance(item, ast.Name):
+            yield item.id
+        elif isinstance(item, ast.Constant) and isinstance(item.value, str) and item.value.isidentifier():
+            yield item.value
+
+
+def _imports_in(tree: ast.AST, package: str) -> Iterator[Import]:
+    for item in ast.walk(tree):
+        if isinstance(item, ast.Import):
+            for alias in item.names:
+                yield alias.name, None
+        elif isinstance(item, ast.ImportFrom):
+            base = item.module or ""
+            if item.level:
+                parts = package.split(".")
+                parent = parts[: len(parts) - item.level + 1]
+                base = ".".join([*parent, base] if base else parent)
+            for alias in item.names:
+                yield base, None if alias.name == "*" else alias.name
+
+
+def _normalised(tree: ast.AST) -> str:
+    """A text of the syntax tree that does not change with comments, docstrings or the Python version."""
+    out: list[str] = []
+    _write(tree, out)
+    return "".join(out)
+
+
+_SKIPPED = frozenset({"ctx", "kind", "type_comment", "type_ignores"})
+
+
+def _write(node: object, out: list[str]) -> None:
+    if isinstance(node, ast.AST):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "param":
+            out.append("(param)")
+            return
+        out.append("(" + node.__class__.__name__)
+        for name in node._fields:
+            value = getattr(node, name, None)
+            if value is None or value == [] or name in _SKIPPED:
+                if value is None and name == "value" and isinstance(node, ast.Constant):
+                    out.append(" None")
+                continue
+            if name == "decorator_list":
+                value = [item for item in value if not _is_node_decorator(item)]
+            elif name == "body" and isinstance(value, list):
+                value = [item for item in value if not _is_text(item)]
+            if value:
+                out.append(" " + name + "=")
+                _write(value, out)
+            elif not isinstance(value, list):
+                out.append(f" {name}={value!r}")
+        out.append(")")
+    elif isinstance(node, list):
+        out.append("[")
+        for item in node:
+            _write(item, out)
+            out.append(",")
+        out.append("]")
+    else:
+        out.append(repr(node))
+
+
+def _is_text(statement: ast.AST) -> bool:
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+    )
+
+
+def _is_node_decorator(item: ast.AST) -> bool:
+    if not isinstance(item, ast.Call):
+        return False
+    name = item.func.attr if isinstance(item.func, ast.Attribute) else getattr(item.func, "id", "")
+    return name == "node"
+
+
+def _sha(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,0 +1,86 @@
+"""The key of an action: sha256 over the canonical JSON of everything that can change its result.
+
+    {epoch, type, version, code, params, seed, libraries, sources: {name: digest}, inputs: {port: [type, digest]}}
+
+Tuning parameters and paths stay out; the contents of the files behind the paths are in. Port names are bound to
+digests, so that swapped inputs give another key. The input digests are those of recorded outputs, so that equal
+outputs of an upstream change stop the cascade. Golden-key tests pin the format; raise EPOCH when it changes.
+"""
+
+from __future__ import annotations
+
+import enum
+import functools
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from exmesh_graph.errors import GraphError, MissingLibraryError
+from exmesh_graph.graph.check import Bound
+
+EPOCH = 1
+ABSENT = ("none", "none")
+
+
+def canonical(value: Any) -> str:
+    """Canonical JSON: sorted keys, no blanks, floats as hexadecimal; other types are refused."""
+    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
+def digest_of(value: Any) -> str:
+    """sha256 of the canonical JSON."""
+    return hashlib.sha256(canonical(value).encode("ascii")).hexdigest()
+
+
+def key_of(preimage: Mapping[str, Any]) -> str:
+    """The key that belongs to a pre-image, fresh or read back from a record."""
+    text = json.dumps(preimage, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return hashlib.sha256(b"exmesh.action\n" + text.encode("ascii")).hexdigest()
+
+
+def preimage_of(
+    bound: Bound, code: str, sources: Mapping[str, str], inputs: Mapping[str, tuple[str, str]]
+) -> dict[str, Any]:
+    """The pre-image of a node's key. `inputs` maps connected ports to (type name, artifact digest)."""
+    leave_out = bound.signature.path_fields() | bound.signature.tuning_fields()
+    params = bound.params.model_dump(mode="python")
+    kept = {name: value for name, value in params.items() if name not in leave_out}
+    return {
+        "epoch": EPOCH,
+        "type": bound.definition.type,
+        "version": bound.definition.version,
+        "code": code,
+        "params": _plain(kept),
+        "seed": bound.seed,
+        "libraries": {name: library_version(name) for name in sorted(bound.definition.libraries)},
+        "sources": dict(sorted(sources.items())),
+        "inputs": {port: list(pair) for port, pair in sorted(inputs.items())},
+    }
+
+
+@functools.cache
+def library_version(name: str) -> str:
+    """The version of an installed distribution."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        raise MissingLibraryError(f"the library {name} is not installed", fix=f"pip install {name}") from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, enum.Enum):
+        return _plain(value.value)
+    if value is None or isinstance(value, bool | str | int):
+        return value
+    if isinstance(value, float):
+        return {"~float": value.hex()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        return {("~" + key if key.startswith("~") else key): _plain(item) for key, item in value.items()}
+    raise GraphError(
+        f"a {type(value).__name__} cannot be part of a key",
+        expected="null, bool, int, float, str, lists and mappings of them",
+    )

@@ -1,0 +1,44 @@
+"""Finding node packs: every entry point of the group `exmesh.nodes` names a module or a package of modules."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import pkgutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from exmesh_graph.graph.node import REGISTRY, NodeDef
+
+GROUP = "exmesh.nodes"
+
+
+@dataclass
+class Packs:
+    """The node types at hand, and the modules that could not be imported: {module: why}."""
+
+    types: dict[str, NodeDef] = field(default_factory=dict)
+    broken: dict[str, str] = field(default_factory=dict)
+
+
+def load_packs() -> Packs:
+    """Import all installed node packs. A broken module is noted, so that graphs without it still run."""
+    broken: dict[str, str] = {}
+    for entry in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda e: (e.value, e.name)):
+        for module in _modules(entry.module, broken):
+            try:
+                importlib.import_module(module)
+            except Exception as error:
+                broken[module] = f"{type(error).__name__}: {error}"
+    return Packs(dict(sorted(REGISTRY.items())), broken)
+
+
+def _modules(name: str, broken: dict[str, str]) -> Iterator[str]:
+    try:
+        package = importlib.import_module(name)
+    except Exception as error:
+        broken[name] = f"{type(error).__name__}: {error}"
+        return
+    for info in pkgutil.iter_modules(getattr(package, "__path__", [])):
+        if not info.name.startswith("_"):
+            yield f"{name}.{info.name}"

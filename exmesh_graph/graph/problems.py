@@ -1,0 +1,124 @@
+"""Where a value was written, and everything that is wrong with a graph, collected before any of it is reported.
+
+Invariant: a check never stops at its first finding; `Problems.raise_if_any` reports all of them at once.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+
+from exmesh_graph.errors import GraphError
+
+
+@dataclass(frozen=True)
+class Where:
+    """A line of a graph file; `file` is None for the command line."""
+
+    file: Path | None
+    line: int = 0
+
+    def __str__(self) -> str:
+        if self.file is None:
+            return "command line"
+        shown = os.path.relpath(self.file)
+        return f"{self.file if shown.startswith('..' + os.sep + '..') else shown}:{self.line}"
+
+    @property
+    def base(self) -> Path:
+        """The folder that relative paths written here start from."""
+        return Path.cwd() if self.file is None else self.file.parent
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong: code, place, both ends of the wire, expected and found, candidates, fix."""
+
+    code: str
+    where: Where
+    what: str
+    wire: str = ""
+    expected: str = ""
+    found: str = ""
+    nearest: tuple[str, ...] = ()
+    fix: str = ""
+    rounds: int = 1
+
+    def __str__(self) -> str:
+        more = f" (and in {self.rounds - 1} more rounds)" if self.rounds > 1 else ""
+        lines = [f"{self.where}: [{self.code}] {self.what}{more}"]
+        for label in ("wire", "expected", "found"):
+            text = getattr(self, label)
+            if text:
+                lines.append(f"    {label}: {text}")
+        if self.nearest:
+            lines.append(f"    nearest: {', '.join(self.nearest)}")
+        if self.fix:
+            lines.append(f"    fix: {self.fix}")
+        return "\n".join(lines)
+
+
+class GraphErrors(GraphError):
+    """Every problem of a graph at once."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+@dataclass
+class Problems:
+    """A growing list of problems; the same finding in several unrolled rounds is kept once, with a count."""
+
+    found: dict[tuple[str, ...], Problem] = field(default_factory=dict)
+
+    def add(
+        self,
+        code: str,
+        where: Where,
+        what: str,
+        *,
+        wire: str = "",
+        expected: str = "",
+        found: str = "",
+        nearest: Iterable[str] = (),
+        fix: str = "",
+    ) -> None:
+        """Note one problem."""
+        problem = Problem(code, where, what, wire, expected, found, tuple(nearest), fix)
+        key = (code, str(where), _without_rounds(what))
+        if key in self.found:
+            seen = self.found[key]
+            problem = Problem(**{**vars(seen), "rounds": seen.rounds + 1})
+        self.found[key] = problem
+
+    def __bool__(self) -> bool:
+        return bool(self.found)
+
+    def raise_if_any(self) -> None:
+        """Raise GraphErrors with all problems, in the order of the file."""
+        if self.found:
+            order = sorted(self.found.values(), key=lambda p: (str(p.where.file), p.where.line))
+            raise GraphErrors(order)
+
+
+def fail(code: str, where: Where, what: str, *, expected: str = "", fix: str = "") -> NoReturn:
+    """Raise at once: for files so broken that nothing after this place can be judged."""
+    raise GraphErrors([Problem(code, where, what, expected=expected, fix=fix)])
+
+
+def nearest(name: str, candidates: Iterable[str], count: int = 3) -> list[str]:
+    """The candidates that look most like `name`, best first."""
+    names = list(dict.fromkeys(candidates))
+    close = difflib.get_close_matches(name, names, n=count, cutoff=0.55)
+    tails = [c for c in names if c.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1] and c not in close]
+    return (close + tails)[:count]
+
+
+def _without_rounds(text: str) -> str:
+    return re.sub(r"\[\d+\]", "[]", text)

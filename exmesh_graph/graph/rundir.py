@@ -1,0 +1,139 @@
+"""The folder of one run: runs/<id>/ with run.json, events.jsonl, published outputs, and failure.json after a failure.
+
+A published artifact is a copy, so that editing it cannot touch the store. A Files artifact published under the name
+`asset` lies directly in runs/<id>/; anything else in runs/<id>/<name>/.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import platform
+import shutil
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import exmesh_graph
+from exmesh_graph.errors import StoreError
+from exmesh_graph.graph.store import Store, Stored
+from exmesh_graph.types import Files
+
+OWN_FILES = ("run.json", "events.jsonl", "failure.json", "report.json", "report.html")
+
+
+class RunFolder:
+    """A new folder below `runs`; `latest` points to it."""
+
+    def __init__(self, runs: Path, graph_name: str) -> None:
+        runs.mkdir(parents=True, exist_ok=True)
+        stem = time.strftime("%Y%m%d-%H%M%S") + "-" + "".join(c if c.isalnum() else "-" for c in graph_name)
+        for number in range(1, 1000):
+            self.path = runs.absolute() / (stem if number == 1 else f"{stem}-{number}")
+            try:
+                self.path.mkdir()
+                break
+            except FileExistsError:
+                continue
+        self.id = self.path.name
+        self._events = (self.path / "events.jsonl").open("a", encoding="utf-8")
+        fcntl.flock(self._events, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held while the run lives; see is_alive
+        pointer = runs / f".latest-{os.getpid()}"
+        pointer.unlink(missing_ok=True)
+        pointer.symlink_to(self.id)
+        os.replace(pointer, runs / "latest")
+
+    def event(self, event: Mapping[str, Any]) -> None:
+        """Append one line to events.jsonl."""
+        self._events.write(json.dumps(event, default=str) + "\n")
+        self._events.flush()
+
+    def write(self, name: str, value: Mapping[str, Any]) -> None:
+        """Replace a JSON file of the run."""
+        draft = self.path / f".{name}.draft"
+        draft.write_text(json.dumps(value, indent=1, default=str) + "\n", encoding="utf-8")
+        os.replace(draft, self.path / name)
+
+    def publish(self, name: str, stored: Stored, store: Store) -> Path:
+        """Copy an artifact into the run's folder; returns the path a user opens."""
+        doubt = store.doubt(stored.digest)
+        if doubt is not None:
+            raise StoreError(f"the output {name} cannot be published: {doubt}", fix="run again; then exmesh verify")
+        source, main = store.data(stored.digest), ""
+        if (source / "main.json").is_file() and (source / "files").is_dir():
+            main = Files.load(source).main
+            source = source / "files"
+        target = self.path if name == "asset" and source.name == "files" else self.path / name
+        clash = sorted({path.name for path in source.iterdir()} & set(OWN_FILES))
+        if target == self.path and clash:
+            raise StoreError(f"the output {name} holds {', '.join(clash)}, a name that the run itself uses")
+        shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
+        return target / main if main else target
+
+    def close(self) -> None:
+        """Let go of the events file."""
+        self._events.close()
+
+
+def is_alive(run: Path) -> bool:
+    """Whether the process that writes this run folder still lives."""
+    try:
+        with (run / "events.jsonl").open("r+", encoding="utf-8") as events:
+            fcntl.flock(events, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def machine_facts() -> dict[str, Any]:
+    """Versions and hardware of this process; looks at torch only where it is loaded already."""
+    facts: dict[str, Any] = {
+        "exmesh_graph": exmesh_graph.__version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processor": _processor(),
+        "cpus": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
+    }
+    torch = sys.modules.get("torch")
+    if torch is not None and hasattr(torch, "__version__"):
+        facts["torch"] = str(torch.__version__)
+        if torch.cuda.is_available():
+            facts["gpu"] = torch.cuda.get_device_name()
+    return facts
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor()
+
+
+def reset_peak_memory() -> None:
+    """Start a new peak for `peak_memory`, where the system allows it (Linux)."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    except OSError:
+        return
+
+
+def peak_memory() -> int:
+    """Peak resident bytes since `reset_peak_memory` (since the process began where that is not possible)."""
+    try:
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

@@ -1,0 +1,269 @@
+"""A graph file as one tree: `extends` merged, command-line overrides sorted, `${name}` values at hand.
+
+Pipeline of a graph: `load_tree` (here) -> `expand` (unroll repeats, resolve links) -> `check` (types, parameters).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.graph.problems import Problems, Where, fail, nearest
+from exmesh_graph.graph.yamlfile import Map, load_yaml, parse_yaml
+
+TOP_KEYS = ("name", "doc", "extends", "params", "seed", "nodes", "outputs")
+BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
+_REFERENCE = re.compile(r"\$\$\{|\$\{([^{}]*)\}")
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value of a graph file, where it was written, and the folder its relative paths start from.
+
+    `inherited` marks what a round took over from the entry whose type it replaced.
+    """
+
+    value: Any
+    where: Where
+    base: Path
+    inherited: bool = False
+
+
+@dataclass
+class Override:
+    """One `--set target=value`; `target` is a graph parameter, `seed`, `node.key` or `block.repeat`."""
+
+    target: str
+    value: Any
+    used: bool = False
+
+
+@dataclass
+class Tree:
+    """A merged graph file before expansion."""
+
+    name: str
+    file: Path
+    nodes: Map
+    outputs: Map
+    seed: int
+    params: dict[str, Value]
+    overrides: list[Override] = field(default_factory=list)
+
+
+def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
+    """Read `path` with everything it extends, and apply the overrides that concern graph-level values."""
+    path = path.absolute()
+    merged = _load_merged(path, [])
+    root = Where(path, 1)
+    _check_keys(merged, TOP_KEYS, "the graph", problems)
+    nodes = _mapping(merged, "nodes", problems)
+    if not nodes and not problems:
+        fail("graph", root, "the graph has no nodes", expected="nodes: {name: {type: ...}, ...}")
+    sets = [_override(text) for text in overrides]
+    params = _mapping(merged, "params", problems)
+    scope = {name: Value(v, params.lines[name], params.lines[name].base) for name, v in params.items()}
+    seed = merged.get("seed", 0)
+    for override in sets:
+        if override.target in scope:
+            here = Where(None)
+            scope[override.target] = Value(override.value, here, here.base)
+        elif override.target == "seed":
+            seed = override.value
+        elif "." in override.target:
+            continue
+        else:
+            names = nearest(override.target, [*scope, "seed"])
+            problems.add("set", Where(None), f"the graph has no parameter {override.target!r}", nearest=names)
+        override.used = True
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**31:
+        problems.add("seed", merged.lines.get("seed", root), f"seed must be a whole number >= 0, not {seed!r}")
+        seed = 0
+    name = str(merged.get("name", path.stem))
+    outputs = _mapping(merged, "outputs", problems)
+    return Tree(name, path, nodes, outputs, seed, _resolve_params(scope, problems), sets)
+
+
+def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: Problems) -> Value:
+    """Replace `${name}` in strings, lists and mappings; a string that is nothing but `${name}` keeps the type.
+
+    Relative paths start where the leading `${name}` was written, otherwise at the file of the string itself.
+    `$${` stands for a literal `${`.
+    """
+    if isinstance(value, Map | dict):
+        items = {key: substitute(item, scope, where, problems).value for key, item in value.items()}
+        return Value(items, where, where.base)
+    if isinstance(value, list):
+        return Value([substitute(item, scope, where, problems).value for item in value], where, where.base)
+    if not isinstance(value, str) or "${" not in value:
+        return Value(value, where, where.base)
+
+    def look_up(name: str) -> Value:
+        if name not in scope:
+            problems.add("param", where, f"${{{name}}} is not a parameter here", nearest=nearest(name, scope))
+            return Value("", where, where.base)
+        return scope[name]
+
+    whole = _REFERENCE.fullmatch(value)
+    if whole and whole.group(1) is not None:
+        found = look_up(whole.group(1))
+        return Value(found.value, where, found.base)
+    first = _REFERENCE.match(value)
+    base = where.base
+    if first and first.group(1) in scope:
+        base = scope[first.group(1)].base
+
+    def replace(match: re.Match[str]) -> str:
+        if match.group(1) is None:
+            return "${"
+        inner = look_up(match.group(1)).value
+        return str(inner).lower() if isinstance(inner, bool) else str(inner)
+
+    return Value(_REFERENCE.sub(replace, value), where, base)
+
+
+def _load_merged(path: Path, chain: list[Path]) -> Map:
+    if path in chain:
+        names = " -> ".join(p.name for p in [*chain, path])
+        fail("extends", Where(chain[-1], 1), f"the files extend each other: {names}")
+    child = load_yaml(path)
+    if "extends" not in child:
+        return child
+    where = child.lines["extends"]
+    if not isinstance(child["extends"], str):
+        fail("extends", where, "extends names one graph file", expected="extends: other.yaml")
+    base_path = Path(child["extends"]).expanduser()
+    base_path = base_path if base_path.is_absolute() else path.parent / base_path
+    if not base_path.is_file():
+        fail("extends", where, f"no such graph file: {child['extends']}")
+    base = _load_merged(base_path.resolve(), [*chain, path])
+    result = base.copy()
+    for key, value in child.items():
+        if key == "nodes" and isinstance(value, Map) and isinstance(base.get(key), Map):
+            value = _merge_nodes(base[key], value)
+        elif key in ("params", "outputs") and isinstance(value, Map) and isinstance(base.get(key), Map):
+            value = _merge_plain(base[key], value)
+        result.put(key, value, child.lines[key])
+    if "name" not in child:
+        result.put("name", path.stem, where)
+    return result
+
+
+def _merge_nodes(base: Map, child: Map) -> Map:
+    result = base.copy()
+    for name, entry in child.items():
+        where = child.lines[name]
+        if entry is None:
+            if name not in base:
+                names = ", ".join(nearest(str(name), map(str, base)))
+                fail("extends", where, f"cannot remove {name!r}: the base has no such node", expected=names)
+            del result[name]
+            continue
+        old = base.get(name)
+        if isinstance(entry, Map) and isinstance(old, Map) and _patches(entry, old):
+            entry = _merge_entry(old, entry)
+        elif name not in base and isinstance(entry, Map) and not {"type", "repeat"} & set(entry):
+            names = ", ".join(nearest(str(name), map(str, base)))
+            fail("extends", where, f"{name!r} has no type, and the base has no such node", expected=names)
+        result.put(name, entry, where)
+    return result
+
+
+def _patches(entry: Map, old: Map) -> bool:
+    return "type" not in entry and ("repeat" not in entry or "repeat" in old)
+
+
+def _merge_entry(base: Map, child: Map) -> Map:
+    result = base.copy()
+    for key, value in child.items():
+        old = base.get(key)
+        if isinstance(value, Map) and isinstance(old, Map):
+            if key == "nodes":
+                value = _merge_nodes(old, value)
+            elif key in ("every", "at"):
+                value = _merge_rounds(old, value)
+            elif key in ("carry", "next"):
+                value = _merge_plain(old, value)
+        result.put(key, value, child.lines[key])
+    return result
+
+
+def _merge_rounds(base: Map, child: Map) -> Map:
+    result = base.copy()
+    for key, value in child.items():
+        old = base.get(key)
+        if isinstance(value, Map) and isinstance(old, Map) and "type" not in value:
+            value = _merge_plain(old, value)
+        result.put(key, value, child.lines[key])
+    return result
+
+
+def _merge_plain(base: Map, child: Map) -> Map:
+    result = base.copy()
+    for key, value in child.items():
+        result.put(key, value, child.lines[key])
+    return result
+
+
+def _override(text: str) -> Override:
+    target, equals, value = text.partition("=")
+    if not equals or not target.strip():
+        fail("set", Where(None), f"cannot read --set {text!r}", expected="--set name=value or --set node.param=value")
+    return Override(target.strip(), parse_yaml(value, None))
+
+
+def _resolve_params(raw: Mapping[str, Value], problems: Problems) -> dict[str, Value]:
+    done: dict[str, Value] = {}
+
+    def resolve(name: str, chain: tuple[str, ...]) -> Value:
+        if name in chain:
+            names = " -> ".join([*chain, name])
+            fail("param", raw[name].where, f"the parameters refer to each other: {names}")
+        if name not in done:
+            used = [n for n in _names_in(raw[name].value) if n in raw]
+            scope = {n: resolve(n, (*chain, name)) for n in used}
+            done[name] = _keep_base(substitute(raw[name].value, scope, raw[name].where, problems), raw[name])
+        return done[name]
+
+    for name in raw:
+        resolve(name, ())
+    return done
+
+
+def _keep_base(value: Value, raw: Value) -> Value:
+    refers = isinstance(raw.value, str) and raw.value.startswith("${")
+    return value if refers else Value(value.value, value.where, raw.base)
+
+
+def _names_in(value: Any) -> list[str]:
+    if isinstance(value, str):
+        return [name for name in _REFERENCE.findall(value) if name]
+    if isinstance(value, dict):
+        return [name for item in value.values() for name in _names_in(item)]
+    return [name for item in value for name in _names_in(item)] if isinstance(value, list) else []
+
+
+def _mapping(tree: Map, key: str, problems: Problems) -> Map:
+    value = tree.get(key)
+    where = tree.lines.get(key, tree.where)
+    if value is None:
+        return Map(where)
+    if not isinstance(value, Map):
+        problems.add("graph", where, f"{key}: must be a mapping", found=repr(value))
+        return Map(where)
+    for name in value:
+        if not isinstance(name, str) or not _NAME.match(name):
+            problems.add("name", value.lines[name], f"{name!r} is not a name", expected="letters, digits, _ and -")
+    return value
+
+
+def _check_keys(tree: Map, known: tuple[str, ...], what: str, problems: Problems) -> None:
+    for key in tree:
+        if key not in known:
+            problems.add(
+                "key", tree.lines[key], f"{what} has no key {key!r}", nearest=nearest(str(key), known) or known
+            )

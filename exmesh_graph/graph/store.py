@@ -1,0 +1,251 @@
+"""The artifact store: content-addressed objects and the records of the actions that made them.
+
+    objects/ab/<digest>/data/...        the artifact's files, read-only
+    objects/ab/<digest>/artifact.json   {type, digest, files: {name: [bytes, sha256]}}, written last
+    actions/ab/<key>.json               {key, preimage, outputs: {port: {type, digest, bytes}}, ...}, with a checksum
+    work/<attempt>/                     everything unfinished;  quarantine/  everything doubtful
+
+Invariants: an object or record is visible only when complete (written in work/, synced, renamed). Any doubt on
+reading moves the thing to quarantine and counts as a miss; nothing doubtful is ever served. No pickle.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.errors import StoreError
+from exmesh_graph.graph import files
+from exmesh_graph.graph.keys import ABSENT, digest_of, key_of
+from exmesh_graph.types import Artifact
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An artifact in the store; (`none`, `none`, 0) stands for an optional output that stayed empty."""
+
+    type: str
+    digest: str
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Action:
+    """A record read back and found sound."""
+
+    key: str
+    preimage: Mapping[str, Any]
+    outputs: Mapping[str, Stored]
+    info: Mapping[str, Any]
+
+
+NOTHING = Stored(*ABSENT, 0)
+
+
+class Store:
+    """A store in a folder. Opening it is cheap; the folder is made by the first write."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.absolute()
+        self.work = self.root / "work"
+        self.notes: list[str] = []
+        self.sources = files.SourceDigests(self.root / "sources.json", self.work)
+
+    @contextlib.contextmanager
+    def attempt(self) -> Iterator[Path]:
+        """A work folder on the store's file system, removed afterwards."""
+        with files.own_folder(self.work) as folder:
+            yield folder
+
+    def sweep(self) -> None:
+        """Remove what killed processes left in work/."""
+        files.sweep_abandoned(self.work)
+
+    def put(self, value: Artifact, attempt: Path) -> Stored:
+        """Write an artifact and return where it is. Equal bytes are kept once."""
+        draft = attempt / f"object-{time.monotonic_ns()}"
+        data = draft / "data"
+        data.mkdir(parents=True)
+        value.save(data)
+        table: dict[str, list[Any]] = {}
+        for name, path in files.walk_files(data):
+            if path.is_symlink() or not path.is_file():
+                raise StoreError(f"{type(value).__name__}.save wrote {name}, which is not a plain file")
+            path.chmod(0o444)
+            files.sync(path)
+            table[name] = [path.stat().st_size, files.sha256_file(path)]
+        digest = artifact_digest(value.type_name, table)
+        head = {"format": FORMAT, "type": value.type_name, "digest": digest, "files": table}
+        note = draft / "artifact.json"
+        note.write_text(files.sealed(head), encoding="utf-8")
+        files.sync(note)
+        files.sync(draft)
+        stored = Stored(value.type_name, digest, sum(size for size, _ in table.values()))
+        self._publish(draft, digest)
+        return stored
+
+    def _publish(self, draft: Path, digest: str) -> None:
+        target = self._object(digest)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists() and not self.holds(digest):
+            self._quarantine(target, "found broken when the same artifact was written again")
+        try:
+            os.rename(draft, target)
+        except OSError:
+            if not self.holds(digest):
+                raise
+            files.remove_tree(draft)
+        files.sync(target.parent)
+
+    def holds(self, digest: str) -> bool:
+        """Whether the object is there, with all its files at their sizes."""
+        return self._head(digest) is not None
+
+    def type_of(self, digest: str) -> str | None:
+        """The type name of an object, None when it is not sound."""
+        head = self._head(digest)
+        return None if head is None else str(head["type"])
+
+    def data(self, digest: str) -> Path:
+        """The folder of an object's files."""
+        return self._object(digest) / "data"
+
+    def load(self, kind: type[Artifact], digest: str) -> Artifact | None:
+        """Read an artifact back, its bytes verified; None (and quarantine) when there is any doubt."""
+        reason = self.doubt(digest)
+        if reason is None:
+            try:
+                return kind.load(self.data(digest))
+            except Exception as error:
+                reason = f"{kind.type_name} cannot be read: {error}"
+        if self._object(digest).exists():
+            self._quarantine(self._object(digest), reason)
+        return None
+
+    def doubt(self, digest: str) -> str | None:
+        """Why an object cannot be trusted, with all bytes read; None when it can."""
+        head = self._head(digest)
+        if head is None:
+            return "incomplete"
+        for name, (_, expected) in head["files"].items():
+            if files.sha256_file(self.data(digest) / name) != expected:
+                return f"{name} has other bytes than were stored"
+        if artifact_digest(head["type"], head["files"]) != digest:
+            return "the table of files does not belong to this object"
+        return None
+
+    def _head(self, digest: str) -> dict[str, Any] | None:
+        folder = self._object(digest)
+        try:
+            head = files.unseal((folder / "artifact.json").read_text(encoding="utf-8"))
+            if head["digest"] != digest or head["format"] != FORMAT:
+                return None
+            found = {name: path.lstat().st_size for name, path in files.walk_files(folder / "data")}
+            return head if found == {name: size for name, (size, _) in head["files"].items()} else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def record(self, preimage: Mapping[str, Any], outputs: Mapping[str, Stored], info: Mapping[str, Any]) -> str:
+        """Write the record of an action whose outputs are all in the store; an older one is replaced."""
+        key = key_of(preimage)
+        table = {port: asdict(stored) for port, stored in outputs.items()}
+        record = {"format": FORMAT, "key": key, "preimage": dict(preimage), "outputs": table, **info}
+        self.work.mkdir(parents=True, exist_ok=True)
+        files.write_durably(self._action(key), files.sealed(record), self.work)
+        return key
+
+    def look_up(self, key: str) -> Action | None:
+        """The sound record of `key` whose outputs are all there, or None."""
+        path = self._action(key)
+        action = self._read(path)
+        if action is None:
+            return None
+        for stored in action.outputs.values():
+            if stored.digest != NOTHING.digest and not self.holds(stored.digest):
+                if self._object(stored.digest).exists():
+                    self._quarantine(self._object(stored.digest), "incomplete")
+                self._quarantine(path, f"its output {stored.digest} is missing or incomplete")
+                return None
+        return action
+
+    def _read(self, path: Path) -> Action | None:
+        if not path.exists():
+            return None
+        try:
+            record = files.unseal(path.read_text(encoding="utf-8"))
+            outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
+            key, preimage = record.pop("key"), record.pop("preimage")
+            if key != path.stem or key_of(preimage) != key or record.pop("format") != FORMAT:
+                raise ValueError("the key does not belong to the pre-image")
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            self._quarantine(path, str(error))
+            return None
+        return Action(key, preimage, outputs, record)
+
+    def actions(self, node_type: str) -> Iterator[Action]:
+        """All sound records of a node type, newest first."""
+        mark = json.dumps({"type": node_type})[1:-1]
+        paths = [(path.stat().st_mtime_ns, path) for path in (self.root / "actions").glob("*/*.json")]
+        for _, path in sorted(paths, reverse=True):
+            with contextlib.suppress(OSError):
+                if mark in path.read_text(encoding="utf-8"):
+                    action = self._read(path)
+                    if action is not None and action.preimage["type"] == node_type:
+                        yield action
+
+    def verify(self) -> Iterator[tuple[str, str]]:
+        """Re-hash everything; yields (what, why) of each thing that went to quarantine."""
+        for folder in sorted((self.root / "objects").glob("*/*")):
+            reason = self.doubt(folder.name)
+            if reason is not None:
+                self._quarantine(folder, reason)
+                yield f"object {folder.name}", reason
+        for path in sorted((self.root / "actions").glob("*/*.json")):
+            if self._read(path) is None or self.look_up(path.stem) is None:
+                yield f"action {path.stem}", self.notes[-1]
+
+    def count(self) -> tuple[int, int]:
+        """(objects, actions) in the store."""
+        objects = sum(1 for _ in (self.root / "objects").glob("*/*"))
+        return objects, sum(1 for _ in (self.root / "actions").glob("*/*.json"))
+
+    def _quarantine(self, path: Path, reason: str) -> None:
+        self.notes.append(f"{path.relative_to(self.root)} moved to quarantine: {reason}")
+        home = self.root / "quarantine"
+        home.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            os.rename(path, home / f"{path.name}.{time.time_ns()}")
+
+    def _object(self, digest: str) -> Path:
+        return self.root / "objects" / digest[:2] / digest
+
+    def _action(self, key: str) -> Path:
+        return self.root / "actions" / key[:2] / f"{key}.json"
+
+
+def artifact_digest(type_name: str, table: Mapping[str, Any]) -> str:
+    """sha256 over type name and sorted (file name, size, sha256 of its bytes)."""
+    rows = [[name, size, digest] for name, (size, digest) in sorted(table.items())]
+    return digest_of(["exmesh.artifact", type_name, rows])
+
+
+def artifact_types() -> dict[str, type[Artifact]]:
+    """{type name: class} of every artifact class that was imported."""
+    found: dict[str, type[Artifact]] = {}
+    todo: list[type[Artifact]] = [Artifact]
+    while todo:
+        kind = todo.pop()
+        if "type_name" in vars(kind) and kind is not Artifact:
+            if kind.type_name in found and found[kind.type_name].__qualname__ != kind.__qualname__:
+                raise StoreError(f"two artifact classes are called {kind.type_name!r}")
+            found[kind.type_name] = kind
+        todo += kind.__subclasses__()
+    return found

@@ -1,0 +1,159 @@
+"""YAML 1.2 into plain values that remember their lines.
+
+Only mappings, lists, strings, numbers, booleans and null come out; any other tag is refused, so that a graph file
+cannot run code. Duplicate keys are refused. The number of values is bounded, so that aliases cannot explode.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.graph.problems import Where, fail
+
+MAX_VALUES = 100_000
+_TAG = "tag:yaml.org,2002:"
+
+
+class Map(dict[Any, Any]):
+    """A mapping that knows where it, and each of its keys, was written."""
+
+    def __init__(self, where: Where) -> None:
+        super().__init__()
+        self.where = where
+        self.lines: dict[Any, Where] = {}
+
+    def put(self, key: Any, value: Any, where: Where) -> None:
+        """Set `key`, remembering where it was written."""
+        self[key] = value
+        self.lines[key] = where
+
+    def copy(self) -> Map:
+        """A shallow copy with the same places."""
+        other = Map(self.where)
+        other.update(self)
+        other.lines = dict(self.lines)
+        return other
+
+
+def load_yaml(path: Path) -> Map:
+    """Read the graph file `path`. Raises GraphErrors for anything that is not one plain YAML 1.2 mapping."""
+    where = Where(path, 1)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        fail("file", where, "no such graph file")
+    except (OSError, UnicodeDecodeError) as error:
+        fail("file", where, f"cannot read the graph file: {error}")
+    value = parse_yaml(text, path)
+    if not isinstance(value, Map):
+        fail("yaml", where, "a graph file is a mapping", expected="name:, nodes:, ...")
+    return value
+
+
+def parse_yaml(text: str, file: Path | None) -> Any:
+    """The plain value of one YAML document."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+    loader = YAML(typ="safe", pure=True)
+    try:
+        root = loader.compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else 1
+        fail("yaml", Where(file, line), f"not YAML: {error.problem or error.context}")
+    except YAMLError as error:
+        fail("yaml", Where(file, 1), f"not YAML: {error}")
+    return None if root is None else _Builder(file).build(root)
+
+
+class _Builder:
+    def __init__(self, file: Path | None) -> None:
+        self.file = file
+        self.count = 0
+        self.open: set[int] = set()
+
+    def where(self, node: Any) -> Where:
+        return Where(self.file, node.start_mark.line + 1)
+
+    def build(self, node: Any) -> Any:
+        self.count += 1
+        if self.count > MAX_VALUES:
+            fail("yaml", self.where(node), f"more than {MAX_VALUES} values", fix="remove the nested aliases")
+        kind = type(node).__name__
+        if kind == "ScalarNode":
+            return self._scalar(node)
+        if id(node) in self.open:
+            fail("yaml", self.where(node), "an alias contains itself")
+        self.open.add(id(node))
+        value: Any
+        if kind == "SequenceNode" and _short(node) == "seq":
+            value = [self.build(item) for item in node.value]
+        elif kind == "MappingNode" and _short(node) == "map":
+            value = self._mapping(node)
+        else:
+            fail("yaml", self.where(node), f"tag {node.tag!s} is not allowed in a graph file")
+        self.open.discard(id(node))
+        return value
+
+    def _mapping(self, node: Any) -> Map:
+        result = Map(self.where(node))
+        merged: list[Map] = []
+        for key_node, value_node in node.value:
+            where = self.where(key_node)
+            if _short(key_node) == "merge":
+                value = self.build(value_node)
+                merged += value if isinstance(value, list) else [value]
+                continue
+            key = self.build(key_node)
+            if isinstance(key, bool) or not isinstance(key, str | int):
+                fail("yaml", where, f"a key must be a name or a whole number, not {key!r}")
+            if key in result:
+                first = result.lines[key].line
+                fail("duplicate-key", where, f"{key!r} is given twice (first in line {first})")
+            result.put(key, self.build(value_node), where)
+        for base in merged:
+            if not isinstance(base, Map):
+                fail("yaml", self.where(node), "'<<' takes a mapping or a list of mappings")
+            for key, value in base.items():
+                if key not in result:
+                    result.put(key, value, base.lines[key])
+        return result
+
+    def _scalar(self, node: Any) -> Any:
+        tag, text = _short(node), node.value
+        try:
+            if tag == "null":
+                return None
+            if tag == "bool":
+                return text.lower() == "true"
+            if tag == "int":
+                return _integer(text)
+            if tag == "float":
+                return _real(text)
+        except ValueError:
+            fail("yaml", self.where(node), f"cannot read the number {text!r}")
+        if tag not in ("str", "timestamp", "value"):
+            fail("yaml", self.where(node), f"tag {node.tag!s} is not allowed in a graph file")
+        return text
+
+
+def _short(node: Any) -> str:
+    tag = str(node.tag)
+    return tag[len(_TAG) :] if tag.startswith(_TAG) else tag
+
+
+def _integer(text: str) -> int:
+    plain = text.replace("_", "")
+    body = plain.lstrip("+-")
+    base = {"0x": 16, "0o": 8, "0b": 2}.get(body[:2].lower(), 10)
+    return int(plain, base)
+
+
+def _real(text: str) -> float:
+    plain = text.replace("_", "").lower()
+    if plain.endswith(".inf"):
+        return -math.inf if plain.startswith("-") else math.inf
+    return math.nan if plain == ".nan" else float(plain)
