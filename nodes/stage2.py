@@ -1,0 +1,56 @@
+"""Stage II: UV-PBR decomposition on the frozen carrier."""
+
+from typing import Annotated, Literal, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.types import Asset, Carrier, Metrics, Transport, Views
+
+
+class FitParams(Params):
+    texture_size: int = param(0, ge=0, le=8192, unit="texels", doc="Side of the maps; 0 keeps the Stage I texture's.")
+    environment_height: int = param(
+        256, ge=8, le=1024, unit="texels", doc="Rows of the recovered environment; twice as many columns."
+    )
+    iterations: int = param(10_000, ge=1, doc="Adam steps of one training view each.")
+    material_rate: float = param(2.5e-3, gt=0, doc="Learning rate of the maps (logits).")
+    environment_rate: float = param(1.5e-2, gt=0, doc="Learning rate of the environment (softplus parameters).")
+    rate_decay: float = param(0.1, gt=0, le=1, doc="Last learning rate over the first; exponential in between.")
+    log_weight: float = param(1.0, ge=0, doc="lambda_log of eq. 21.")
+    ssim_weight: float = param(0.2, ge=0, doc="lambda_ssim of eq. 21; 0 leaves the D-SSIM term out.")
+    material_weight: float = param(0.1, ge=0, doc="lambda_mat: screen-space total variation of the maps.")
+    environment_weight: float = param(0.1, ge=0, doc="lambda_env: total variation of the environment.")
+    chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
+    indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
+    indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")
+    base_color_init: Literal["texture", "gray"] = param("texture", doc="Where base colour starts.")
+    metallic: bool = param(False, doc="Fit a metallic map, starting at 0.")
+    corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
+    correction_samples: int = param(16, ge=1, le=1024, unit="rays", doc="Rays per pixel each time.")
+    min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
+    roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
+    roughness_start: float = param(0.5, gt=0, lt=1, doc="Neutral roughness at the start.")
+
+
+class FitOut(NamedTuple):
+    asset: Asset
+    history: Metrics
+
+
+@node("stage2.fit", version="1", libraries=("torch", "embreex", "warp-lang"))
+def fit(
+    ctx: Context,
+    carrier: Carrier,
+    views: Annotated[Views, facets(split="train")],
+    transport: Transport,
+    *,
+    p: FitParams,
+) -> FitOut:
+    """Recover base colour, roughness and environment from the training views (paper, section 5)."""
+    from exmesh_graph.stage2.fit import fit as run
+    from exmesh_graph.stage2.settings import FitSettings
+
+    def progress(step: int, total: int, figures: dict[str, float]) -> None:
+        ctx.progress(step, total, **figures)
+
+    asset, curves = run(carrier, views, transport, FitSettings(**p.model_dump()), seed=ctx.seed, progress=progress)
+    return FitOut(asset, Metrics({"curves": curves}))
