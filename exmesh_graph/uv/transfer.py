@@ -24,7 +24,7 @@ def transfer_texture(
     new_uv_faces: np.ndarray,
     size: int,
     *,
-    sharpen: int = 2,
+    sharpen: int = 1,
     smooth: frozenset[str] | set[str] = frozenset(),
     bounds: tuple[float, float] | None = None,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:

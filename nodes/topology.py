@@ -1,0 +1,127 @@
+"""Topology operations of Stage I: vertex splitting and vertex merging (paper sections 4.1 and 4.2)."""
+
+from typing import Annotated, Literal, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.types import Stage1State, Views
+
+
+class SplitParams(Params):
+    max_faces: int = param(200_000, ge=4, unit="faces", doc="Never exceeded (Table 1).")
+    target_faces: int = param(0, ge=0, unit="faces", doc="Split up to this many faces; 0: use growth.")
+    growth: float = param(1.5, ge=1.0, le=16.0, doc="Faces after over faces before, when target_faces is 0.")
+    method: Literal["score", "area", "random", "uniform"] = param(
+        "score", doc="Which faces split: eq. 3, the largest, at random, or all into four (stops at max_faces)."
+    )
+    position: Literal["projection", "midpoint", "random"] = param("projection", doc="Where on its edge a vertex goes.")
+    edge_degrees: Literal["opposite", "endpoints"] = param(
+        "opposite", doc="Whose degrees divide the length in the edge score: those that rise, or the edge's own (paper)."
+    )
+    gradient_weight: float = param(0.6, ge=0.0, doc="w_g of eq. 3.")
+    curvature_weight: float = param(0.4, ge=0.0, doc="w_k of eq. 3.")
+    area_quantile: float = param(0.5, ge=0.0, lt=1.0, doc="Faces from this quantile of area on may be selected.")
+    max_degree: int = param(10, ge=6, doc="Vertices of this degree get no further edge.")
+
+
+class MergeParams(Params):
+    degenerate: float = param(0.05, ge=0.0, le=0.433, doc="tau_degen: faces below this area / longest edge squared go.")
+    area_quantile: float = param(0.3, ge=0.0, le=1.0, doc="Only faces up to this quantile of area may go.")
+    method: Literal["degenerate", "random"] = param(
+        "degenerate", doc="Which faces go: degenerate or never rendered ones, or a tenth at random."
+    )
+    min_faces: int = param(100, ge=4, unit="faces", doc="The mesh keeps at least this many.")
+    supersample: int = param(
+        2, ge=1, le=8, doc="Views are searched for each face at this multiple of their resolution."
+    )
+
+
+class StateOut(NamedTuple):
+    state: Stage1State
+
+
+@node("mesh.split", version="1")
+def split(ctx: Context, state: Stage1State, *, p: SplitParams) -> StateOut:
+    """Split faces that are large, curved or far from their images; UVs, moments and gradients follow."""
+    from exmesh_graph.geometry.split import SplitSettings
+    from exmesh_graph.geometry.split import split as split_mesh
+    from exmesh_graph.geometry.subdivide import subdivide
+
+    before = len(state.faces)
+    arrays = (state.vertices, state.faces, state.uvs, state.uv_faces)
+    if p.method == "uniform":
+        if 4 * before > p.max_faces:
+            ctx.warn(f"{before} faces are left as they are: four times as many exceed max_faces = {p.max_faces}")
+            return StateOut(state)
+        done = subdivide(*arrays)
+    else:
+        target = min(p.target_faces or int(before * p.growth), p.max_faces)
+        settings = SplitSettings(
+            gradient_weight=p.gradient_weight,
+            curvature_weight=p.curvature_weight,
+            area_quantile=p.area_quantile,
+            criterion=p.method,
+            edge_degrees=p.edge_degrees,
+            position=p.position,
+            max_degree=p.max_degree,
+        )
+        done = split_mesh(*arrays, state.gradient_ema, target, settings, seed=ctx.seed)
+        if len(done.faces) < 0.9 * target:
+            ctx.warn(f"only {len(done.faces)} of {target} faces were reached: no further face can be split")
+    ctx.log(f"{before} -> {len(done.faces)} faces, {len(done.vertices)} vertices, {len(done.uvs)} UVs")
+    return StateOut(_carry(state, done))
+
+
+@node("mesh.merge", version="1", libraries=("warp-lang",), code=("exmesh_graph.raster.rasterize",))
+def merge(
+    ctx: Context,
+    state: Stage1State,
+    views: Annotated[Views | None, facets(split="train")] = None,
+    *,
+    p: MergeParams,
+) -> StateOut:
+    """Collapse small faces that are degenerate or, with views given, that no view shows."""
+    from exmesh_graph.geometry.contribution import contribution_counts
+    from exmesh_graph.geometry.merge import MergeSettings
+    from exmesh_graph.geometry.merge import merge as merge_mesh
+
+    rendered = None
+    if views is not None:
+        rendered = contribution_counts(
+            state.vertices,
+            state.faces,
+            views.intrinsics,
+            views.camera_to_world,
+            views.height,
+            views.width,
+            p.supersample,
+        )
+    settings = MergeSettings(degenerate=p.degenerate, area_quantile=p.area_quantile, criterion=p.method)
+    done = merge_mesh(
+        state.vertices,
+        state.faces,
+        state.uvs,
+        state.uv_faces,
+        rendered,
+        settings,
+        min_faces=p.min_faces,
+        seed=ctx.seed,
+    )
+    unseen = "" if rendered is None else f", {int((rendered == 0).sum())} faces never rendered"
+    ctx.log(f"{len(state.faces)} -> {len(done.faces)} faces ({done.count} collapses{unseen})")
+    return StateOut(_carry(state, done))
+
+
+def _carry(state, done):  # type: ignore[no-untyped-def]
+    """The state on its new topology; texture and step counts stay."""
+    from dataclasses import replace
+
+    return replace(
+        state,
+        vertices=done.vertices,
+        faces=done.faces,
+        uvs=done.uvs,
+        uv_faces=done.uv_faces,
+        vertex_m=done.map.carry(state.vertex_m),
+        vertex_v=done.map.carry(state.vertex_v),
+        gradient_ema=done.map.carry(state.gradient_ema),
+    )

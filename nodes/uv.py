@@ -1,0 +1,118 @@
+"""The UV atlas: made, kept valid, made anew (paper section 4.3)."""
+
+from typing import NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, node, param
+from exmesh_graph.types import Carrier, Mesh, Stage1State
+
+
+class AtlasParams(Params):
+    padding: int = param(4, ge=0, le=64, unit="texels", doc="Space kept free between charts.")
+    max_cost: float = param(2.0, gt=0.0, le=64.0, doc="xatlas: larger gives fewer and more stretched charts.")
+    chart_iterations: int = param(1, ge=1, le=8, doc="xatlas: rounds of chart growing.")
+    brute_force: bool = param(False, doc="xatlas: pack tighter, much slower.")
+    cut_nonmanifold: bool = param(False, doc="Cut a non-manifold mesh open where it is, instead of refusing it.")
+
+
+class UnwrapParams(AtlasParams):
+    texture_size: int = param(1024, ge=16, le=8192, unit="texels", doc="Side of the square texture.")
+    fill: float = param(0.5, ge=0.0, le=1.0, doc="Grey that the sRGB texture starts with.")
+
+
+class RegenParams(AtlasParams):
+    texture_size: int = param(0, ge=0, le=8192, unit="texels", doc="Side of the new texture; 0 keeps the old one's.")
+
+
+class MaintainParams(Params):
+    dilation: float = param(8.0, ge=0.0, le=4096.0, unit="texels", doc="How far colours are spread beyond charts.")
+    max_flipped: float = param(0.01, ge=0.0, le=1.0, doc="Part of the faces folded over in the atlas before a warning.")
+    max_stretch: float = param(4.0, ge=1.0, doc="Spread of texel sizes (95th over 5th percentile) before a warning.")
+
+
+class CarrierOut(NamedTuple):
+    carrier: Carrier
+
+
+class StateOut(NamedTuple):
+    state: Stage1State
+
+
+@node("uv.xatlas_unwrap", version="1", libraries=("xatlas",))
+def xatlas_unwrap(ctx: Context, mesh: Mesh, *, p: UnwrapParams) -> CarrierOut:
+    """Unwrap a mesh into an atlas and give it a grey texture."""
+    import numpy as np
+
+    from exmesh_graph.uv.unwrap import unwrap
+
+    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, p.texture_size, **_settings(p))
+    texture = np.full((p.texture_size, p.texture_size, 3), p.fill, np.float32)
+    return CarrierOut(Carrier(mesh.vertices, mesh.faces, uvs, uv_faces, texture))
+
+
+@node("uv.maintain", version="1")
+def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut:
+    """Check the atlas, drop unused UVs and spread the texture beyond its charts."""
+    from dataclasses import replace
+
+    from exmesh_graph.errors import GeometryError
+    from exmesh_graph.uv.maintain import check_atlas, compact, refill
+
+    report = check_atlas(state.vertices, state.faces, state.uvs, state.uv_faces, state.texture.shape[0])
+    if report.welded:
+        raise GeometryError(
+            f"{report.welded} UV coordinates are shared by different vertices",
+            where=f"node {ctx.node}",
+            expected="UV islands that stay apart",
+            fix="regenerate the atlas (uv.xatlas_regen) and report the operation that did this",
+        )
+    if report.flipped > p.max_flipped * len(state.faces):
+        ctx.warn(f"{report.flipped} of {len(state.faces)} faces are folded over in the atlas: regenerate it")
+    if report.stretch > p.max_stretch:
+        ctx.warn(f"texel sizes differ by {report.stretch:.1f} over the surface: regenerate the atlas")
+    ctx.log(
+        f"{report.charts} charts cover {report.covered:.0%}, overlap {report.overlap:.2%}, "
+        f"stretch {report.stretch:.2f}, {report.flipped} faces folded over"
+    )
+    uvs, uv_faces = compact(state.uvs, state.uv_faces)
+    texture = refill(state.texture, uvs, uv_faces, p.dilation) if p.dilation else state.texture
+    return StateOut(replace(state, uvs=uvs, uv_faces=uv_faces, texture=texture))
+
+
+@node("uv.xatlas_regen", version="1", libraries=("xatlas",))
+def xatlas_regen(ctx: Context, state: Stage1State, *, p: RegenParams) -> StateOut:
+    """Make a new atlas and move texture and texture moments over, texel by texel."""
+    from dataclasses import replace
+
+    from exmesh_graph.uv.regen import regenerate
+
+    new = regenerate(
+        state.vertices,
+        state.faces,
+        state.uvs,
+        state.uv_faces,
+        state.texture,
+        state.texture_m,
+        state.texture_v,
+        p.texture_size or state.texture.shape[0],
+        **_settings(p),
+    )
+    return StateOut(
+        replace(
+            state,
+            uvs=new.uvs,
+            uv_faces=new.uv_faces,
+            texture=new.texture,
+            texture_m=new.first_moment,
+            texture_v=new.second_moment,
+        )
+    )
+
+
+def _settings(p: AtlasParams) -> dict:
+    return {
+        "padding": p.padding,
+        "max_cost": p.max_cost,
+        "max_iterations": p.chart_iterations,
+        "brute_force": p.brute_force,
+        "cut_nonmanifold": p.cut_nonmanifold,
+    }
