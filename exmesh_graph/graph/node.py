@@ -46,6 +46,9 @@ class Facets:
 
     values: Mapping[str, Any]
 
+    def __hash__(self) -> int:  # typing hashes the notes of `Annotated[...] | None`
+        return hash(tuple(sorted(self.values)))
+
 
 def facets(**values: Any) -> Facets:
     """Used inside `Annotated[Type, facets(closed=True)]`."""
