@@ -1,0 +1,245 @@
+"""Visual hull: the largest shape that agrees with all silhouettes, as a closed triangle mesh.
+
+A point's field is the smallest, over the views, of the silhouette's signed distance at its projection, turned from
+pixels into world units by depth / f; the hull is where it is positive. Real masks err here and there, so `dissent`
+views may be outvoted at each point (the (dissent + 1)-th smallest value counts).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from exmesh_graph.errors import DataError, GeometryError
+
+# A field this many voxels below zero is certainly outside: the remaining views need not be asked.
+_DROP = 2.5
+_COARSE = 48
+
+
+def silhouette_distance(alpha: np.ndarray) -> np.ndarray:
+    """Signed distance float32 [H, W], in pixels, to the alpha = 1/2 contour; positive inside.
+
+    Inside the soft rim (0 < alpha < 1) it is alpha - 1/2, which places the contour to a fraction of a pixel.
+    """
+    inside = alpha >= 0.5
+    if not inside.any():
+        return np.full(alpha.shape, -float(np.hypot(*alpha.shape)), np.float32)
+    distance = 0.5 - distance_transform_edt(~inside)
+    if not inside.all():
+        distance = np.where(inside, distance_transform_edt(inside) - 0.5, distance)
+    else:
+        distance = np.full(alpha.shape, float(np.hypot(*alpha.shape)))
+    rim = (alpha > 0) & (alpha < 1) & (np.abs(distance) < 1.5)
+    return np.where(rim, alpha - 0.5, distance).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class SilhouetteField:
+    """The hull's implicit function over N views.
+
+    distances        float32 [N, H, W], from `silhouette_distance`
+    intrinsics       float64 [N, 3, 3];  world_to_camera float64 [N, 4, 4], OpenCV
+    dissent          number of views that may be outvoted at each point
+    chunk            points handled at once; bounds the memory, does not change the result
+
+    A point that projects outside an image takes the value of the nearest border pixel, less its distance to the image
+    where that pixel is background: the object may go on beyond an edge that its silhouette touches, and only there.
+    A point behind a camera gets no vote from it.
+    """
+
+    distances: np.ndarray
+    intrinsics: np.ndarray
+    world_to_camera: np.ndarray
+    dissent: int = 0
+    chunk: int = 1 << 18
+
+    @classmethod
+    def from_masks(
+        cls,
+        alpha: np.ndarray,
+        intrinsics: np.ndarray,
+        world_to_camera: np.ndarray,
+        *,
+        dissent: int = 0,
+        names: Sequence[str] = (),
+        chunk: int = 1 << 18,
+    ) -> SilhouetteField:
+        """Field of alpha [N, H, W]. DataError for no views, empty silhouettes, or `dissent` >= N."""
+        names = list(names) or [f"view {i}" for i in range(len(alpha))]
+        if len(alpha) == 0:
+            raise DataError("the visual hull needs views, there are none", expected="at least one training view")
+        empty = [name for name, a in zip(names, alpha, strict=True) if not (a >= 0.5).any()]
+        if empty:
+            raise DataError(
+                "the mask is empty: no pixel has alpha >= 0.5", where=", ".join(empty),
+                expected="a silhouette in every view", fix="leave these views out, or mend their masks",
+            )  # fmt: skip
+        if dissent >= len(alpha):
+            raise DataError(
+                f"dissent {dissent} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
+            )
+        distances = np.stack([silhouette_distance(a) for a in alpha])
+        return cls(distances, np.asarray(intrinsics, float), np.asarray(world_to_camera, float), dissent, chunk)
+
+    def __call__(self, points: np.ndarray, floor: float = -np.inf) -> np.ndarray:
+        """Field float32 [P], world units, at points [P, 3]. Values below `floor` may be any value below it."""
+        points = np.asarray(points, np.float32)
+        out = np.empty(len(points), np.float32)
+        for start in range(0, len(points), self.chunk):
+            part = slice(start, start + self.chunk)
+            out[part] = self._evaluate(points[part], floor)
+        return out
+
+    def _evaluate(self, points: np.ndarray, floor: float) -> np.ndarray:
+        result = np.full(len(points), np.inf, np.float32)
+        live = np.arange(len(points))
+        lowest = np.full((self.dissent + 1, len(points)), np.inf, np.float32)
+        for view in range(len(self.distances)):
+            value = self._vote(view, points)
+            for rank in range(self.dissent + 1):  # keep the dissent + 1 smallest, in order
+                smaller = np.minimum(lowest[rank], value)
+                value = np.maximum(lowest[rank], value)
+                lowest[rank] = smaller
+            keep = lowest[-1] >= floor
+            if not keep.all():
+                result[live] = lowest[-1]
+                live, points, lowest = live[keep], points[keep], lowest[:, keep]
+        result[live] = lowest[-1]
+        return result
+
+    def _vote(self, view: int, points: np.ndarray) -> np.ndarray:
+        k, pose = self.intrinsics[view], self.world_to_camera[view]
+        matrix = (k @ pose[:3]).astype(np.float32)
+        image = points @ matrix[:, :3].T + matrix[:, 3]
+        depth = image[:, 2]
+        front = depth > 1e-6
+        inverse = 1 / np.where(front, depth, 1)
+        x, y = image[:, 0] * inverse - np.float32(0.5), image[:, 1] * inverse - np.float32(0.5)
+        height, width = self.distances.shape[1:]
+        x_in, y_in = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        value = _bilinear(self.distances[view], x_in, y_in)
+        outside = np.hypot(x - x_in, y - y_in)
+        value = np.where(value < 0, value - outside, value)
+        focal = np.float32(np.sqrt(k[0, 0] * k[1, 1]))
+        return np.where(front, value * depth / focal, np.inf).astype(np.float32)
+
+
+def _bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Values at pixel-index coordinates x (columns), y (rows) that lie inside the array."""
+    height, width = image.shape
+    column = np.minimum(x.astype(np.int32), max(width - 2, 0))
+    row = np.minimum(y.astype(np.int32), max(height - 2, 0))
+    s, t = x - column, y - row
+    flat = image.ravel()
+    corner = row * width + column
+    right, below = int(width > 1), width * int(height > 1)
+    top = flat[corner] * (1 - s) + flat[corner + right] * s
+    bottom = flat[corner + below] * (1 - s) + flat[corner + below + right] * s
+    return top * (1 - t) + bottom * t
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A regular grid: point (i, j, k) lies at origin + step * (i, j, k)."""
+
+    origin: np.ndarray
+    step: float
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def over(cls, low: np.ndarray, high: np.ndarray, resolution: int) -> Grid:
+        """Cubic cells, `resolution` of them along the longest side of the box, the box centred in the grid."""
+        step = float((high - low).max() / resolution)
+        cells = np.maximum(np.ceil((high - low) / step - 1e-6).astype(int), 1)
+        origin = (low + high) / 2 - cells * step / 2
+        return cls(origin, step, (int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1))
+
+    def points(self) -> np.ndarray:
+        """float32 [P, 3], in C order of (i, j, k)."""
+        axes = [self.origin[a] + self.step * np.arange(self.shape[a]) for a in range(3)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+def occupied_box(field: SilhouetteField, low: np.ndarray, high: np.ndarray, resolution: int = _COARSE) -> tuple[
+    np.ndarray, np.ndarray
+]:  # fmt: skip
+    """Box (low, high) around the part of the box where the hull may be, to within a coarse voxel.
+
+    Raises DataError where no point of the grid comes within a voxel of the hull.
+    """
+    grid = Grid.over(low, high, resolution)
+    points = grid.points()
+    near = field(points, -_DROP * grid.step) > -grid.step
+    if not near.any():
+        raise DataError(
+            f"the silhouettes of {len(field.distances)} views have no common part inside the search box",
+            expected="cameras and masks of one object",
+            fix="check the cameras' convention (axes, intrinsics for this image size) and the masks; "
+            "with loose masks raise `dissent`",
+        )
+    margin = 1.5 * grid.step
+    return points[near].min(0) - margin, points[near].max(0) + margin
+
+
+def visual_hull(
+    field: SilhouetteField,
+    *,
+    resolution: int = 128,
+    low: Sequence[float] = (-1.05, -1.05, -1.05),
+    high: Sequence[float] = (1.05, 1.05, 1.05),
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) of the hull: closed, counter-clockwise from outside.
+
+    `resolution` is the number of voxels along the longest side of the object's box, which a coarse pass over
+    [low, high] finds. Only a band around the coarse surface is evaluated finely: the field changes by about the
+    distance moved, so two coarse voxels hold every sign change.
+    Raises DataError where the silhouettes have nothing in common.
+    """
+    box_low, box_high = occupied_box(field, np.asarray(low, float), np.asarray(high, float))
+    coarse = Grid.over(box_low, box_high, _COARSE)
+    coarse_values = field(coarse.points(), -4 * coarse.step).reshape(coarse.shape)
+    grid = Grid.over(box_low, box_high, resolution)
+    axes = [
+        (grid.origin[a] + grid.step * np.arange(count) - coarse.origin[a]) / coarse.step
+        for a, count in enumerate(grid.shape)
+    ]
+    at = np.stack(np.meshgrid(*axes, indexing="ij"))
+    values = map_coordinates(coarse_values, at, order=1, mode="nearest").ravel()
+    band = np.flatnonzero(np.abs(values) <= 2 * coarse.step)
+    values[band] = field(grid.points()[band], -_DROP * grid.step)
+    return surface(values.reshape(grid.shape), grid)
+
+
+def surface(values: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Marching cubes at 0 of a field that is positive inside; the grid's outer layer is made outside, so it closes."""
+    from skimage.measure import marching_cubes
+
+    values = np.clip(values, -4 * grid.step, 4 * grid.step)
+    # Exact zeros at grid points make faces of no area; a thousandth of a voxel is below the field's own error.
+    nudge = 1e-3 * grid.step
+    values = np.where(np.abs(values) < nudge, np.where(values < 0, -nudge, nudge), values)
+    for axis in range(3):
+        end = np.moveaxis(values, axis, 0)
+        end[0] = np.minimum(end[0], -nudge)
+        end[-1] = np.minimum(end[-1], -nudge)
+    if not (values > 0).any():
+        raise GeometryError(
+            "the surface is empty: no grid point lies inside", where="visual hull",
+            fix="raise `resolution`, or `dissent` where masks are too tight",
+        )  # fmt: skip
+    vertices, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="ascent", allow_degenerate=False)
+    vertices = (grid.origin + grid.step * vertices).astype(np.float32)
+    faces = faces.astype(np.int32)
+    if signed_volume(vertices, faces) < 0:
+        faces = np.ascontiguousarray(faces[:, ::-1])
+    return vertices, faces
+
+
+def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Volume enclosed by a closed mesh; positive where faces are counter-clockwise from outside."""
+    a, b, c = (vertices[faces[:, i]].astype(np.float64) for i in range(3))
+    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)

@@ -1,0 +1,189 @@
+"""The Blender / NeRF-Synthetic layout, with the truth that rendered scenes carry.
+
+scene/transforms_train.json, transforms_test.json (or transforms.json): frames of {file_path, transform_matrix}, with
+`camera_angle_x` or `fl_x, fl_y, cx, cy, w, h` for all frames or each. `file_path` may lack its ending; `train/000`
+stands for train/000_rgba.exr, 000_rgba.png, 000.exr, 000.png or 000.jpg.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.cameras import UpAxis, opencv_from_blender
+from exmesh_graph.io.scene import Scene, load_scene, need_folder
+from exmesh_graph.io.shots import Shot, hold_out, spread
+from exmesh_graph.io.truth import load_truth, truth_files
+
+Hdr = Literal["auto", "true", "false"]
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_ENDINGS = {
+    "auto": ("_rgba.exr", ".exr", "_rgba.png", ".png", ".jpg", ".jpeg"),
+    "true": ("_rgba.exr", ".exr"),
+    "false": ("_rgba.png", ".png", ".jpg", ".jpeg"),
+}
+
+
+@dataclass(frozen=True)
+class BlenderOptions:
+    """See the parameters of the node `data.blender`."""
+
+    hdr: Hdr = "auto"
+    downscale: int = 1
+    max_views: int = 0
+    max_test_views: int = 0
+    holdout: int = 8
+    test: Literal["auto", "file", "holdout"] = "auto"
+    min_test_views: int = 2
+    up: UpAxis = "z"
+    truth: bool = True
+    dissent: int = 0
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    metres_per_unit: float = 0.0
+
+
+def list_blender(path: Path, options: BlenderOptions) -> tuple[list[Shot], list[Shot], bool]:
+    """(train, test, whether the test views are the data set's own), without reading a picture."""
+    folder = need_folder(path)
+    train_file = folder / "transforms_train.json"
+    if not train_file.is_file():
+        train_file = folder / "transforms.json"
+    train = _read_frames(folder, train_file, options.hdr)
+    test_file = folder / "transforms_test.json"
+    test: list[Shot] = []
+    if options.test != "holdout" and (test_file.is_file() or options.test == "file"):
+        test = _read_frames(folder, test_file, options.hdr)
+    own = len(test) >= options.min_test_views or (options.test == "file" and len(test) > 0)
+    if not own:
+        kept, held = hold_out(len(train), options.holdout, options.holdout // 2)
+        if not held:
+            raise DataError(
+                f"there are no test views, and {len(train)} training views are too few to hold out every "
+                f"{options.holdout}-th",
+                where=str(train_file), fix="add transforms_test.json, or lower `holdout`",
+            )  # fmt: skip
+        train, test = [train[i] for i in kept], [train[i] for i in held]
+    train = [train[i] for i in spread(len(train), options.max_views)]
+    test = [test[i] for i in spread(len(test), options.max_test_views)]
+    return train, test, own
+
+
+def load_blender(path: Path, options: BlenderOptions | None = None) -> Scene:
+    """Load the scene; truth where the test views are the data set's own and `options.truth` asks for it."""
+    options = options or BlenderOptions()
+    train, test, own = list_blender(path, options)
+    scene = load_scene(
+        train, test, up=options.up, downscale=options.downscale, dissent=options.dissent, box=options.box,
+        metres_per_unit=options.metres_per_unit,
+    )  # fmt: skip
+    if not options.truth:
+        return scene
+    hdr = test[0].image.suffix == ".exr"
+    truth, notes = load_truth(Path(path), test if own else [], scene.frame, options.downscale, hdr, options.up)
+    return replace(scene, truth=truth, notes=[*scene.notes, *notes])
+
+
+def blender_files(path: Path, options: BlenderOptions) -> dict[str, Path]:
+    """Every file that `load_blender` reads, by a name that does not depend on where the scene lies."""
+    folder = need_folder(path)
+    train, test, own = list_blender(folder, options)
+    files = [f for f in (folder / f"transforms{s}.json" for s in ("_train", "", "_test")) if f.is_file()]
+    files += [f for shot in (*train, *test) for f in (shot.image, shot.mask) if f is not None]
+    if options.truth:
+        files += truth_files(folder, test if own else [], test[0].image.suffix == ".exr", options.up)
+    return relative_names(folder, files)
+
+
+def relative_names(folder: Path, files: Sequence[Path]) -> dict[str, Path]:
+    """{name relative to the folder (or the file's own name, when outside): file}; DataError for a missing one."""
+    names: dict[str, Path] = {}
+    for file in files:
+        if not file.is_file():
+            raise DataError("the file does not exist", where=str(file), fix="restore it, or correct the scene file")
+        inside = file.is_relative_to(folder)
+        names[file.relative_to(folder).as_posix() if inside else f"{file.parent.name}/{file.name}"] = file
+    return names
+
+
+def _read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
+    content = read_json(file)
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not frames:
+        raise DataError(
+            "the file lists no views", where=str(file), expected='"frames": [{"file_path", "transform_matrix"}, ...]'
+        )
+    return [_read_frame(folder, file, i, {**content, **frame}, hdr) for i, frame in enumerate(frames)]
+
+
+def _read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr: Hdr) -> Shot:
+    where = f"{file}, frame {index}"
+    try:
+        stem = str(frame["file_path"]).removeprefix("./")
+        pose = np.array(frame["transform_matrix"], dtype=np.float64)
+    except (KeyError, ValueError, TypeError) as error:
+        raise DataError(f"the frame cannot be read ({error!r})", where=where,
+                        expected="file_path and a 4 x 4 transform_matrix") from error  # fmt: skip
+    if pose.shape == (3, 4):
+        pose = np.vstack([pose, [0, 0, 0, 1]])
+    if pose.shape != (4, 4):
+        raise DataError(f"transform_matrix is {pose.shape}", where=where, expected="4 x 4 (or 3 x 4) numbers")
+    bent = [name for name in _DISTORTION if frame.get(name)]
+    if bent:
+        raise DataError(f"the camera has lens distortion ({', '.join(bent)})", where=where,
+                        expected="undistorted images", fix="undistort them (colmap image_undistorter)")  # fmt: skip
+    image = _resolve(folder / stem, hdr)
+    mask = image.with_name(image.name.removesuffix(image.suffix).removesuffix("_rgba") + "_mask.png")
+    size = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else None
+    shot = Shot(
+        name=stem.removesuffix(".png").removesuffix(".jpg").removesuffix(".exr").replace("/", "_"),
+        image=image,
+        camera_to_world=opencv_from_blender(pose),
+        mask=mask if not _has_alpha_name(image) and mask.is_file() else None,
+        size=size,
+    )
+    if "fl_x" in frame:
+        if size is None:
+            raise DataError("fl_x is given without w and h", where=where, fix="add w and h, the image size in pixels")
+        fx = float(frame["fl_x"])
+        fy, cx, cy = (float(frame.get(k, d)) for k, d in (("fl_y", fx), ("cx", size[0] / 2), ("cy", size[1] / 2)))
+        return replace(shot, intrinsics=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]))
+    angle = float(frame.get("camera_angle_x", 0))
+    if not 0 < angle < np.pi:
+        raise DataError(f"camera_angle_x is {angle:g}", where=where, expected="radians between 0 and pi, or fl_x")
+    return replace(shot, angle_x=angle)
+
+
+def _has_alpha_name(image: Path) -> bool:
+    return image.name.removesuffix(image.suffix).endswith("_rgba")
+
+
+def _resolve(stem: Path, hdr: Hdr) -> Path:
+    if stem.suffix.lower() in (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff"):
+        return stem
+    for ending in _ENDINGS[hdr]:
+        candidate = stem.with_name(stem.name + ending)
+        if candidate.is_file():
+            return candidate
+    names = ", ".join(stem.name + ending for ending in _ENDINGS[hdr])
+    raise DataError(
+        "the image does not exist", where=str(stem), expected=f"one of {names}",
+        fix="check file_path and the ending" + ("; or set hdr: auto" if hdr == "true" else ""),
+    )  # fmt: skip
+
+
+def read_json(file: Path) -> Any:
+    """Parsed JSON; DataError for a missing or malformed file, with line and column."""
+    if not file.is_file():
+        raise DataError("the camera file does not exist", where=str(file),
+                        expected="transforms_train.json or transforms.json",
+                        fix="correct the loader's `path`, or use the loader of this data set's layout")  # fmt: skip
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise DataError(f"the file is not valid JSON ({error})", where=str(file), fix="export it again") from error

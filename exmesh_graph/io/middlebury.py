@@ -1,0 +1,126 @@
+"""The Middlebury multi-view layout: `<name>_par.txt`, pictures beside it or in image/, masks in mask/.
+
+A line per view: file name, K (9 numbers), R (9), t (3), with x ~ K (R X + t) and OpenCV axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.cameras import UpAxis, camera_to_world_from_rt
+from exmesh_graph.io.scene import Scene, load_scene, need_folder
+from exmesh_graph.io.shots import Shot, hold_out, spread
+
+
+@dataclass(frozen=True)
+class MiddleburyOptions:
+    """See the parameters of the node `data.middlebury`."""
+
+    holdout: int = 8
+    first: int = 3
+    downscale: int = 2
+    max_views: int = 0
+    up: UpAxis = "y"
+    pixel_offset: float = 0.5
+    masks: bool = True
+    dissent: int = 1
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    metres_per_unit: float = 1.0
+
+
+def list_middlebury(path: Path, options: MiddleburyOptions) -> tuple[list[Shot], list[Shot]]:
+    """(train, test) without reading a picture. Test views are `first`, `first` + `holdout`, ... (0-based)."""
+    shots = read_par(find_par(path), options)
+    kept, held = hold_out(len(shots), options.holdout, options.first)
+    if not held or not kept:
+        raise DataError(
+            f"{len(shots)} views cannot be split: every {options.holdout}-th from index {options.first} is for testing",
+            where=str(path), fix="lower `holdout` or `first`",
+        )  # fmt: skip
+    kept = [kept[i] for i in spread(len(kept), options.max_views)]
+    return [shots[i] for i in kept], [shots[i] for i in held]
+
+
+def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Scene:
+    """Load and normalise; by the masks' hull where there are masks, else by `box` or the cameras."""
+    options = options or MiddleburyOptions()
+    train, test = list_middlebury(path, options)
+    return load_scene(
+        train, test, up=options.up, downscale=options.downscale, dissent=options.dissent, box=options.box,
+        metres_per_unit=options.metres_per_unit,
+    )  # fmt: skip
+
+
+def find_par(path: Path) -> Path:
+    """The one *_par.txt of the folder; DataError for none or several."""
+    found = sorted(need_folder(path).glob("*_par.txt"))
+    if len(found) != 1:
+        raise DataError(
+            f"the folder holds {len(found)} camera files", where=str(path), expected="one <name>_par.txt",
+            fix="check the path, or remove the other files",
+        )  # fmt: skip
+    return found[0]
+
+
+def read_par(file: Path, options: MiddleburyOptions) -> list[Shot]:
+    """The views of a *_par.txt. DataError names file and line for anything but 21 numbers after a file name."""
+    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    if not lines or not lines[0].strip().isdigit() or int(lines[0]) != len(lines) - 1:
+        raise DataError(
+            f"the first line should be the number of views ({len(lines) - 1} follow)", where=str(file), fix="mend it"
+        )
+    if len(lines) == 1:
+        raise DataError("the file lists no views", where=str(file))
+    return [_shot(file, number, line, options) for number, line in enumerate(lines[1:], start=2)]
+
+
+def _shot(file: Path, number: int, line: str, options: MiddleburyOptions) -> Shot:
+    words = line.split()
+    try:
+        values = np.array(words[1:], dtype=np.float64)
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != 21:
+        raise DataError(
+            f"line {number} does not hold 21 numbers after the file name", where=str(file),
+            expected="name, K (9), R (9), t (3)",
+        )  # fmt: skip
+    intrinsics = values[:9].reshape(3, 3)
+    intrinsics[:2, 2] += options.pixel_offset  # from the file's pixel centres to ours at +0.5
+    rotation, translation = values[9:18].reshape(3, 3), values[18:]
+    folder = file.parent
+    image = folder / "image" / words[0]
+    image = image if image.is_file() else folder / words[0]
+    if not image.is_file():
+        raise DataError(
+            "the image does not exist", where=str(folder / "image" / words[0]),
+            expected=f"a picture for line {number} of {file.name}", fix="restore it, or remove the line",
+        )  # fmt: skip
+    return Shot(
+        name=Path(words[0]).stem,
+        image=image,
+        mask=_mask(folder, image) if options.masks else None,
+        intrinsics=intrinsics,
+        camera_to_world=_pose(rotation, translation),
+    )
+
+
+def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """Camera-to-world; a singular or sheared R is left in place for `check_camera` to name."""
+    return camera_to_world_from_rt(rotation, translation)
+
+
+def _mask(folder: Path, image: Path) -> Path | None:
+    if not (folder / "mask").is_dir():
+        return None
+    mask = folder / "mask" / f"{image.stem}.png"
+    if not mask.is_file():
+        raise DataError(
+            "the mask does not exist, though the folder mask/ does", where=str(mask),
+            fix="restore it, or set masks: false",
+        )  # fmt: skip
+    return mask

@@ -1,0 +1,87 @@
+"""Importing the wheels whose shared libraries need something of the operating system.
+
+Open3D links libusb-1.0 (for depth cameras we never use); the `libusb-package` wheel carries a copy, which is loaded
+globally before the import. What else is missing is reported with the Debian/Ubuntu package that holds it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import re
+import sys
+from types import ModuleType
+
+from exmesh_graph.errors import MissingLibraryError
+
+# Shared library -> Debian/Ubuntu package, for what Open3D's and PyMeshLab's wheels link but do not carry.
+APT_PACKAGES = {
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libGL.so.1": "libgl1",
+    "libOpenGL.so.0": "libopengl0",
+    "libEGL.so.1": "libegl1",
+    "libGLU.so.1": "libglu1-mesa",
+    "libGLX.so.0": "libglx0",
+    "libgomp.so.1": "libgomp1",
+    "libX11.so.6": "libx11-6",
+    "libxcb.so.1": "libxcb1",
+    "libXext.so.6": "libxext6",
+    "libSM.so.6": "libsm6",
+    "libICE.so.6": "libice6",
+    "libglib-2.0.so.0": "libglib2.0-0",
+    "libgthread-2.0.so.0": "libglib2.0-0",
+    "libdbus-1.so.3": "libdbus-1-3",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libfontconfig.so.1": "libfontconfig1",
+    "libfreetype.so.6": "libfreetype6",
+    "libstdc++.so.6": "libstdc++6",
+    "libtbb.so.12": "libtbb12",
+    "libudev.so.1": "libudev1",
+}
+
+
+def import_open3d() -> ModuleType:
+    """The `open3d` module. MissingLibraryError if it, or a system library it needs, is not there."""
+    if "open3d" in sys.modules:
+        return sys.modules["open3d"]
+    _preload_libusb()
+    return _import("open3d", "open3d")
+
+
+def import_pymeshlab() -> ModuleType:
+    """The `pymeshlab` module (GPL-3). MissingLibraryError if it, or a system library it needs, is not there."""
+    return _import("pymeshlab", "pymeshlab")
+
+
+def _preload_libusb() -> None:
+    try:
+        package = importlib.import_module("libusb_package")
+        path = package.get_library_path()
+    except ImportError:
+        return  # the system may have its own; if not, the import below names what is missing
+    if path is not None:
+        ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+
+
+def _import(module: str, distribution: str) -> ModuleType:
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise MissingLibraryError(
+            f"the Python package {distribution} is not installed ({error})", fix=f"pip install {distribution}"
+        ) from error
+    except (ImportError, OSError) as error:
+        raise missing_system_library(str(error), module) from error
+
+
+def missing_system_library(message: str, module: str) -> MissingLibraryError:
+    """Turn the loader's message ("libX.so.1: cannot open shared object file ...") into an error with the fix."""
+    found = re.search(r"(lib[\w+.-]+\.so[.\d]*)", message)
+    library = found.group(1) if found else ""
+    package = APT_PACKAGES.get(library, "")
+    if not library:
+        return MissingLibraryError(f"{module} cannot be loaded: {message}", where=module)
+    fix = f"apt-get install {package}" if package else f"install the system package that holds {library}"
+    return MissingLibraryError(
+        f"{module} needs the system library {library}, which is not installed", where=module, fix=fix
+    )

@@ -1,0 +1,82 @@
+"""What every loader returns, and the steps from two lists of shots to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.cameras import UpAxis
+from exmesh_graph.io.normalise import make_frame, sphere_from_box, sphere_from_cameras, sphere_from_masks
+from exmesh_graph.io.shots import Shot, check_no_leak, load_shots, to_views
+from exmesh_graph.types import Frame, SceneTruth, Views
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A loaded data set in the normalised Y-up world. `notes` are for the user: what was left out, and why."""
+
+    train: Views
+    test: Views
+    frame: Frame
+    truth: SceneTruth | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def load_scene(
+    train: Sequence[Shot],
+    test: Sequence[Shot],
+    *,
+    up: UpAxis,
+    downscale: int = 1,
+    dissent: int = 0,
+    box: Sequence[Sequence[float]] | None = None,
+    sphere: tuple[np.ndarray, float] | None = None,
+    metres_per_unit: float = 0.0,
+) -> Scene:
+    """Read both splits, check them, and normalise: by `box` or `sphere` (data set's units) where given, else by the
+    training masks (`dissent` of which may be wrong at a point), else by the cameras alone.
+    """
+    fit = load_shots(train, split="training", downscale=downscale)
+    held = load_shots(test, split="test", downscale=downscale)
+    check_no_leak(fit, held)
+    if held.alpha.shape[1:] != fit.alpha.shape[1:]:
+        raise DataError(
+            f"test images are {held.alpha.shape[2]} x {held.alpha.shape[1]}, training images "
+            f"{fit.alpha.shape[2]} x {fit.alpha.shape[1]}",
+            where=str(test[0].image), fix="give both splits the same size",
+        )  # fmt: skip
+    if box is not None:
+        centre, radius = sphere_from_box(box[0], box[1])
+    elif sphere is not None:
+        centre, radius = sphere
+    elif fit.has_masks:
+        few = min(dissent, max(len(train) - 2, 0))
+        centre, radius = sphere_from_masks(fit.silhouettes, fit.silhouette_intrinsics, fit.camera_to_world, dissent=few)
+    else:
+        height, width = fit.alpha.shape[1:]
+        centre, radius = sphere_from_cameras(fit.intrinsics, fit.camera_to_world, width, height)
+    frame = make_frame(centre, radius, up, metres_per_unit)
+    return Scene(
+        train=to_views(fit, frame, "train", has_masks=fit.has_masks),
+        test=to_views(held, frame, "test", has_masks=held.has_masks),
+        frame=frame,
+    )
+
+
+def need_folder(path: Path) -> Path:
+    """`path`, or DataError if it is not a folder."""
+    path = Path(path)
+    if not path.is_dir():
+        raise DataError("the scene folder does not exist", where=str(path), fix="correct the loader's `path`")
+    return path
+
+
+def need_file(path: Path, fix: str) -> Path:
+    """`path`, or DataError if it is not a file."""
+    if not path.is_file():
+        raise DataError("the file does not exist", where=str(path), fix=fix)
+    return path

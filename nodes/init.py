@@ -1,0 +1,126 @@
+"""Nodes that make the coarse mesh Stage I starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.types import DepthMaps, Frame, Mesh, Views
+
+MaskedTrain = Annotated[Views, facets(split="train", masks=True)]
+Train = Annotated[Views, facets(split="train")]
+
+
+class MeshOut(NamedTuple):
+    mesh: Mesh
+
+
+class ClosedMeshOut(NamedTuple):
+    mesh: Annotated[Mesh, facets(manifold=True, closed=True)]
+
+
+class ManifoldMeshOut(NamedTuple):
+    mesh: Annotated[Mesh, facets(manifold=True)]
+
+
+class HullParams(Params):
+    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the object's longest side.")
+    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point; 1 for hand-made masks.")
+    smooth: int = param(
+        10, ge=0, le=200, unit="steps", doc="Taubin smoothing steps (no shrinking) after marching cubes."
+    )
+    chunk: int = param(1 << 18, ge=1 << 12, unit="points", doc="Points handled at once; bounds memory.", tuning=True)
+
+
+@node("init.visual_hull", version="1", libraries=("scikit-image",), code=("exmesh_graph.geometry.hull",))
+def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullParams) -> ClosedMeshOut:
+    """The largest closed shape that agrees with the masks."""
+    from exmesh_graph.geometry.clean import require_sound, taubin
+    from exmesh_graph.geometry.hull import SilhouetteField
+    from exmesh_graph.geometry.hull import visual_hull as hull
+
+    field = SilhouetteField.from_masks(
+        views.alpha, views.intrinsics, views.world_to_camera, dissent=p.dissent, names=views.names, chunk=p.chunk
+    )
+    vertices, faces = hull(field, resolution=p.resolution)
+    vertices = taubin(vertices, faces, p.smooth)
+    require_sound(vertices, faces, closed=True, where=ctx.node)
+    return ClosedMeshOut(Mesh(vertices, faces))
+
+
+class TsdfParams(Params):
+    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the unit sphere's diameter.")
+    truncation: float = param(4.0, ge=1.5, le=32, unit="voxels", doc="Distance at which the field is cut off.")
+    masked: bool = param(True, doc="Ignore depth where alpha < 1/2.")
+    min_weight: float = param(1.0, ge=1, unit="views", doc="Views that must have seen a voxel.")
+
+
+@node("init.tsdf", version="1", libraries=("open3d",), code=("exmesh_graph.geometry.tsdf",))
+def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
+    """Fuse depth maps into one surface (truncated signed distance, Open3D)."""
+    from exmesh_graph.geometry.tsdf import fuse
+
+    vertices, faces = fuse(
+        views, depths, voxel=2.0 / p.resolution, truncation=p.truncation, masked=p.masked, min_weight=p.min_weight
+    )
+    return MeshOut(Mesh(vertices, faces))
+
+
+class CleanParams(Params):
+    faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
+    method: Literal["pymeshlab", "open3d"] = param(
+        "pymeshlab", doc="pymeshlab: isotropic remeshing (GPL-3); open3d: quadric decimation."
+    )
+    components: int = param(1, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
+    min_area: float = param(0.0, ge=0, le=1, doc="Drop parts below this share of the largest part's area.")
+
+
+@node("init.clean", version="1", libraries=("pymeshlab", "open3d"), code=("exmesh_graph.geometry.clean",))
+def clean(ctx: Context, mesh: Mesh, *, p: CleanParams) -> ManifoldMeshOut:
+    """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed."""
+    from exmesh_graph.geometry.clean import clean_mesh
+
+    vertices, faces = clean_mesh(
+        mesh.vertices, mesh.faces, faces_budget=p.faces, method=p.method, components=p.components,
+        min_area=p.min_area, where=ctx.node,
+    )  # fmt: skip
+    return ManifoldMeshOut(Mesh(vertices, faces))
+
+
+class MeshFileParams(Params):
+    path: Path = param(doc="OBJ or PLY file.")
+    units: Literal["normalised", "scene", "dataset"] = param(
+        "dataset", doc="The file's space: the normalised world, the Y-up scene, or the data set's own axes and units."
+    )
+
+
+def _mesh_file_sources(p: MeshFileParams) -> Mapping[str, Path]:
+    from exmesh_graph.errors import DataError
+
+    if not p.path.is_file():
+        raise DataError("the mesh does not exist", where=str(p.path), fix="correct `path`")
+    return {p.path.name: p.path}
+
+
+@node("init.mesh_file", version="1", sources=_mesh_file_sources, code=("exmesh_graph.io.meshes",))
+def mesh_file(ctx: Context, frame: Frame | None = None, *, p: MeshFileParams) -> MeshOut:
+    """A mesh from an OBJ or PLY file."""
+    import numpy as np
+
+    from exmesh_graph.errors import DataError
+    from exmesh_graph.io.meshes import read_mesh
+    from exmesh_graph.io.normalise import points_to_normalised
+
+    vertices, faces = read_mesh(p.path)
+    if p.units != "normalised":
+        if frame is None:
+            raise DataError(
+                f"a mesh in {p.units} units needs the scene's frame", where=ctx.node,
+                fix='wire `frame: "@<loader>.frame"`, or set units: normalised',
+            )  # fmt: skip
+        if p.units == "scene":
+            vertices = vertices @ frame.dataset_from_scene[:3, :3].T
+        vertices = points_to_normalised(vertices, frame)
+    return MeshOut(Mesh(vertices.astype(np.float32), faces))
