@@ -1,0 +1,124 @@
+"""The galleries of the evaluation nodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.report.pictures import ERROR_TOP, GalleryWriter, environment_panels, error_map, shrink
+from exmesh_graph.report.scores import AssetScores, spread
+from exmesh_graph.report.scores_mesh import CarrierScores
+from exmesh_graph.report.shaded import shaded_geometry
+from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, Views
+
+_ERRORS = f"Error: mean over the channels of display colours, brightest at {ERROR_TOP:g}."
+
+
+def asset_gallery(
+    root: Path,
+    asset: Asset,
+    views: Views,
+    scores: AssetScores,
+    truth: SceneTruth | None = None,
+    *,
+    count: int = 3,
+) -> Gallery:
+    """Held-out and relit views, materials, light, atlas and geometry; `count` views of each."""
+    writer = GalleryWriter(root)
+    held_out = scores.values["held_out"]["psnr_per_view"]
+    for k in spread(len(scores.held_out), count):
+        ours, true = scores.held_out[k]
+        name = views.names[scores.views[k]]
+        writer.add(
+            f"held_out_{k:03d}",
+            f"Held-out view {name}",
+            f"Ours, photograph, error: {held_out[name]:.1f} dB. {_ERRORS}",
+            [ours, true, error_map(ours, true)],
+        )
+    for light, pairs in scores.relit.items():
+        figures = scores.values["relit"]["per_light"][light]
+        for k in spread(len(pairs), 1):
+            ours, true = pairs[k]
+            writer.add(
+                f"relit_{light}",
+                f"Relit by {light}",
+                f"A light that the fit never saw: ours, truth, error. All views {figures['psnr']:.1f} dB "
+                f"({figures['psnr_unscaled']:.1f} dB without the albedo scale, gray object "
+                f"{figures['psnr_floor']:.1f} dB). {_ERRORS}",
+                [ours, true, error_map(ours, true)],
+            )
+    for k in spread(len(scores.albedo), 1):
+        ours, true = scores.albedo[k]
+        scale = ", ".join(f"{x:.2f}" for x in scores.values["material"]["albedo_scale"])
+        writer.add(
+            "albedo",
+            "Base colour",
+            f"Ours times the scale ({scale}) that brings its median to the truth's; truth; error. {_ERRORS}",
+            [ours, true, error_map(ours, true)],
+        )
+    for k in spread(len(scores.roughness), 1):
+        ours, true = scores.roughness[k]
+        error = error_map(ours[..., None], true[..., None])
+        writer.add("roughness", "Roughness", f"Ours, truth (white is 1), error at the scale of {ERROR_TOP:g}.",
+                   [ours, true, error])  # fmt: skip
+    _add_light(writer, asset, truth)
+    _add_atlas(writer, asset)
+    _add_geometry(writer, asset, views, scores.views)
+    return writer.finish()
+
+
+def carrier_gallery(root: Path, carrier: Carrier, views: Views, scores: CarrierScores, *, count: int = 2) -> Gallery:
+    """Held-out views of the textured mesh, its geometry, its texture."""
+    writer = GalleryWriter(root)
+    for k in spread(len(scores.held_out), count):
+        ours, true = scores.held_out[k]
+        name = views.names[scores.views[k]]
+        figure = scores.values["held_out"]["psnr_per_view"][name]
+        writer.add(
+            f"held_out_{k:03d}",
+            f"Stage I, held-out view {name}",
+            f"The mesh with its RGB texture, photograph, error: {figure:.1f} dB. {_ERRORS}",
+            [ours, true, error_map(ours, true)],
+        )
+    _add_geometry(writer, carrier, views, scores.views)
+    writer.add("texture", "RGB texture", "The atlas as Stage I left it.", [shrink(carrier.texture)])
+    return writer.finish()
+
+
+def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) -> None:
+    if truth is not None and truth.environment is not None:
+        true, ours = environment_panels([truth.environment, asset.environment])
+        caption = "Found, true; one exposure. Its scale against the base colour's cannot be known from photographs."
+        writer.add("environment", "Environment", caption, [ours, true])
+    else:
+        caption = "As found: lat-long, up is up, the centre looks along +Z."
+        writer.add("environment", "Environment", caption, environment_panels([asset.environment]))
+
+
+def _add_atlas(writer: GalleryWriter, asset: Asset) -> None:
+    panels = [linear_to_srgb(shrink(asset.base_color)), shrink(asset.roughness)]
+    words = ["base colour", "roughness"]
+    if asset.metallic is not None:
+        panels.append(shrink(asset.metallic))
+        words.append("metallic")
+    if asset.normal is not None:
+        panels.append(shrink(0.5 + 0.5 * asset.normal))
+        words.append("normals")
+    panels.append(shrink(asset.seen.astype(np.float32)))
+    words.append("texels that a training view saw")
+    size = asset.base_color.shape[0]
+    writer.add("atlas", "Texture atlas", f"{size} x {size}: {', '.join(words)}.", panels)
+
+
+def _add_geometry(writer: GalleryWriter, mesh: Carrier, views: Views, chosen: list[int]) -> None:
+    i = chosen[len(chosen) // 2]
+    panels = shaded_geometry(
+        mesh, views.intrinsics[i], views.camera_to_world[i], views.height, views.width,
+        scale=max(1.0, 384 / views.height),
+    )  # fmt: skip
+    caption = (
+        f"Clay, face normals (x, y, z as red, green, blue), edges; {len(mesh.faces)} faces, view {views.names[i]}."
+    )
+    writer.add("geometry", "Geometry", caption, panels)

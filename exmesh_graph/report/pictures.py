@@ -1,0 +1,86 @@
+"""Composing the pictures of a Gallery: strips of panels, error maps, environments, atlases."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.io.images import write_image
+from exmesh_graph.types import Gallery
+
+ERROR_TOP = 0.2
+"""The display-space error shown as the brightest colour of an error map."""
+
+_GAP = 6
+# Dark to bright through purple and orange; readable in gray and by colour-blind readers.
+_RAMP = np.array([[0.0, 0.0, 0.02], [0.34, 0.06, 0.43], [0.73, 0.21, 0.33], [0.98, 0.55, 0.04], [0.99, 1.0, 0.64]])
+
+
+class GalleryWriter:
+    """Collects pictures into a folder: PNG files and `captions.json`."""
+
+    def __init__(self, root: Path) -> None:
+        root.mkdir(parents=True, exist_ok=True)
+        self.root = root
+        self._captions: list[dict[str, str]] = []
+
+    def add(self, file: str, title: str, caption: str, panels: Sequence[np.ndarray]) -> None:
+        """Write `panels` (display values in [0, 1]; [H, W, 3] or [H, W]) side by side as `file`.png."""
+        write_image(self.root / f"{file}.png", strip(panels))
+        self._captions.append({"file": f"{file}.png", "title": title, "caption": caption})
+
+    def finish(self) -> Gallery:
+        """Write the captions; the Gallery artifact."""
+        text = json.dumps(self._captions, indent=1, ensure_ascii=False)
+        (self.root / "captions.json").write_text(text + "\n", encoding="utf-8")
+        return Gallery(root=self.root, main=self._captions[0]["file"] if self._captions else "")
+
+
+def strip(panels: Sequence[np.ndarray]) -> np.ndarray:
+    """Panels of one height side by side [H, W, 3], with a white gap between."""
+    colored = [np.repeat(p[..., None], 3, axis=2) if p.ndim == 2 else p for p in panels]
+    height = max(panel.shape[0] for panel in colored)
+    parts: list[np.ndarray] = []
+    for panel in colored:
+        parts += [resize(panel, height), np.ones((height, _GAP, 3))]
+    return np.clip(np.concatenate(parts[:-1], axis=1), 0.0, 1.0)
+
+
+def error_map(ours: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean absolute error over the channels of two display images, in false colours, full at `ERROR_TOP`."""
+    error = np.clip(np.abs(ours - truth).mean(axis=-1) / ERROR_TOP, 0.0, 1.0)
+    position = error * (len(_RAMP) - 1)
+    low = np.minimum(position.astype(int), len(_RAMP) - 2)
+    part = (position - low)[..., None]
+    return (1.0 - part) * _RAMP[low] + part * _RAMP[low + 1]
+
+
+def environment_panels(maps: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Environments [h, w, 3] at one height and, by the first one's 90th percentile, at one exposure."""
+    exposure = 0.7 / max(float(np.quantile(maps[0], 0.9)), 1e-6)
+    height = max(192, max(image.shape[0] for image in maps))
+    return [linear_to_srgb(np.clip(resize(image * exposure, height), 0.0, 1.0)) for image in maps]
+
+
+def shrink(image: np.ndarray, largest: int = 512) -> np.ndarray:
+    """Box-averaged by a whole factor until no side exceeds `largest`."""
+    factor = -(-max(image.shape[:2]) // largest)
+    if factor == 1:
+        return image
+    height, width = (n // factor * factor for n in image.shape[:2])
+    blocks = image[:height, :width].reshape(height // factor, factor, width // factor, factor, -1)
+    return blocks.mean(axis=(1, 3)).reshape(height // factor, width // factor, *image.shape[2:])
+
+
+def resize(image: np.ndarray, height: int) -> np.ndarray:
+    """Nearest texels at another height, aspect kept."""
+    if image.shape[0] == height:
+        return image
+    width = max(1, round(image.shape[1] * height / image.shape[0]))
+    rows = ((np.arange(height) + 0.5) * image.shape[0] / height).astype(int)
+    columns = ((np.arange(width) + 0.5) * image.shape[1] / width).astype(int)
+    return image[rows][:, columns]

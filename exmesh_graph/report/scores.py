@@ -1,0 +1,332 @@
+"""Scoring a finished asset: held-out views, relit views, materials, each beside its floor.
+
+The floor is what an uninformed guess would score: a uniformly gray object (albedo 0.5, roughness 0.5) of the true
+shape, under uniform light of the training images' level for held-out views, and under the true lights for relit ones.
+All image figures are of display colours over black, on whole images; where the data has no masks they are taken
+inside our own silhouette.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.io.images import display
+from exmesh_graph.metrics.image import psnr, ssim
+from exmesh_graph.metrics.material import albedo_psnr, albedo_scale, roughness_mse
+from exmesh_graph.types import Asset, SceneTruth, Transport, Views
+
+GRAY_ALBEDO = 0.5
+GRAY_ROUGHNESS = 0.5
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass
+class AssetScores:
+    """Figures, and the images they were computed from (all display values, lists over the scored views).
+
+    values  the content of the Metrics artifact
+    views   indices of the scored views;  held_out, relit[light]: (ours, truth) per view
+    albedo, roughness: (ours, truth) per view, albedo scaled and sRGB-encoded
+    """
+
+    values: dict[str, Any]
+    views: list[int]
+    held_out: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    relit: dict[str, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
+    albedo: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    roughness: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How finely the scored images are rendered."""
+
+    supersampling: int = 2
+    specular_samples: int = 12
+    directions: int = 256
+    bounces: int = 2
+    seed: int = 0
+
+
+def score_asset(
+    asset: Asset,
+    views: Views,
+    truth: SceneTruth | None = None,
+    train: Views | None = None,
+    *,
+    max_views: int = 0,
+    quality: Quality | None = None,
+    progress: Progress | None = None,
+) -> AssetScores:
+    """Score `asset` on held-out `views`, and on `truth`'s relit images and materials where there are any.
+
+    train      the training views, for the level of the floor's uniform light; the scored views stand in without it
+    max_views  score this many, evenly spread; 0: all
+    """
+    quality = quality or Quality()
+    chosen = spread(len(views), max_views)
+    known = {name: index for index, name in enumerate(truth.names)} if truth is not None else {}
+    paired = [(i, known[views.names[i]]) for i in chosen if views.names[i] in known]
+    lights = sorted(truth.relit) if truth is not None and paired else []
+    steps = _Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired))
+    ours = _Renderer(asset, views, quality, steps)
+    guess = _Renderer(gray_object(asset, truth), views, quality, steps)
+    scores = AssetScores({"headline": [], "floor": {}}, chosen)
+
+    rendered = ours.render(chosen)
+    floor = _score_held_out(scores, rendered, guess, views, chosen, train)
+    headline: list[dict[str, Any]] = scores.values["headline"]
+    headline.append(_headline("Held-out PSNR", scores.values["held_out"]["psnr"], "dB", floor, "held-out PSNR"))
+    if truth is None or not paired:
+        return scores
+    rows = [chosen.index(i) for i, _ in paired]
+    scale = _score_materials(scores, _take(rendered, rows), truth, [k for _, k in paired], headline)
+    if lights:
+        _score_relit(scores, ours, guess, truth, lights, paired, scale)
+        relit = scores.values["relit"]
+        headline.insert(
+            1, _headline("Relit PSNR", relit["psnr"], "dB", scores.values["floor"]["relit_psnr"], "relit PSNR")
+        )
+    return scores
+
+
+def gray_object(asset: Asset, truth: SceneTruth | None) -> Asset:
+    """The uninformed guess: the true shape (ours where none is known) in uniform gray under uniform light of 1."""
+    vertices, faces = asset.vertices, asset.faces
+    if truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None:
+        vertices, faces = truth.mesh_vertices, truth.mesh_faces
+    return Asset(
+        vertices=vertices,
+        faces=faces,
+        uvs=np.full((1, 2), 0.5, np.float32),
+        uv_faces=np.zeros((len(faces), 3), np.int32),
+        texture=np.full((2, 2, 3), 0.5, np.float32),
+        base_color=np.full((2, 2, 3), GRAY_ALBEDO, np.float32),
+        roughness=np.full((2, 2), GRAY_ROUGHNESS, np.float32),
+        seen=np.ones((2, 2), bool),
+        environment=np.ones((16, 32, 3), np.float32),
+    )
+
+
+def compare(ours: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> tuple[list[float], list[float]]:
+    """(PSNR [dB], SSIM) of each pair of display images."""
+    pairs = list(zip(ours, truth, strict=True))
+    return [psnr(a, b) for a, b in pairs], [ssim(a, b) for a, b in pairs]
+
+
+def spread(count: int, at_most: int) -> list[int]:
+    """Indices of at most `at_most` of `count` items, evenly spread; all for 0."""
+    if at_most <= 0 or at_most >= count:
+        return list(range(count))
+    return [int((k + 0.5) * count / at_most) for k in range(at_most)]
+
+
+class _Steps:
+    """Counts rendered views for the progress bar."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self.progress, self.total, self.done = progress, total, 0
+
+    def __call__(self, *_: int) -> None:
+        self.done += 1
+        if self.progress:
+            self.progress(self.done, self.total)
+
+
+class _Renderer:
+    """Renders one shape at the cameras of `views`, tracing its light transport once."""
+
+    def __init__(self, asset: Asset, views: Views, quality: Quality, steps: _Steps) -> None:
+        self.asset, self.views, self.quality, self.steps = asset, views, quality, steps
+        self._transport: Transport | None = None
+
+    def render(
+        self, chosen: Sequence[int], *, environment: np.ndarray | None = None, scale: np.ndarray | None = None
+    ) -> Any:
+        """`stage2.render.Rendered` of the chosen views; `scale` [3] multiplies the albedo."""
+        from exmesh_graph.stage2.render import render_transport, render_views
+
+        if self._transport is None:
+            self._transport = render_transport(self.asset, self.quality.bounces, self.quality.directions)
+        asset = self.asset
+        if scale is not None:
+            scaled = np.clip(asset.base_color * scale.astype(np.float32), 0.0, 1.0)
+            asset = replace(asset, base_color=scaled)
+        return render_views(
+            asset,
+            self.views.intrinsics[list(chosen)],
+            self.views.camera_to_world[list(chosen)],
+            self.views.height,
+            self.views.width,
+            environment=environment,
+            transport=self._transport,
+            bounces=self.quality.bounces,
+            supersampling=self.quality.supersampling,
+            specular_samples=self.quality.specular_samples,
+            seed=self.quality.seed,
+            progress=self.steps,
+        )
+
+
+def _score_held_out(
+    scores: AssetScores,
+    rendered: Any,
+    guess: _Renderer,
+    views: Views,
+    chosen: Sequence[int],
+    train: Views | None,
+) -> float:
+    """Fill `held_out`; returns the floor."""
+    shown = [display(image, alpha) for image, alpha in zip(rendered.images, rendered.alpha, strict=True)]
+    true = [display(views.images[i], views.alpha[i]) for i in chosen]
+    gray = guess.render(chosen)  # light is linear: the level scales the image
+    level = _uniform_level(gray, train if train is not None else views)
+    flat = [display(level * image, alpha) for image, alpha in zip(gray.images, gray.alpha, strict=True)]
+    if not views.has_masks:
+        true = [image * alpha[..., None] for image, alpha in zip(true, rendered.alpha, strict=True)]
+        flat = [image * alpha[..., None] for image, alpha in zip(flat, rendered.alpha, strict=True)]
+    scores.held_out = list(zip(shown, true, strict=True))
+    db, structure = compare(shown, true)
+    floor_db, floor_structure = compare(flat, true)
+    names = [views.names[i] for i in chosen]
+    scores.values["held_out"] = {
+        "psnr": float(np.mean(db)),
+        "ssim": float(np.mean(structure)),
+        "psnr_per_view": dict(zip(names, db, strict=True)),
+        "ssim_per_view": dict(zip(names, structure, strict=True)),
+        "region": "whole image, over black" if views.has_masks else "inside our silhouette",
+        "views": len(names),
+    }
+    floor = float(np.mean(floor_db))
+    scores.values["floor"] |= {
+        "held_out_psnr": floor,
+        "held_out_ssim": float(np.mean(floor_structure)),
+        "light_level": level,
+    }
+    return floor
+
+
+def _uniform_level(gray: Any, views: Views) -> float:
+    """Radiance of the uniform light under which the gray object is as bright as the photographs, on average."""
+    photographed = views.images[views.alpha > 0.5].mean()
+    under_one = gray.images[gray.alpha > 0.5].mean()
+    return float(photographed / max(float(under_one), 1e-6))
+
+
+def _score_materials(
+    scores: AssetScores,
+    rendered: Any,
+    truth: SceneTruth,
+    rows: Sequence[int],
+    headline: list[dict[str, Any]],
+) -> np.ndarray | None:
+    """Fill `material`; returns the albedo scale [3] (None where no true albedo is known)."""
+    material: dict[str, Any] = {}
+    floor: dict[str, Any] = scores.values["floor"]
+    scale = None
+    if truth.albedo is not None:
+        true = truth.albedo[list(rows)]
+        covered = _coverage(truth, rows, true)
+        gray = np.full_like(true, GRAY_ALBEDO)
+        scale = albedo_scale(rendered.albedo, true, covered)
+        gray_scale = albedo_scale(gray, true, covered)
+        material["albedo_scale"] = scale.tolist()
+        for space in ("linear", "srgb"):
+
+            def score(albedo: np.ndarray, factor: np.ndarray, srgb: bool = space == "srgb") -> float:
+                views = zip(albedo, true, covered, strict=True)
+                return float(np.mean([albedo_psnr(a, t, c, factor, srgb=srgb) for a, t, c in views]))
+
+            material[f"albedo_psnr_{space}"] = score(rendered.albedo, scale)
+            material[f"albedo_psnr_{space}_unscaled"] = score(rendered.albedo, np.ones(3))
+            floor[f"albedo_psnr_{space}"] = score(gray, gray_scale)
+        figure, guess = material["albedo_psnr_linear"], floor["albedo_psnr_linear"]
+        headline.append(_headline("Albedo PSNR (linear)", figure, "dB", guess, "albedo PSNR"))
+        scores.albedo = [
+            (linear_to_srgb(np.clip(a * scale, 0, 1)) * c[..., None], linear_to_srgb(t) * c[..., None])
+            for a, t, c in zip(rendered.albedo, true, covered, strict=True)
+        ]
+    if truth.roughness is not None:
+        true = truth.roughness[list(rows)]
+        covered = _coverage(truth, rows, true)
+        triples = list(zip(rendered.roughness, true, covered, strict=True))
+        material["roughness_mse"] = float(np.mean([roughness_mse(r, t, c) for r, t, c in triples]))
+        guesses = [roughness_mse(np.full_like(t, GRAY_ROUGHNESS), t, c) for _, t, c in triples]
+        floor["roughness_mse"] = float(np.mean(guesses))
+        headline.append(
+            _headline("Roughness MSE", material["roughness_mse"], "", floor["roughness_mse"], "roughness MSE", "lower")
+        )
+        scores.roughness = [(r * c, t * c) for r, t, c in triples]
+    if material:
+        scores.values["material"] = material
+    return scale
+
+
+def _coverage(truth: SceneTruth, rows: Sequence[int], maps: np.ndarray) -> np.ndarray:
+    """Where the true maps hold a value: coverage of the relit images if known, else where the map is not 0."""
+    for alpha in truth.relit_alpha.values():
+        return alpha[list(rows)]
+    filled = maps > 0 if maps.ndim == 3 else (maps > 0).any(axis=-1)
+    return np.asarray(filled, np.float32)
+
+
+def _score_relit(
+    scores: AssetScores,
+    ours: _Renderer,
+    guess: _Renderer,
+    truth: SceneTruth,
+    lights: Sequence[str],
+    paired: Sequence[tuple[int, int]],
+    scale: np.ndarray | None,
+) -> None:
+    """Fill `relit`: per light and mean, with and without the albedo scale, which is never fitted to relit images."""
+    cameras, rows = [i for i, _ in paired], [k for _, k in paired]
+    per_light: dict[str, dict[str, Any]] = {}
+    for light in lights:
+        environment, images = truth.relit[light]
+        true = [display(images[k], truth.relit_alpha[light][k]) for k in rows]
+        figures: dict[str, Any] = {}
+        plain = _shown(ours.render(cameras, environment=environment))
+        scaled = _shown(ours.render(cameras, environment=environment, scale=scale)) if scale is not None else plain
+        gray = _shown(guess.render(cameras, environment=environment))
+        for key, shown in (("", scaled), ("_unscaled", plain), ("_floor", gray)):
+            db, structure = compare(shown, true)
+            figures |= {f"psnr{key}": float(np.mean(db)), f"ssim{key}": float(np.mean(structure))}
+            if not key:
+                names = [truth.names[k] for k in rows]
+                figures["psnr_per_view"] = dict(zip(names, db, strict=True))
+        per_light[light] = figures
+        scores.relit[light] = list(zip(scaled, true, strict=True))
+
+    def mean(key: str) -> float:
+        return float(np.mean([figures[key] for figures in per_light.values()]))
+
+    scores.values["relit"] = {
+        "psnr": mean("psnr"),
+        "psnr_unscaled": mean("psnr_unscaled"),
+        "ssim": mean("ssim"),
+        "per_light": per_light,
+    }
+    scores.values["floor"] |= {"relit_psnr": mean("psnr_floor"), "relit_ssim": mean("ssim_floor")}
+
+
+def _shown(rendered: Any) -> list[np.ndarray]:
+    return [display(image, alpha) for image, alpha in zip(rendered.images, rendered.alpha, strict=True)]
+
+
+def _take(rendered: Any, rows: Sequence[int]) -> Any:
+    """The chosen views of a Rendered."""
+    picked: Mapping[str, np.ndarray] = {name: value[list(rows)] for name, value in vars(rendered).items()}
+    return replace(rendered, **picked)
+
+
+def _headline(
+    label: str, value: float, unit: str, floor: float | None, series: str, better: str = "higher"
+) -> dict[str, Any]:
+    return {"label": label, "value": value, "unit": unit, "floor": floor, "series": series, "better": better}

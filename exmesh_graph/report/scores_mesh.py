@@ -1,0 +1,87 @@
+"""Scoring a mesh against the true surface, and a Stage I carrier on held-out views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph.io.images import display
+from exmesh_graph.report.scores import Progress, compare, spread
+from exmesh_graph.types import Carrier, Mesh, SceneTruth, Views
+
+
+def score_mesh(mesh: Mesh, truth: SceneTruth | None = None, *, samples: int = 40_000, seed: int = 0) -> dict[str, Any]:
+    """Counts, soundness and, with a true mesh, Chamfer distances in thousandths of its bounding radius."""
+    from exmesh_graph.metrics.mesh import bounding_radius, chamfer, mesh_report
+
+    sound = mesh_report(mesh.vertices, mesh.faces)
+    headline: list[dict[str, Any]] = []
+    values: dict[str, Any] = {"headline": headline, "mesh": sound}
+    if truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None:
+        radius = bounding_radius(truth.mesh_vertices)
+        distance = chamfer(mesh.vertices, mesh.faces, truth.mesh_vertices, truth.mesh_faces, samples=samples, seed=seed)
+        values["chamfer_per_mille_of_radius"] = distance.scaled(1000.0 / radius)
+        values["bounding_radius"] = radius
+        headline.append(
+            {
+                "label": "Chamfer",
+                "value": values["chamfer_per_mille_of_radius"]["chamfer"],
+                "unit": "‰ of radius",
+                "better": "lower",
+                "series": "Chamfer",
+            }
+        )
+    headline.append({"label": "Closed", "value": bool(sound["closed"])})
+    headline.append({"label": "Manifold", "value": bool(sound["edge_manifold"] and not sound["pinched_vertices"])})
+    headline.append({"label": "Faces", "value": int(sound["faces"])})
+    return values
+
+
+@dataclass
+class CarrierScores:
+    """Figures of a carrier, and the (ours, truth) display images of the scored views."""
+
+    values: dict[str, Any]
+    views: list[int]
+    held_out: list[tuple[np.ndarray, np.ndarray]]
+
+
+def score_carrier(
+    carrier: Carrier, views: Views, *, max_views: int = 0, progress: Progress | None = None
+) -> CarrierScores:
+    """Held-out PSNR and SSIM of the mesh with its RGB texture (no light model: what Stage I itself has learnt)."""
+    from exmesh_graph.report.shaded import render_texture
+
+    chosen = spread(len(views), max_views)
+    pairs = []
+    for done, i in enumerate(chosen, start=1):
+        ours, alpha = render_texture(carrier, views.intrinsics[i], views.camera_to_world[i], views.height, views.width)
+        true = display(views.images[i], views.alpha[i])
+        pairs.append((ours, true if views.has_masks else true * alpha[..., None]))
+        if progress:
+            progress(done, len(chosen))
+    db, structure = compare([ours for ours, _ in pairs], [true for _, true in pairs])
+    names = [views.names[i] for i in chosen]
+    mean = float(np.mean(db))
+    values = {
+        "headline": [
+            {
+                "label": "Held-out PSNR, Stage I",
+                "value": mean,
+                "unit": "dB",
+                "better": "higher",
+                "series": "held-out PSNR",
+            }
+        ],
+        "held_out": {
+            "psnr": mean,
+            "ssim": float(np.mean(structure)),
+            "psnr_per_view": dict(zip(names, db, strict=True)),
+            "ssim_per_view": dict(zip(names, structure, strict=True)),
+            "region": "whole image, over black" if views.has_masks else "inside our silhouette",
+            "views": len(names),
+        },
+    }
+    return CarrierScores(values, chosen, pairs)

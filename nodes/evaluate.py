@@ -1,0 +1,74 @@
+"""Scores and pictures: how good is a mesh, a Stage I carrier, a finished asset."""
+
+from typing import Annotated, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.types import Asset, Carrier, Gallery, Mesh, Metrics, SceneTruth, Views
+
+TestViews = Annotated[Views, facets(split="test")]
+
+
+class MeshParams(Params):
+    samples: int = param(40_000, ge=100, doc="Points on each surface for the Chamfer distance.")
+
+
+class MeshOut(NamedTuple):
+    metrics: Metrics
+
+
+@node("evaluate.mesh", version="1", libraries=("open3d",))
+def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshParams) -> MeshOut:
+    """Chamfer distance to the true surface, whether the mesh is closed and manifold, its size."""
+    from exmesh_graph.report.scores_mesh import score_mesh
+
+    return MeshOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
+
+
+class Stage1Params(Params):
+    max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
+    pictures: int = param(2, ge=0, doc="Views shown in the report.")
+
+
+class ScoredOut(NamedTuple):
+    metrics: Metrics
+    gallery: Gallery
+
+
+@node("evaluate.stage1", version="1", libraries=("warp-lang",))
+def stage1(ctx: Context, carrier: Carrier, views: TestViews, *, p: Stage1Params) -> ScoredOut:
+    """Held-out PSNR and SSIM of the mesh with its Stage I texture; pictures of its geometry."""
+    from exmesh_graph.report.galleries import carrier_gallery
+    from exmesh_graph.report.scores_mesh import score_carrier
+
+    scores = score_carrier(carrier, views, max_views=p.max_views, progress=ctx.progress)
+    gallery = carrier_gallery(ctx.scratch / "gallery", carrier, views, scores, count=p.pictures)
+    return ScoredOut(Metrics(scores.values), gallery)
+
+
+class AssetParams(Params):
+    max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
+    pictures: int = param(3, ge=0, doc="Held-out views shown in the report.")
+    directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
+    bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
+    supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
+    specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
+
+
+@node("evaluate.asset", version="1", libraries=("warp-lang", "embreex"))
+def asset(
+    ctx: Context,
+    asset: Asset,
+    views: TestViews,
+    truth: SceneTruth | None = None,
+    train: Annotated[Views, facets(split="train")] | None = None,
+    *,
+    p: AssetParams,
+) -> ScoredOut:
+    """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object; pictures."""
+    from exmesh_graph.report.galleries import asset_gallery
+    from exmesh_graph.report.scores import Quality, score_asset
+
+    quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
+    scores = score_asset(asset, views, truth, train, max_views=p.max_views, quality=quality, progress=ctx.progress)
+    gallery = asset_gallery(ctx.scratch / "gallery", asset, views, scores, truth, count=p.pictures)
+    return ScoredOut(Metrics(scores.values), gallery)
