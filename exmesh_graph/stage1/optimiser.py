@@ -1,0 +1,50 @@
+"""Adam in the two forms Stage I uses; the moments are plain tensors, so that they travel with the state."""
+
+from __future__ import annotations
+
+import torch
+
+VERTEX_BETAS = (0.9, 0.999)
+TEXTURE_BETAS = (0.9, 0.99)
+EPSILON = 1e-15
+"""Far below any gradient of a mean over an image; it only keeps 0 / 0 from happening."""
+
+
+@torch.no_grad()
+def vertex_step(
+    vertices: torch.Tensor,
+    gradient: torch.Tensor,
+    first: torch.Tensor,
+    second: torch.Tensor,
+    step: int,
+    rate: float,
+    betas: tuple[float, float] = VERTEX_BETAS,
+) -> None:
+    """Adam on vertices [V, 3] with one second moment per vertex [V], the mean of |g|^2: in place.
+
+    Sharing it over x, y, z makes the step turn with the object, and points it along the gradient. `step` counts from
+    1; `rate` is the length of a step under a steady gradient, in world units.
+    """
+    b1, b2 = betas
+    first.lerp_(gradient, 1 - b1)
+    second.lerp_(gradient.square().sum(1), 1 - b2)
+    scale = (second / (1 - b2**step)).sqrt_().add_(EPSILON)
+    vertices.addcdiv_(first, scale[:, None], value=-rate / (1 - b1**step))
+
+
+@torch.no_grad()
+def texture_step(
+    texture: torch.Tensor,
+    gradient: torch.Tensor,
+    first: torch.Tensor,
+    second: torch.Tensor,
+    step: int,
+    rate: float,
+    betas: tuple[float, float] = TEXTURE_BETAS,
+) -> None:
+    """Adam on texels, then projection to [0, 1]: in place. Clamping after the step leaves no dead gradient."""
+    b1, b2 = betas
+    first.lerp_(gradient, 1 - b1)
+    second.mul_(b2).addcmul_(gradient, gradient, value=1 - b2)
+    scale = (second / (1 - b2**step)).sqrt_().add_(EPSILON)
+    texture.addcdiv_(first, scale, value=-rate / (1 - b1**step)).clamp_(0, 1)

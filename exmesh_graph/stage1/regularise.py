@@ -1,0 +1,82 @@
+"""Smoothness of the surface (L_s) and of its deformation (L_b), in forms that do not depend on the scene's scale.
+
+With U v = mean of v's neighbours - v, l the mean edge length and V vertices:
+
+    laplacian    1/V sum |U v|^2 / l^2              the paper's L_s, made scale-free
+    bilaplacian  1/V sum |U U v|^2 / l^2            keeps curvature: flat is not preferred to round
+    deviation    1/E sum over edges |D_i - D_j|^2 / l^2,  D = v - v_ref     the paper's L_b
+
+Doubling the resolution of the same surface quarters |U v| and halves l: the Laplacian term then falls by four, as a
+regulariser of noise should.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import torch
+
+Smoothness = Literal["laplacian", "bilaplacian"]
+REFERENCE_DECAY = 0.99
+
+
+class Smoother(NamedTuple):
+    """What the regularisers need of a topology: sparse U and its transpose, the edges, l."""
+
+    laplacian: torch.Tensor
+    transposed: torch.Tensor
+    edges: torch.Tensor
+    mean_edge: float
+
+
+def smoother(vertices: torch.Tensor, edges: torch.Tensor) -> Smoother:
+    """U over the undirected `edges` [E, 2] (each neighbour counts once), and the mean edge length of `vertices`."""
+    count = len(vertices)
+    edges = torch.unique(edges.long(), dim=0)
+    ends = torch.cat([edges, edges.flip(1)])
+    degree = torch.bincount(ends[:, 0], minlength=count)
+    diagonal = torch.nonzero(degree)[:, 0]
+    index = torch.cat([ends.T, diagonal.expand(2, -1)], dim=1)
+    values = torch.cat([1 / degree[ends[:, 0]].to(vertices.dtype), -vertices.new_ones(len(diagonal))])
+    forward = torch.sparse_coo_tensor(index, values, (count, count)).coalesce()
+    backward = torch.sparse_coo_tensor(index.flip(0), values, (count, count)).coalesce()
+    length = (vertices[edges[:, 0]] - vertices[edges[:, 1]]).norm(dim=1)
+    mean_edge = float(length.mean()) if len(edges) else 1.0
+    return Smoother(_csr(forward), _csr(backward), edges, mean_edge)
+
+
+def smoothness(vertices: torch.Tensor, of: Smoother, kind: Smoothness) -> torch.Tensor:
+    """L_s, a scalar; 0 on a plane of even vertices away from its boundary."""
+    difference = _Multiply.apply(vertices, of.laplacian, of.transposed)
+    if kind == "bilaplacian":
+        difference = _Multiply.apply(difference, of.laplacian, of.transposed)
+    return difference.square().sum() / (max(len(vertices), 1) * of.mean_edge**2)
+
+
+def deviation(vertices: torch.Tensor, reference: torch.Tensor, of: Smoother) -> torch.Tensor:
+    """L_b: neighbours should move alike, measured from `reference` [V, 3] (a running mean of the vertices)."""
+    moved = vertices - reference
+    along = moved.index_select(0, of.edges[:, 0]) - moved.index_select(0, of.edges[:, 1])
+    return along.square().sum() / (max(len(of.edges), 1) * of.mean_edge**2)
+
+
+def _csr(matrix: torch.Tensor) -> torch.Tensor:
+    import warnings
+
+    with warnings.catch_warnings():
+        # torch announces on the first CSR tensor that the layout is in beta
+        warnings.filterwarnings("ignore", message=".*Sparse CSR.*")
+        return matrix.to_sparse_csr()
+
+
+class _Multiply(torch.autograd.Function):
+    """A constant sparse matrix times a dense one, with the transpose at hand: autograd would build it every time."""
+
+    @staticmethod
+    def forward(ctx, x, matrix, transposed):
+        ctx.transposed = transposed
+        return matrix @ x
+
+    @staticmethod
+    def backward(ctx, grad):
+        return ctx.transposed @ grad, None, None

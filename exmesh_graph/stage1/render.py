@@ -1,0 +1,100 @@
+"""The picture of a textured mesh as Stage I sees it: display colour over black and coverage, both antialiased."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from exmesh_graph.raster import (
+    EdgeTable,
+    Fragments,
+    antialias,
+    edge_table,
+    find_silhouette,
+    project,
+    rasterize_projected,
+    shade,
+)
+from exmesh_graph.types import Carrier, Views
+
+
+class Surface(NamedTuple):
+    """A mesh on the device: vertices [V, 3], faces and uv_faces int32 [F, 3], uvs [T, 2], texture [R, R, 3]."""
+
+    vertices: torch.Tensor
+    faces: torch.Tensor
+    uvs: torch.Tensor
+    uv_faces: torch.Tensor
+    texture: torch.Tensor
+    edges: EdgeTable
+
+
+class Picture(NamedTuple):
+    """colour [H, W, 3], display-referred over black;  alpha [H, W];  projected [V, 3];  fragments."""
+
+    colour: torch.Tensor
+    alpha: torch.Tensor
+    projected: torch.Tensor
+    fragments: Fragments
+
+
+def surface_of(carrier: Carrier, device: torch.device | str = "cpu") -> Surface:
+    """The carrier's arrays as tensors (copies: they may be changed in place)."""
+    faces = torch.tensor(np.asarray(carrier.faces, np.int32), device=device)
+    return Surface(
+        vertices=torch.tensor(np.asarray(carrier.vertices, np.float32), device=device),
+        faces=faces,
+        uvs=torch.tensor(np.asarray(carrier.uvs, np.float32), device=device),
+        uv_faces=torch.tensor(np.asarray(carrier.uv_faces, np.int32), device=device),
+        texture=torch.tensor(np.asarray(carrier.texture, np.float32), device=device),
+        edges=edge_table(faces),
+    )
+
+
+def draw(
+    surface: Surface,
+    intrinsics: torch.Tensor,
+    world_to_camera: torch.Tensor,
+    height: int,
+    width: int,
+    *,
+    uv_gradient: bool = True,
+) -> Picture:
+    """One view; differentiable in vertices and texture.
+
+    uv_gradient  whether colour also moves vertices inside the silhouette, through the uv under each pixel
+    """
+    projected = project(surface.vertices, intrinsics, world_to_camera)
+    fragments = rasterize_projected(projected, surface.faces, height, width)
+    colour = shade(
+        projected if uv_gradient else projected.detach(),
+        surface.faces,
+        surface.uvs,
+        surface.uv_faces,
+        surface.texture,
+        fragments.face_id,
+    )
+    covered = (fragments.face_id >= 0).to(colour.dtype)
+    silhouette = find_silhouette(projected, surface.edges, fragments)
+    blended = antialias(torch.cat([colour, covered[..., None]], dim=-1), projected, silhouette)
+    return Picture(blended[..., :3], blended[..., 3], projected, fragments)
+
+
+def render_carrier(carrier: Carrier, views: Views, device: torch.device | str = "cpu") -> tuple[np.ndarray, np.ndarray]:
+    """The carrier's appearance from the cameras of `views`: display colour over black [N, H, W, 3], alpha [N, H, W].
+
+    float32, in [0, 1]; comparable with `losses.display` of the views.
+    """
+    surface = surface_of(carrier, device)
+    colours = np.zeros((len(views), views.height, views.width, 3), np.float32)
+    alphas = np.zeros((len(views), views.height, views.width), np.float32)
+    world_to_camera = torch.from_numpy(views.world_to_camera)
+    intrinsics = torch.from_numpy(np.asarray(views.intrinsics, np.float64))
+    with torch.no_grad():
+        for i in range(len(views)):
+            picture = draw(surface, intrinsics[i], world_to_camera[i], views.height, views.width)
+            colours[i] = picture.colour.clamp(0, 1).cpu().numpy()
+            alphas[i] = picture.alpha.clamp(0, 1).cpu().numpy()
+    return colours, alphas

@@ -1,0 +1,119 @@
+"""The photographs as Stage I compares them: display-referred, over black, at the working resolution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.losses import Box, SsimTarget, display, mask_box, ssim_target
+from exmesh_graph.types import DepthMaps, Views
+
+_CACHE_BYTES = 1 << 30
+
+
+@dataclass
+class Targets:
+    """N views on one device.
+
+    images           float32 [N, H, W, 3], sRGB(clip(rgb / alpha)) * alpha
+    alpha            float32 [N, H, W]
+    intrinsics       float64 [N, 3, 3], world_to_camera float64 [N, 4, 4]
+    names, has_masks as in Views
+    """
+
+    images: torch.Tensor
+    alpha: torch.Tensor
+    intrinsics: torch.Tensor
+    world_to_camera: torch.Tensor
+    names: tuple[str, ...]
+    has_masks: bool
+    depth: torch.Tensor | None = None
+    _boxes: dict[int, Box] = field(default_factory=dict)
+    _ssim: dict[int, SsimTarget] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def height(self) -> int:
+        return self.alpha.shape[1]
+
+    @property
+    def width(self) -> int:
+        return self.alpha.shape[2]
+
+    def box(self, view: int) -> Box:
+        """The box around the view's mask, grown by SSIM's half window."""
+        if view not in self._boxes:
+            self._boxes[view] = mask_box(self.alpha[view] > 0)
+        return self._boxes[view]
+
+    def ssim_target(self, view: int) -> SsimTarget:
+        """SSIM statistics of the view inside its box; kept while all of them fit in a gigabyte."""
+        if view in self._ssim:
+            return self._ssim[view]
+        box = self.box(view)
+        statistics = ssim_target(box.crop(self.images[view]))
+        if len(self) * box.area * 3 * 3 * 4 <= _CACHE_BYTES:
+            self._ssim[view] = statistics
+        return statistics
+
+
+def prepare_targets(
+    views: Views, *, downscale: int = 1, depths: DepthMaps | None = None, device: torch.device | str = "cpu"
+) -> Targets:
+    """Bring `views` to display colour at 1 / `downscale` of their size (exact area means in linear light).
+
+    Sizes that `downscale` does not divide lose their last rows or columns. Raises DataError for views without
+    pixels, and for depth maps that belong to other views or have another size.
+    """
+    if len(views) == 0:
+        raise DataError("there are no views", where="stage1", expected="at least one training view")
+    height, width = views.height // downscale, views.width // downscale
+    if height == 0 or width == 0:
+        raise DataError(
+            f"downscale {downscale} leaves nothing of {views.width} x {views.height} pixels", where="stage1"
+        )
+    rgb = torch.from_numpy(np.ascontiguousarray(views.images)).to(device)
+    alpha = torch.from_numpy(np.ascontiguousarray(views.alpha)).to(device)
+    if downscale > 1:
+        cells = (len(views), height, downscale, width, downscale)
+        rgb = rgb[:, : height * downscale, : width * downscale].reshape(*cells, 3).mean(dim=(2, 4))
+        alpha = alpha[:, : height * downscale, : width * downscale].reshape(cells).mean(dim=(2, 4))
+    # pixel centres lie at +0.5, so a smaller image of the same view is a plain scaling of K's first two rows
+    intrinsics = torch.from_numpy(np.array(views.intrinsics, np.float64))
+    intrinsics[:, :2] /= downscale
+    return Targets(
+        images=torch.stack([display(c, a) for c, a in zip(rgb, alpha, strict=True)]),
+        alpha=alpha.contiguous(),
+        intrinsics=intrinsics,
+        world_to_camera=torch.from_numpy(views.world_to_camera),
+        names=views.names,
+        has_masks=views.has_masks,
+        depth=None if depths is None else _depth(depths, views, downscale, height, width).to(device),
+    )
+
+
+def _depth(depths: DepthMaps, views: Views, downscale: int, height: int, width: int) -> torch.Tensor:
+    place = {name: i for i, name in enumerate(depths.names)}
+    missing = [name for name in views.names if name not in place]
+    if missing:
+        raise DataError(
+            f"no depth map for view {missing[0]!r} ({len(missing)} missing)",
+            where="stage1.refine, port depths",
+            expected="one depth map per training view, by name",
+        )
+    if depths.depth.shape[1:] != (views.height, views.width):
+        raise DataError(
+            f"depth maps are {depths.depth.shape[2]} x {depths.depth.shape[1]} pixels",
+            where="stage1.refine, port depths",
+            expected=f"{views.width} x {views.height}, as the views",
+        )
+    chosen = depths.depth[[place[name] for name in views.names]]
+    # nearest sample, not a mean: depths must not be mixed across an edge
+    middle = downscale // 2
+    sampled = chosen[:, middle::downscale, middle::downscale][:, :height, :width]
+    return torch.from_numpy(np.ascontiguousarray(sampled, np.float32))

@@ -1,0 +1,99 @@
+"""Stage I of the paper: the texture's start, and the differentiable refinement of one round."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.types import Carrier, DepthMaps, Metrics, Stage1State, Views
+
+Train = Annotated[Views, facets(split="train")]
+Device = Literal["auto", "cpu", "cuda"]
+
+_LIBRARIES = ("torch", "warp-lang")
+_KERNELS = ("exmesh_graph.raster.kernels",)
+
+
+class InitParams(Params):
+    texture: Literal["views", "carrier", "grey"] = param(
+        "views", doc="First texture: projected from the photographs, the carrier's own, or plain grey."
+    )
+    device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
+    threads: int = param(0, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+
+
+class InitOut(NamedTuple):
+    state: Stage1State
+
+
+@node("stage1.init", version="1", libraries=_LIBRARIES, code=_KERNELS)
+def init(ctx: Context, carrier: Carrier, views: Train, *, p: InitParams) -> InitOut:
+    """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero."""
+    from exmesh_graph.stage1.init import initial_state
+    from exmesh_graph.stage1.threads import pick_device, torch_threads
+
+    with torch_threads(p.threads):
+        return InitOut(initial_state(carrier, views, texture=p.texture, device=pick_device(p.device)))
+
+
+class RefineParams(Params):
+    iterations: int = param(500, ge=0, doc="Iterations of this round, one view each.")
+    total_iterations: int = param(
+        0, ge=0, doc="Length of the whole Stage I, over which learning rates decay; 0 = up to this round's end."
+    )
+    vertex_lr: float = param(
+        0.01,
+        ge=0,
+        le=1,
+        unit="mean edge lengths",
+        doc="Length of a vertex's step at the start (mean edge of the round's mesh).",
+    )
+    texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
+    decay: float = param(0.1, gt=0, le=1, doc="Both learning rates end at this share of their start.")
+    ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
+    silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
+    silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")
+    smoothness: Literal["laplacian", "bilaplacian"] = param(
+        "bilaplacian", doc="L_s: the paper's Laplacian, or its square, which does not shrink round shapes."
+    )
+    smoothness_weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form.")
+    deviation_weight: float = param(0.0, ge=0, doc="Weight of L_b, neighbours moving alike, in its scale-free form.")
+    depth_weight: float = param(0.01, ge=0, doc="Weight of the depth correlation L_d; used where depths are wired.")
+    gradient_decay: float = param(0.95, ge=0, lt=1, doc="beta_g of the vertices' gradient average (eq. 1).")
+    uv_gradient: bool = param(True, doc="Let colour move vertices inside the silhouette too.")
+    gains: bool = param(False, doc="Fit one factor per view and channel, for photographs of wandering exposure.")
+    downscale: int = param(1, ge=1, le=16, doc="Work on pictures reduced by this factor.")
+    fill_unseen: bool = param(True, doc="Fill texels that this round never touched from their neighbours.")
+    device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+
+
+class RefineOut(NamedTuple):
+    state: Stage1State
+    history: Metrics
+
+
+@node("stage1.refine", version="1", libraries=_LIBRARIES, code=_KERNELS)
+def refine(
+    ctx: Context, state: Stage1State, views: Train, depths: DepthMaps | None = None, *, p: RefineParams
+) -> RefineOut:
+    """Move vertices and texels against the photographs on a fixed topology."""
+    from exmesh_graph.stage1.refine import RefineSettings
+    from exmesh_graph.stage1.refine import refine as run
+    from exmesh_graph.stage1.threads import pick_device, torch_threads
+
+    if not views.has_masks:
+        ctx.warn("the views have no masks: the outline follows from colour alone")
+    settings = RefineSettings(**p.model_dump(exclude={"device", "threads"}))
+    with torch_threads(p.threads):
+        new, history = run(
+            state,
+            views,
+            settings,
+            seed=ctx.seed,
+            depths=depths,
+            progress=ctx.progress,
+            where=ctx.node,
+            device=pick_device(p.device),
+        )
+    return RefineOut(new, Metrics(history))
