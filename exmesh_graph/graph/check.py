@@ -14,7 +14,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.expand import Graph, Link, NodeSpec, expand
+from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec, expand
 from exmesh_graph.graph.node import NodeDef, Params
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.ports import RESERVED, Port, Signature, signature
@@ -152,7 +152,7 @@ class _Check:
         return Bound(spec.name, definition, found, model or Params(), links, sources, spec.seed, spec.where)
 
     def _unknown(self, spec: NodeSpec, found: Signature, key: str, value: Value) -> None:
-        kind = "input port" if isinstance(value.value, Link) else "parameter"
+        kind = "input port" if isinstance(value.value, Link | Broken) else "parameter"
         first, second = (
             (found.inputs, found.params.model_fields)
             if kind == "input port"
@@ -169,8 +169,8 @@ class _Check:
     def _input(self, spec: NodeSpec, port: Port, value: Value) -> Link | None:
         link = value.value
         end = f"{spec.name}.{port.name} ({value.where})"
-        if link is None:
-            return None  # either null for an unused optional port, or a link already complained about
+        if isinstance(link, Broken) or (link is None and port.optional):
+            return None
         if not isinstance(link, Link):
             self.problems.add(
                 "link", value.where, f"{spec.name}: {port.name} is an input port, not a parameter",
@@ -243,7 +243,7 @@ class _Check:
 
         raw, failed = {}, False
         for key, value in given.items():
-            if isinstance(value.value, Link):
+            if isinstance(value.value, Link | Broken):
                 self.problems.add("link", value.where, f"{spec.name}: {key} is a parameter, not an input port")
                 failed = True
             raw[key] = value.value
@@ -314,7 +314,7 @@ class _Check:
             if isinstance(value.value, Link):
                 if self._source(value.value, value.where, f"outputs.{name} ({value.where})") is not None:
                     result[name] = value.value
-            elif value.value is not None:
+            elif value.value is not None and not isinstance(value.value, Broken):
                 what = f"outputs.{name} must be a link"
                 self.problems.add("link", value.where, what, expected='"@node.port"', found=repr(value.value))
         return result

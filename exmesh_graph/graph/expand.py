@@ -33,6 +33,10 @@ class Link:
         return f"@{self.node}.{self.port}"
 
 
+class Broken:
+    """Stands where a link could not be understood; the problem was noted."""
+
+
 @dataclass(frozen=True)
 class NodeSpec:
     """A node as written: values of `fields` are still unchecked; links are Link objects."""
@@ -113,6 +117,8 @@ class _Expansion:
         """Give every node its full name before any link is resolved, so that links may point forwards."""
         for name, entry in nodes.items():
             where = nodes.lines[name]
+            if not isinstance(name, str):
+                continue
             if name == "carry":
                 self.problems.add("name", where, "a node cannot be called 'carry'")
             if not isinstance(entry, Map):
@@ -211,7 +217,7 @@ class _Expansion:
         if isinstance(text, str) and text.startswith("@@"):
             return Value(text[1:], where, found.base)
         if isinstance(text, str) and text.startswith("@"):
-            return Value(self.link(text, scope, where), where, found.base)
+            return Value(self.link(text, scope, where) or Broken(), where, found.base)
         return found
 
     def link(self, text: Any, scope: _Scope, where: Where) -> Link | None:

@@ -101,27 +101,33 @@ class SourceDigests:
 @contextlib.contextmanager
 def own_folder(parent: Path) -> Iterator[Path]:
     """A fresh folder below `parent`, locked while this process lives, and removed in the end."""
-    parent.mkdir(parents=True, exist_ok=True)
-    folder = parent / f"{os.getpid()}-{time.time_ns()}"
-    folder.mkdir()
-    lock = _locked(folder / "lock")
+    lock = None
+    while lock is None:  # taken only if a sweep came between making and locking the folder
+        folder = parent / f"{os.getpid()}-{time.time_ns()}"
+        folder.mkdir(parents=True)
+        lock = _locked(folder / "lock")
     try:
         yield folder
     finally:
         remove_tree(folder)
-        if lock is not None:
-            os.close(lock)
+        os.close(lock)
 
 
 def sweep_abandoned(parent: Path) -> None:
     """Remove the folders of `own_folder` whose process is gone (its lock died with it)."""
-    for folder in parent.iterdir() if parent.is_dir() else ():
-        if time.time() - folder.stat().st_mtime < 5 and not (folder / "lock").exists():
-            continue  # being made right now
-        lock = _locked(folder / "lock")
-        if lock is not None:
-            remove_tree(folder)
-            os.close(lock)
+    for entry in parent.iterdir() if parent.is_dir() else ():
+        with contextlib.suppress(OSError):
+            age = time.time() - entry.stat().st_mtime
+            if not entry.is_dir():
+                if age > 3600:
+                    entry.unlink()
+                continue
+            if age < 5 and not (entry / "lock").exists():
+                continue  # being made right now
+            lock = _locked(entry / "lock")
+            if lock is not None:
+                remove_tree(entry)
+                os.close(lock)
 
 
 def _locked(path: Path) -> int | None:

@@ -50,7 +50,8 @@ def plan(graph: Checked, store: Store, targets: set[str] | None = None, reasons:
             outputs[name] = action.outputs
             steps.append(Step(name, HIT, "", key, preimage, action))
         else:
-            reason = explain(bound, preimage, store)[0] if reasons else ""
+            words = explain(bound, preimage, store) if reasons else []
+            reason = "; ".join(words[:3]) + ("; ..." if len(words) > 3 else "")
             steps.append(Step(name, RUN, reason, key, preimage))
     store.sources.save()
     return steps

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.errors import ExmeshError, GraphError
+from exmesh_graph.errors import ExmeshError, GraphError, StoreError
 from exmesh_graph.graph import contracts
 from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.fingerprint import fingerprint, sources_changed
@@ -161,6 +161,9 @@ class Run:
         action = self.store.look_up(key_of(preimage))
         if action is None or set(action.outputs) != set(bound.signature.outputs):
             return False
+        shown = [link.port for link in self.graph.outputs.values() if link.node == bound.name]
+        if not all(self.store.sound(action.outputs[port].digest) for port in shown if action.outputs[port] != NOTHING):
+            return False
         self.outputs[bound.name] = dict(action.outputs)
         info = {name: action.info[name] for name in ("seconds", "peak_rss", "warnings") if name in action.info}
         self._note(bound, HIT, action.key, info)
@@ -232,7 +235,9 @@ class Run:
         if value is None:
             self._emit({"event": "log", "node": node, "message": f"made again: {self.store.notes[-1]}"})
             self._compute(bound)
-            return self.memory.get((node, port)) or self._value(node, port)
+            if (node, port) not in self.memory:
+                raise StoreError(f"the output {port} of {node} is broken again", fix="check the disk")
+            return self.memory[node, port]
         if self.users.get((node, port), 0) > 1:
             self.memory[node, port] = value
         return contracts.frozen(value)

@@ -58,7 +58,7 @@ class Tree:
 def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
     """Read `path` with everything it extends, and apply the overrides that concern graph-level values."""
     path = path.absolute()
-    merged = _load_merged(path, [])
+    merged = _load_merged(path, [], problems)
     root = Where(path, 1)
     _check_keys(merged, TOP_KEYS, "the graph", problems)
     nodes = _mapping(merged, "nodes", problems)
@@ -126,7 +126,7 @@ def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: P
     return Value(_REFERENCE.sub(replace, value), where, base)
 
 
-def _load_merged(path: Path, chain: list[Path]) -> Map:
+def _load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
     if path in chain:
         names = " -> ".join(p.name for p in [*chain, path])
         fail("extends", Where(chain[-1], 1), f"the files extend each other: {names}")
@@ -140,11 +140,11 @@ def _load_merged(path: Path, chain: list[Path]) -> Map:
     base_path = base_path if base_path.is_absolute() else path.parent / base_path
     if not base_path.is_file():
         fail("extends", where, f"no such graph file: {child['extends']}")
-    base = _load_merged(base_path.resolve(), [*chain, path])
+    base = _load_merged(base_path.resolve(), [*chain, path], problems)
     result = base.copy()
     for key, value in child.items():
         if key == "nodes" and isinstance(value, Map) and isinstance(base.get(key), Map):
-            value = _merge_nodes(base[key], value)
+            value = _merge_nodes(base[key], value, problems)
         elif key in ("params", "outputs") and isinstance(value, Map) and isinstance(base.get(key), Map):
             value = _merge_plain(base[key], value)
         result.put(key, value, child.lines[key])
@@ -153,22 +153,23 @@ def _load_merged(path: Path, chain: list[Path]) -> Map:
     return result
 
 
-def _merge_nodes(base: Map, child: Map) -> Map:
+def _merge_nodes(base: Map, child: Map, problems: Problems) -> Map:
     result = base.copy()
     for name, entry in child.items():
         where = child.lines[name]
         if entry is None:
             if name not in base:
-                names = ", ".join(nearest(str(name), map(str, base)))
-                fail("extends", where, f"cannot remove {name!r}: the base has no such node", expected=names)
-            del result[name]
+                what = f"cannot remove {name!r}: the base has no such node"
+                problems.add("extends", where, what, nearest=nearest(str(name), map(str, base)))
+            result.pop(name, None)
             continue
         old = base.get(name)
         if isinstance(entry, Map) and isinstance(old, Map) and _patches(entry, old):
-            entry = _merge_entry(old, entry)
+            entry = _merge_entry(old, entry, problems)
         elif name not in base and isinstance(entry, Map) and not {"type", "repeat"} & set(entry):
-            names = ", ".join(nearest(str(name), map(str, base)))
-            fail("extends", where, f"{name!r} has no type, and the base has no such node", expected=names)
+            what = f"{name!r} has no type, and the base has no such node"
+            problems.add("extends", where, what, nearest=nearest(str(name), map(str, base)))
+            continue
         result.put(name, entry, where)
     return result
 
@@ -177,13 +178,13 @@ def _patches(entry: Map, old: Map) -> bool:
     return "type" not in entry and ("repeat" not in entry or "repeat" in old)
 
 
-def _merge_entry(base: Map, child: Map) -> Map:
+def _merge_entry(base: Map, child: Map, problems: Problems) -> Map:
     result = base.copy()
     for key, value in child.items():
         old = base.get(key)
         if isinstance(value, Map) and isinstance(old, Map):
             if key == "nodes":
-                value = _merge_nodes(old, value)
+                value = _merge_nodes(old, value, problems)
             elif key in ("every", "at"):
                 value = _merge_rounds(old, value)
             elif key in ("carry", "next"):
@@ -226,17 +227,12 @@ def _resolve_params(raw: Mapping[str, Value], problems: Problems) -> dict[str, V
         if name not in done:
             used = [n for n in _names_in(raw[name].value) if n in raw]
             scope = {n: resolve(n, (*chain, name)) for n in used}
-            done[name] = _keep_base(substitute(raw[name].value, scope, raw[name].where, problems), raw[name])
+            done[name] = substitute(raw[name].value, scope, raw[name].where, problems)
         return done[name]
 
     for name in raw:
         resolve(name, ())
     return done
-
-
-def _keep_base(value: Value, raw: Value) -> Value:
-    refers = isinstance(raw.value, str) and raw.value.startswith("${")
-    return value if refers else Value(value.value, value.where, raw.base)
 
 
 def _names_in(value: Any) -> list[str]:

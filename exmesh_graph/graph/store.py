@@ -120,15 +120,19 @@ class Store:
 
     def load(self, kind: type[Artifact], digest: str) -> Artifact | None:
         """Read an artifact back, its bytes verified; None (and quarantine) when there is any doubt."""
-        reason = self.doubt(digest)
-        if reason is None:
+        if self.sound(digest):
             try:
                 return kind.load(self.data(digest))
             except Exception as error:
-                reason = f"{kind.type_name} cannot be read: {error}"
-        if self._object(digest).exists():
-            self._quarantine(self._object(digest), reason)
+                self._quarantine(self._object(digest), f"{kind.type_name} cannot be read: {error}")
         return None
+
+    def sound(self, digest: str) -> bool:
+        """Whether all bytes of an object are as they were stored; quarantined where not."""
+        reason = self.doubt(digest)
+        if reason is not None:
+            self._quarantine(self._object(digest), reason)
+        return reason is None
 
     def doubt(self, digest: str) -> str | None:
         """Why an object cannot be trusted, with all bytes read; None when it can."""
@@ -170,8 +174,7 @@ class Store:
             return None
         for stored in action.outputs.values():
             if stored.digest != NOTHING.digest and not self.holds(stored.digest):
-                if self._object(stored.digest).exists():
-                    self._quarantine(self._object(stored.digest), "incomplete")
+                self._quarantine(self._object(stored.digest), "incomplete")
                 self._quarantine(path, f"its output {stored.digest} is missing or incomplete")
                 return None
         return action
@@ -204,10 +207,8 @@ class Store:
     def verify(self) -> Iterator[tuple[str, str]]:
         """Re-hash everything; yields (what, why) of each thing that went to quarantine."""
         for folder in sorted((self.root / "objects").glob("*/*")):
-            reason = self.doubt(folder.name)
-            if reason is not None:
-                self._quarantine(folder, reason)
-                yield f"object {folder.name}", reason
+            if not self.sound(folder.name):
+                yield f"object {folder.name}", self.notes[-1]
         for path in sorted((self.root / "actions").glob("*/*.json")):
             if self._read(path) is None or self.look_up(path.stem) is None:
                 yield f"action {path.stem}", self.notes[-1]
@@ -218,6 +219,8 @@ class Store:
         return objects, sum(1 for _ in (self.root / "actions").glob("*/*.json"))
 
     def _quarantine(self, path: Path, reason: str) -> None:
+        if not path.exists():
+            return
         self.notes.append(f"{path.relative_to(self.root)} moved to quarantine: {reason}")
         home = self.root / "quarantine"
         home.mkdir(parents=True, exist_ok=True)
