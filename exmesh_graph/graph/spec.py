@@ -214,7 +214,7 @@ def _override(text: str) -> Override:
     target, equals, value = text.partition("=")
     if not equals or not target.strip():
         fail("set", Where(None), f"cannot read --set {text!r}", expected="--set name=value or --set node.param=value")
-    return Override(target.strip(), parse_yaml(value, None))
+    return Override(target.strip(), value if value.startswith("@") else parse_yaml(value, None))
 
 
 def _resolve_params(raw: Mapping[str, Value], problems: Problems) -> dict[str, Value]:

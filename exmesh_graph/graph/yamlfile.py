@@ -63,7 +63,9 @@ def parse_yaml(text: str, file: Path | None) -> Any:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
-        fail("yaml", Where(file, line), f"not YAML: {error.problem or error.context}")
+        words = str(error.problem or error.context)
+        fix = 'links are quoted: "@node.port"' if "'@'" in words else ""
+        fail("yaml", Where(file, line), f"not YAML: {words}", fix=fix)
     except YAMLError as error:
         fail("yaml", Where(file, 1), f"not YAML: {error}")
     return None if root is None else _Builder(file).build(root)

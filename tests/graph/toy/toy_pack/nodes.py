@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
-import toy_helpers
-
 from exmesh_graph.errors import DataError
 from exmesh_graph.graph import Context, Params, facets, node, param
 from exmesh_graph.types import Artifact, Files, Metrics, load_arrays, save_arrays
+from toy_pack.helpers import sign_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -162,13 +161,11 @@ def subtract(ctx: Context, a: Number, b: Number, *, p: NoParams) -> NumberOut:
 @node("toy.sign", version="1")
 def sign(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
     """1 or -1: many inputs, few outputs."""
-    return NumberOut(Number(toy_helpers.sign_of(number.value)))
+    return NumberOut(Number(sign_of(number.value)))
 
 
 @node("toy.train_only", version="1")
-def train_only(
-    ctx: Context, number: Annotated[Number, facets(split="train")], *, p: NoParams
-) -> NumberOut:
+def train_only(ctx: Context, number: Annotated[Number, facets(split="train")], *, p: NoParams) -> NumberOut:
     """Wants a train number."""
     return NumberOut(Number(number.value))
 

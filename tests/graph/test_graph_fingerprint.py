@@ -1,0 +1,182 @@
+"""The code fingerprint: a helper's edit changes it, a comment does not."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from exmesh_graph.graph import fingerprint as fp
+from exmesh_graph.graph.node import NodeDef
+
+FILES = {
+    "__init__.py": "",
+    "nodes.py": '''
+"""Nodes."""
+from __future__ import annotations
+import math
+from .helpers import used
+from . import other
+from .api import exported
+LIMIT = 3
+UNUSED = 4
+TABLE = {}
+TABLE["x"] = 1
+
+class P:
+    """Params."""
+    size: int = param(3, doc="Size.")
+    def total(self): return self.size + LIMIT
+
+class Out:
+    pass
+
+def local(x):
+    # a comment
+    return used(x) + TABLE["x"]
+
+def bystander(x):
+    return UNUSED
+
+@node("t.a", version="1", resources={"gpu": 1})
+def first(ctx, a: "Out", *, p: P) -> Out:
+    """Doc."""
+    from .late import thing
+    return local(thing(a)) + exported()
+
+@node("t.b", version="1")
+def second(ctx, *, p: P):
+    return 1
+''',
+    "helpers.py": "from .deep import base\ndef used(x):\n    return base(x)\ndef spare(x):\n    return 0\n",
+    "deep.py": "def base(x):\n    return x\n",
+    "late.py": "def thing(x):\n    return x * 2\n",
+    "other.py": "def f():\n    return 1\n",
+    "api/__init__.py": '"""Exports."""\nfrom .one import exported\nfrom .two import hidden\n__all__ = ["exported"]\n',
+    "api/one.py": "def exported():\n    return 1\n",
+    "api/two.py": "def hidden():\n    return 1\n",
+    "dynamic.py": "X = 1\n",
+}
+
+Take = Callable[..., str]
+
+
+@pytest.fixture
+def pack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Path, Take]]:
+    root = tmp_path / "fp_pack"
+    for name, text in FILES.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def take(function: str = "first", code: tuple[str, ...] = ()) -> str:
+        for cache in (fp._fingerprint, fp._module, fp._find):
+            cache.cache_clear()
+        fake = lambda: None  # noqa: E731
+        fake.__module__, fake.__name__ = "fp_pack.nodes", function
+        return fp.fingerprint(NodeDef("t", fake, "1", code=code)).digest
+
+    importlib.invalidate_caches()
+    yield root, take
+    sys.modules.pop("fp_pack", None)
+    for cache in (fp._fingerprint, fp._module, fp._find):
+        cache.cache_clear()
+
+
+def edit(root: Path, name: str, old: str, new: str) -> None:
+    path = root / name
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("nodes.py", "# a comment", "# another comment\n    # of two lines"),
+        ("nodes.py", '"""Doc."""', '"""Other doc."""'),
+        ("nodes.py", '"""Nodes."""', ""),
+        ("nodes.py", "UNUSED = 4", "UNUSED = 5"),
+        ("nodes.py", "return UNUSED", "return 7"),
+        ("nodes.py", 'param(3, doc="Size.")', 'param(4, doc="How large.", unit="m")'),
+        ("nodes.py", 'resources={"gpu": 1}', "resources={}"),
+        ("nodes.py", "used(x) + TABLE", "used( x )  +  TABLE"),
+        ("nodes.py", "return 1\n", "return 2\n"),
+        ("deep.py", "return x", "return x  # same"),
+        ("other.py", "return 1", "return 2"),
+        ("api/two.py", "return 1", "return 2"),
+        ("api/__init__.py", "Exports", "What it exports"),
+        ("dynamic.py", "X = 1", "X = 2"),
+    ],
+)
+def test_edits_that_do_not_matter(pack: tuple[Path, Take], name: str, old: str, new: str) -> None:
+    root, take = pack
+    before = take()
+    edit(root, name, old, new)
+    assert take() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("nodes.py", "LIMIT = 3", "LIMIT = 4"),
+        ("nodes.py", 'TABLE["x"] = 1', 'TABLE["x"] = 2'),
+        ("nodes.py", "self.size + LIMIT", "self.size - LIMIT"),
+        ("nodes.py", "size: int", "size: float"),
+        ("nodes.py", "used(x) + TABLE", "used(x) - TABLE"),
+        ("nodes.py", "class Out:\n    pass", "class Out:\n    x = 1"),
+        ("nodes.py", "TABLE = {}", "TABLE = {}\nprint('side effect')"),
+        ("helpers.py", "return base(x)", "return base(x) + 1"),
+        ("deep.py", "return x", "return -x"),
+        ("late.py", "x * 2", "x * 3"),
+        ("api/one.py", "return 1", "return 2"),
+        ("api/__init__.py", "from .one import exported", "from .two import hidden as exported"),
+        ("__init__.py", "", "import os"),
+    ],
+)
+def test_edits_that_matter(pack: tuple[Path, Take], name: str, old: str, new: str) -> None:
+    root, take = pack
+    before = take()
+    edit(root, name, old, new)
+    assert take() != before
+
+
+def test_declared_code(pack: tuple[Path, Take]) -> None:
+    root, take = pack
+    before = take(code=("fp_pack.dynamic",))
+    assert before != take()
+    edit(root, "dynamic.py", "X = 1", "X = 2")
+    assert take(code=("fp_pack.dynamic",)) != before
+
+
+def test_nodes_of_one_module_are_apart(pack: tuple[Path, Take]) -> None:
+    root, take = pack
+    second = take("second")
+    edit(root, "late.py", "x * 2", "x * 3")
+    assert take("second") == second
+
+
+def test_an_edit_during_the_run_is_noticed(pack: tuple[Path, Take]) -> None:
+    root, take = pack
+    take()
+    fake = lambda: None  # noqa: E731
+    fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
+    definition = NodeDef("t", fake, "1")
+    assert fp.sources_changed(definition) == []
+    edit(root, "deep.py", "return x", "return x + 100")
+    assert fp.sources_changed(definition) == ["fp_pack.deep"]
+
+
+def test_types_package_is_followed_by_name() -> None:
+    from toy_pack import nodes
+
+    from exmesh_graph.graph.node import REGISTRY
+
+    parts = fp.fingerprint(REGISTRY["toy.sign"]).parts
+    assert nodes.sign.__module__ + ":sign" in parts
+    assert "toy_pack.helpers" in parts
+    assert "exmesh_graph.types.artifact" in parts
+    assert not any(name.startswith("exmesh_graph.graph") for name in parts)
+    assert "exmesh_graph.types.views" not in parts

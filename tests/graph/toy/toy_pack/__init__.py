@@ -1,0 +1,1 @@
+"""The test pack of toy nodes."""
