@@ -41,11 +41,8 @@ def smith_visibility(n_l: torch.Tensor, n_v: torch.Tensor, alpha: torch.Tensor) 
 
 
 def schlick(v_h: torch.Tensor, f0: torch.Tensor) -> torch.Tensor:
-    """F = F0 + (1 - F0) (1 - v.h)^5; `f0` may carry a last axis of colours that `v_h` lacks."""
-    fresnel = (1 - v_h).clamp(0, 1) ** 5
-    if f0.dim() > fresnel.dim():
-        fresnel = fresnel[..., None]
-    return f0 + (1 - f0) * fresnel
+    """F = F0 + (1 - F0) (1 - v.h)^5, [..., 3] from v_h [...] and f0 [..., 3]."""
+    return f0 + (1 - f0) * ((1 - v_h).clamp(0, 1) ** 5)[..., None]
 
 
 def base_reflectance(base_color: torch.Tensor, metallic: torch.Tensor | None) -> torch.Tensor:
@@ -77,7 +74,7 @@ def specular(
     lit = (n_l > COSINE_MIN) & (n_v > COSINE_MIN)
     half = view + light
     half = half / (half * half).sum(-1, keepdim=True).clamp_min(1e-20).sqrt()
-    across = torch.linalg.cross(normal, half, dim=-1)
+    across = torch.linalg.cross(normal.expand_as(half), half, dim=-1)
     alpha = alpha_of(roughness)
     d = ggx((across * across).sum(-1), alpha)
     one = torch.ones_like(n_l)

@@ -68,9 +68,7 @@ def sample_specular(
     sine2 = half[..., 0] ** 2 + half[..., 1] ** 2
     # pdf(l) = D G1(v) / (4 n.v), G1 = 2 / (1 + smith_v)
     pdf = torch.where(lit, ggx(sine2, a) / (2 * n_v * (1 + smith_v)), torch.zeros_like(n_l))
-    world = (
-        light[..., :1] * tangent[:, None] + light[..., 1:2] * bitangent[:, None] + light[..., 2:] * normal[:, None]
-    )
+    world = light[..., :1] * tangent[:, None] + light[..., 1:2] * bitangent[:, None] + light[..., 2:] * normal[:, None]
     return world, weight, pdf, v_h
 
 

@@ -51,9 +51,7 @@ class PrefilteredStack:
             levels.append(pooled[factor] if kernel is None else _convolve(pooled[factor], kernel))
         return torch.cat([level.reshape(-1, 3) for level in levels])
 
-    def locate(
-        self, u: torch.Tensor, v: torch.Tensor, roughness: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def locate(self, u: torch.Tensor, v: torch.Tensor, roughness: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Rows of `build`'s result and their weights for N lookups: int64 [N, 8], float [N, 8].
 
         u, v [N]: image coordinates (envmap.uv_of) of the reflected direction; differentiable in roughness [N].
@@ -76,9 +74,7 @@ def _pooling(roughness: float, height: int, width: int) -> int:
     """How far a level of this roughness may be coarsened: a power of two that divides the map."""
     rows = _TEXELS_PER_LOBE / max(roughness * roughness, ALPHA_MIN)
     factor = 1
-    while (
-        height // (factor * 2) >= max(rows, 16) and height % (factor * 2) == 0 and width % (factor * 2) == 0
-    ):
+    while height // (factor * 2) >= max(rows, 16) and height % (factor * 2) == 0 and width % (factor * 2) == 0:
         factor *= 2
     return factor
 
