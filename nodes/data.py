@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 from exmesh_graph.graph.node import Context, Params, facets, node, param
 from exmesh_graph.types import DepthMaps, Frame, SceneTruth, Views
 
-Up = Literal["y", "-y", "z", "-z", "x", "-x"]
+Up = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 Train = Annotated[Views, facets(split="train")]
 Test = Annotated[Views, facets(split="test")]
@@ -28,7 +28,7 @@ class BlenderParams(Params):
     )
     holdout: int = param(8, ge=2, unit="views", doc="Every how many training views one is held out, where needed.")
     min_test_views: int = param(2, ge=1, unit="views", doc="Fewer test frames than this count as none (auto).")
-    up: Up = param("z", doc="The up axis of the files' world.")
+    up: Up = param("z", doc="The up axis of the files' world; auto: found from level cameras.")
     truth: bool = param(True, doc="Read true mesh, maps, light and relit pictures where they are there.")
     dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point, for normalisation.")
     box: Box | None = param(None, doc="The object's box in the files' units; default: found from the masks.")
@@ -73,7 +73,7 @@ class MiddleburyParams(Params):
     first: int = param(3, ge=0, doc="Index of the first test view, counted from 0.")
     downscale: int = param(2, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
     max_views: int = param(0, ge=0, unit="views", doc="Keep at most so many training views, evenly spread; 0 = all.")
-    up: Up = param("y", doc="The up axis of the files' world.")
+    up: Up = param("y", doc="The up axis of the files' world; auto: found from level cameras.")
     pixel_offset: float = param(
         0.5,
         ge=0,
@@ -123,7 +123,7 @@ class IdrParams(Params):
     first: int = param(3, ge=0, doc="Index of the first test view, counted from 0.")
     downscale: int = param(1, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
     max_views: int = param(0, ge=0, unit="views", doc="Keep at most so many training views, evenly spread; 0 = all.")
-    up: Up = param("-y", doc="The up axis of the files' world.")
+    up: Up = param("auto", doc="The up axis of the files' world; auto: the direction level cameras agree on.")
     pixel_offset: float = param(
         0.5,
         ge=0,

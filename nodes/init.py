@@ -75,6 +75,7 @@ class CleanParams(Params):
     )
     components: int = param(1, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
     min_area: float = param(0.0, ge=0, le=1, doc="Drop parts below this share of the largest part's area.")
+    close_holes: int = param(0, ge=0, unit="edges", doc="Fill holes of at most so many edges (pymeshlab); 0 = none.")
 
 
 @node("init.clean", version="1", libraries=("pymeshlab", "open3d"), code=("exmesh_graph.geometry.clean",))
@@ -84,7 +85,7 @@ def clean(ctx: Context, mesh: Mesh, *, p: CleanParams) -> ManifoldMeshOut:
 
     vertices, faces = clean_mesh(
         mesh.vertices, mesh.faces, faces_budget=p.faces, method=p.method, components=p.components,
-        min_area=p.min_area, where=ctx.node,
+        min_area=p.min_area, close_holes=p.close_holes, where=ctx.node,
     )  # fmt: skip
     return ManifoldMeshOut(Mesh(vertices, faces))
 

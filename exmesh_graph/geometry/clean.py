@@ -46,6 +46,7 @@ def clean_mesh(
     method: Method = "pymeshlab",
     components: int = 1,
     min_area: float = 0.0,
+    close_holes: int = 0,
     where: str = "init.clean",
 ) -> tuple[np.ndarray, np.ndarray]:
     """(vertices float32 [V, 3], faces int32 [F, 3]) with F <= about `faces_budget`.
@@ -53,6 +54,7 @@ def clean_mesh(
     Keeps the `components` largest parts by area (0 = all) above `min_area` of the largest; welds equal positions,
     drops flat and duplicate faces, repairs non-manifold edges and vertices, and remeshes: pymeshlab to edges of the
     length that the budget gives equilateral triangles (l^2 = 4 A / (sqrt 3 F)), open3d by quadric decimation.
+    `close_holes` fills holes of at most so many edges first (pymeshlab only).
     Closed input gives closed output, counter-clockwise from outside.
     Raises GeometryError where the result is not edge-manifold, not oriented, or not closed though the input was.
     """
@@ -60,7 +62,9 @@ def clean_mesh(
     vertices, faces = largest_components(vertices, faces, components, min_area)
     closed = inspect(vertices, faces).closed
     if method == "pymeshlab":
-        vertices, faces = _remesh_pymeshlab(vertices, faces, faces_budget)
+        vertices, faces = _remesh_pymeshlab(vertices, faces, faces_budget, close_holes)
+    elif close_holes:
+        raise GeometryError("method open3d cannot close holes", where=where, fix="set close_holes: 0, or pymeshlab")
     else:
         vertices, faces = _decimate_open3d(vertices, faces, faces_budget)
     vertices, faces = weld(vertices, faces)
@@ -71,11 +75,15 @@ def clean_mesh(
     return vertices.astype(np.float32), faces.astype(np.int32)
 
 
-def _remesh_pymeshlab(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tuple[np.ndarray, np.ndarray]:
+def _remesh_pymeshlab(
+    vertices: np.ndarray, faces: np.ndarray, budget: int, close_holes: int
+) -> tuple[np.ndarray, np.ndarray]:
     pymeshlab = import_pymeshlab()
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(vertices.astype(np.float64), faces.astype(np.int32)))
     _repair(meshes)
+    if close_holes:
+        meshes.meshing_close_holes(maxholesize=close_holes, selfintersection=True)
     source = meshes.current_mesh_id()
     aim = float(budget)
     area = float(face_areas(*_arrays(meshes)).sum())

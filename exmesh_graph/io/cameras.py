@@ -11,7 +11,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 
-UpAxis = Literal["y", "-y", "z", "-z", "x", "-x"]
+UpAxis = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
 
 # Rows: the Y-up scene's x, y, z as combinations of the data set's axes. "z" is (x, y, z) -> (x, z, -y).
 _SCENE_FROM_DATASET: dict[str, list[list[int]]] = {
@@ -24,11 +24,33 @@ _SCENE_FROM_DATASET: dict[str, list[list[int]]] = {
 }
 
 
-def scene_from_dataset(up: UpAxis) -> np.ndarray:
-    """float64 [4, 4] rotation that turns a world whose up is `up` into the Y-up world."""
+def scene_from_dataset(up: UpAxis, camera_to_world: np.ndarray) -> np.ndarray:
+    """float64 [4, 4] rotation that turns a world whose up is `up` into the Y-up world.
+
+    "auto" takes the direction that is most nearly at right angles to the x axes of all cameras [N, 4, 4]: where the
+    photographer held the camera level, that is the vertical. Raises DataError where the cameras do not tell.
+    """
     rotation = np.eye(4)
-    rotation[:3, :3] = _SCENE_FROM_DATASET[up]
+    rotation[:3, :3] = _up_from_cameras(camera_to_world) if up == "auto" else _SCENE_FROM_DATASET[up]
     return rotation
+
+
+def _up_from_cameras(camera_to_world: np.ndarray) -> np.ndarray:
+    _, spread, axes = np.linalg.svd(camera_to_world[:, :3, 0], full_matrices=True)
+    if len(spread) < 3 or spread[1] < 0.1 * spread[0] or spread[2] > 0.7 * spread[1]:
+        raise DataError(
+            "the cameras do not tell which way is up",
+            expected="level cameras looking from several sides",
+            fix="set the loader's `up` to an axis of the files' world: y, -y, z, -z, x or -x",
+        )
+    up = axes[2] * np.sign(-camera_to_world[:, :3, 1].sum(0) @ axes[2])
+    # The rotation about the axis up x Y by the angle between them (Rodrigues' formula).
+    y = np.array([0.0, 1.0, 0.0])
+    axis, cosine = np.cross(up, y), float(up @ y)
+    if cosine < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
 def opencv_from_blender(camera_to_world: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ class IdrOptions:
     first: int = 3
     downscale: int = 1
     max_views: int = 0
-    up: UpAxis = "-y"
+    up: UpAxis = "auto"
     pixel_offset: float = 0.5
     masks: str = "auto"
     metres_per_unit: float = 0.001

@@ -8,19 +8,18 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.hull import Grid, SilhouetteField
-from exmesh_graph.io.cameras import UpAxis, scene_from_dataset
 from exmesh_graph.types import Frame
 
 FILL = 0.95  # radius of the object's bounding sphere after normalisation: room for a loose first surface
 _GRID = 40
 
 
-def make_frame(centre: np.ndarray, radius: float, up: UpAxis, metres_per_unit: float = 0.0) -> Frame:
+def make_frame(centre: np.ndarray, radius: float, rotation: np.ndarray, metres_per_unit: float = 0.0) -> Frame:
     """Frame that maps the sphere (`centre`, `radius`), in the data set's own axes and units, to radius `FILL`.
 
-    scene = scene_from_normalised @ normalised, dataset = dataset_from_scene @ scene.
+    `rotation` [4, 4] is `cameras.scene_from_dataset`'s. scene = scene_from_normalised @ normalised and
+    dataset = dataset_from_scene @ scene.
     """
-    rotation = scene_from_dataset(up)
     similarity = np.eye(4)
     similarity[:3, :3] *= radius / FILL
     similarity[:3, 3] = rotation[:3, :3] @ centre

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.cameras import UpAxis
+from exmesh_graph.io.cameras import UpAxis, scene_from_dataset
 from exmesh_graph.io.normalise import make_frame, sphere_from_box, sphere_from_cameras, sphere_from_masks
 from exmesh_graph.io.shots import Shot, check_no_leak, load_shots, to_views
 from exmesh_graph.types import Frame, SceneTruth, Views
@@ -59,7 +59,7 @@ def load_scene(
     else:
         height, width = fit.alpha.shape[1:]
         centre, radius = sphere_from_cameras(fit.intrinsics, fit.camera_to_world, width, height)
-    frame = make_frame(centre, radius, up, metres_per_unit)
+    frame = make_frame(centre, radius, scene_from_dataset(up, fit.camera_to_world), metres_per_unit)
     return Scene(
         train=to_views(fit, frame, "train", has_masks=fit.has_masks),
         test=to_views(held, frame, "test", has_masks=held.has_masks),
