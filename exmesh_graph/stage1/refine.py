@@ -19,7 +19,7 @@ from exmesh_graph import losses
 from exmesh_graph.errors import GeometryError, NumericsError
 from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.gains import fit_gain, initial_gains
-from exmesh_graph.stage1.optimiser import texture_step, vertex_step
+from exmesh_graph.stage1.optimiser import texture_step, vertex_areas, vertex_step
 from exmesh_graph.stage1.regularise import (
     REFERENCE_DECAY,
     Smoother,
@@ -110,6 +110,8 @@ class _Loop:
         )
         vertices = self.surface.vertices.detach()
         self.smoother: Smoother = smoother(vertices, self.surface.edges.edges)
+        # moments are kept per unit of area: splitting a face does not change them (see `vertex_areas`)
+        self.per_area = 1 / vertex_areas(vertices, self.surface.faces)[:, None]
         # the running mean that L_b measures from starts anew with every call, hence after every change of topology
         self.reference = vertices.clone()
         self.touched = torch.zeros(self.surface.texture.shape[:2], dtype=torch.bool, device=device)
@@ -165,7 +167,7 @@ class _Loop:
         texture_rate = decayed(settings.texture_lr, settings.decay, iteration, total)
         vertex_step(
             surface.vertices,
-            vertex_grad,
+            vertex_grad * self.per_area,
             self.vertex_m,
             self.vertex_v,
             self.state.vertex_steps + k + 1,

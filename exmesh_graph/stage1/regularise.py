@@ -38,8 +38,9 @@ def smoother(vertices: torch.Tensor, edges: torch.Tensor) -> Smoother:
     diagonal = torch.nonzero(degree)[:, 0]
     index = torch.cat([ends.T, diagonal.expand(2, -1)], dim=1)
     values = torch.cat([1 / degree[ends[:, 0]].to(vertices.dtype), -vertices.new_ones(len(diagonal))])
-    forward = torch.sparse_coo_tensor(index, values, (count, count)).coalesce()
-    backward = torch.sparse_coo_tensor(index.flip(0), values, (count, count)).coalesce()
+    size = (count, count)
+    forward = torch.sparse_coo_tensor(index, values, size, check_invariants=True).coalesce()
+    backward = torch.sparse_coo_tensor(index.flip(0), values, size, check_invariants=True).coalesce()
     length = (vertices[edges[:, 0]] - vertices[edges[:, 1]]).norm(dim=1)
     mean_edge = float(length.mean()) if len(edges) else 1.0
     return Smoother(_csr(forward), _csr(backward), edges, mean_edge)
