@@ -14,6 +14,7 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
     Edges,
     area_vectors,
+    boundary_edges,
     edges_of,
     face_areas,
     incident_faces,
@@ -35,12 +36,14 @@ class MergeSettings:
     area_quantile  only faces at or below this quantile of area are candidates ("relatively small areas")
     criterion      "degenerate" (paper) or "random" (ablation: a tenth of the small faces, edges at random)
     min_cosine     a remaining face must keep its normal within this cosine
+    outline_cosine a vertex on a boundary or seam goes only where that line turns by no more than this cosine
     """
 
     degenerate: float = 0.05
     area_quantile: float = 0.3
     criterion: str = "degenerate"
     min_cosine: float = 0.5
+    outline_cosine: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,18 +111,20 @@ def plan_merges(
     """
     vertices, faces = state.vertices, state.faces
     edges = edges_of(faces)
-    score, candidate, pick = _candidates(vertices, faces, edges, seen, settings, rng)
+    score, candidate, options = _candidates(vertices, faces, edges, seen, settings, rng)
     order = np.lexsort((candidate, score))
-    candidate, pick = candidate[order], pick[order]
-    removed, survivor, legal = _orient(state, edges, 3 * candidate + pick)
-    legal &= _links_meet_properly(faces, edges, 3 * candidate + pick, removed, survivor, len(vertices))
-    removed, survivor = removed[legal], survivor[legal]
-    # Several faces may ask for the same collapse: the first one counts.
+    halfedge = (3 * candidate[:, None] + options)[order]
+    removed, survivor, legal = _orient(state, edges, halfedge.reshape(-1), settings)
+    legal &= _links_meet_properly(faces, edges, halfedge.reshape(-1), removed, survivor, len(vertices))
+    legal[legal] = _shape_is_kept(state, removed[legal], survivor[legal], settings)
+    # Of each face the first edge that may collapse; several faces may ask for the same collapse: the first one counts.
+    legal = legal.reshape(halfedge.shape)
+    choice = np.arange(len(halfedge)) * halfedge.shape[1] + legal.argmax(axis=1)
+    choice = choice[legal.any(axis=1)]
+    removed, survivor = removed[choice], survivor[choice]
     _, first = np.unique(removed * len(vertices) + survivor, return_index=True)
     first.sort()
     removed, survivor = removed[first], survivor[first]
-    safe = _shape_is_kept(state, removed, survivor, settings)
-    removed, survivor = removed[safe], survivor[safe]
 
     start, around = incident_faces(faces, len(vertices))
     pair = np.stack([removed, survivor], axis=1).reshape(-1)
@@ -161,26 +166,29 @@ def _candidates(
     settings: MergeSettings,
     rng: np.random.Generator | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(score, face, corner k of the edge to collapse) of every candidate; the lowest score goes first."""
+    """(score [N], face [N], corners k of the edges to try in turn [N, options]); the lowest score goes first.
+
+    A boundary edge comes first (paper), then the shorter ones; of equals the first.
+    """
     area = rounded(face_areas(vertices, faces))
     small = area <= np.quantile(area, settings.area_quantile)
     length = corner_edge_lengths(vertices, faces)
     if settings.criterion == "random":
         rng = rng or np.random.default_rng(0)
         face = np.flatnonzero(small & (rng.random(len(faces)) < 0.1))
-        return rng.random(len(face)), face, rng.integers(0, 3, len(face))
+        return rng.random(len(face)), face, rng.integers(0, 3, (len(face), 1))
     if settings.criterion != "degenerate":
         raise GeometryError(f"unknown merge criterion {settings.criterion!r}", expected="degenerate or random")
     shape = np.round(degeneracy(vertices, faces), 6)
     face = np.flatnonzero(small & (~seen | (shape < settings.degenerate)))
-    # A boundary edge if there is one (the shortest of several), else the shortest edge; the first of equals.
     boundary = edges.count[edges.face_edges[face]] == 1
-    usable = np.where(boundary.any(axis=1, keepdims=True) & ~boundary, np.inf, length[face])
-    shortest = usable.min(axis=1, keepdims=True)
-    return shape[face], face, (usable <= shortest * (1.0 + 1e-5)).argmax(axis=1)
+    relative = np.round(length[face] / np.maximum(length[face].max(axis=1, keepdims=True), 1e-300), 5)
+    return shape[face], face, np.argsort(relative - 2.0 * boundary, axis=1, kind="stable")
 
 
-def _orient(state: Topology, edges: Edges, halfedge: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _orient(
+    state: Topology, edges: Edges, halfedge: np.ndarray, settings: MergeSettings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(removed, survivor, legal) for each edge.
 
     The end of lower degree goes (paper), the higher index of equals; but a boundary vertex outlives an inner one, so
@@ -203,7 +211,26 @@ def _orient(state: Topology, edges: Edges, halfedge: np.ndarray) -> tuple[np.nda
     edge = edges.face_edges.reshape(-1)[halfedge]
     legal = edges.count[edge] <= 2
     legal &= ~((edges.count[edge] == 2) & on_boundary[i] & on_boundary[j])
-    return np.where(i_goes, i, j), np.where(i_goes, j, i), legal
+    removed = np.where(i_goes, i, j)
+    bend = np.minimum(_outline_cosine(state.vertices, faces), 1.0)
+    uv_bend = _outline_cosine(state.uvs, state.uv_faces)
+    np.minimum.at(bend, pairs[:, 0], uv_bend[pairs[:, 1]])
+    legal &= np.round(bend[removed], 6) >= settings.outline_cosine
+    return removed, np.where(i_goes, j, i), legal
+
+
+def _outline_cosine(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [V]: cosine of the turn that the border makes at each vertex; 1 inside, -1 where borders meet."""
+    border = boundary_edges(faces)
+    start, end = border.T
+    n = len(points)
+    arrives, leaves = np.full((2, n, points.shape[1]), np.nan)
+    step = points[end].astype(np.float64) - points[start].astype(np.float64)
+    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-300)
+    arrives[end], leaves[start] = step, step
+    number = np.bincount(start, minlength=n)
+    cosine = np.einsum("ij,ij->i", arrives, leaves)
+    return np.where(number == 0, 1.0, np.where((number == 1) & np.isfinite(cosine), cosine, -1.0))
 
 
 def _links_meet_properly(

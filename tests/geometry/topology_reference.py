@@ -142,7 +142,8 @@ def split_round(vertices, faces, uvs, uv_faces, gradient, budget, settings):
 
 
 def merge_round(vertices, faces, uvs, uv_faces, seen, settings):
-    """One pass of collapses, every test made on the mesh as it is at that moment.
+    """One pass of collapses. Each face picks its edge on the mesh as it was at the start of the round; a collapse is
+    skipped when a face around either vertex has been changed, else it must still be legal on the mesh of the moment.
 
     Returns ({removed: survivor}, live faces, their UV indices).
     """
@@ -150,43 +151,28 @@ def merge_round(vertices, faces, uvs, uv_faces, seen, settings):
     uv = [np.asarray(x, np.float64) for x in uvs]
     faces = [list(map(int, f)) for f in faces]
     corners = [list(map(int, f)) for f in uv_faces]
+    start = [list(f) for f in faces], [list(c) for c in corners]
     areas = quantised([0.5 * float(np.linalg.norm(area_vector(p, f))) for f in faces])
     limit = np.quantile(areas, settings.area_quantile)
     shape = [round(degeneracy(p, f), 6) for f in faces]
     order = [f for f in range(len(faces)) if areas[f] <= limit and (not seen[f] or shape[f] < settings.degenerate)]
     order.sort(key=lambda f: (shape[f], f))
+    at_start = Situation(p, uv, *start)
     touched, gone = set(), {}
     for f in order:
-        if f in touched or faces[f] is None:
+        pick = next(
+            (at_start.collapse(f, c, settings) for c in at_start.preference(f) if at_start.collapse(f, c, settings)),
+            None,
+        )
+        if pick is None:
             continue
-        edges, near = incidence(faces)
-        face = faces[f]
-        sides = [edges[tuple(sorted((face[c], face[(c + 1) % 3])))] for c in range(3)]
-        length = [float(np.linalg.norm(p[face[(c + 1) % 3]] - p[face[c]])) for c in range(3)]
-        options = [c for c in range(3) if len(sides[c]) == 1] or [0, 1, 2]
-        shortest = min(length[c] for c in options)
-        c = next(c for c in options if length[c] <= shortest * (1 + 1e-5))
-        i, j = face[c], face[(c + 1) % 3]
-        rim = {v for edge, s in edges.items() if len(s) == 1 for v in edge}
-        marks = {}
-        for g, q in zip(faces, corners, strict=True):
-            for a, b in zip(g or (), q, strict=False):
-                marks.setdefault(a, set()).add(b)
-        fixed = {v: 2 * (v in rim) + (len(marks[v]) > 1) for v in (i, j)}
-        if fixed[i] != fixed[j]:
-            r = min(i, j, key=lambda v: fixed[v])
-        elif len(near[i]) != len(near[j]):
-            r = min(i, j, key=lambda v: len(near[v]))
-        else:
-            r = max(i, j)
-        s = j if r == i else i
-        if len(sides[c]) > 2 or (len(sides[c]) == 2 and i in rim and j in rim):
+        r, s = pick
+        ring = {g for g, q in enumerate(start[0]) if r in q or s in q}
+        if touched & ring:
             continue
-        ring = [g for g, q in enumerate(faces) if q and (r in q or s in q)]
-        if touched & set(ring):
-            continue
-        if collapse_is_bad(p, uv, faces, corners, near, rim, sides[c], r, s, settings):
-            continue
+        now = Situation(p, uv, faces, corners)
+        c = next(c for c in range(3) if {faces[f][c], faces[f][(c + 1) % 3]} == {r, s})
+        assert now.collapse(f, c, settings) == (r, s), "disjoint rings were not enough"
         target = uv_targets(faces, corners, r, s)
         for g in ring:
             if r not in faces[g]:
@@ -196,10 +182,72 @@ def merge_round(vertices, faces, uvs, uv_faces, seen, settings):
                 continue
             k = faces[g].index(r)
             faces[g][k], corners[g][k] = s, next(iter(target[corners[g][k]]))
-        touched |= set(ring)
+        touched |= ring
         gone[r] = s
     live = [g for g, q in enumerate(faces) if q]
     return gone, [faces[g] for g in live], [corners[g] for g in live]
+
+
+class Situation:
+    """A mesh at one moment, and the question whether an edge of it may collapse."""
+
+    def __init__(self, p, uv, faces, corners):
+        self.p, self.uv, self.faces, self.corners = p, uv, faces, corners
+        self.edges, self.near = incidence(faces)
+        alive = [c if f else None for f, c in zip(faces, corners, strict=True)]
+        self.rim = {v for edge, s in self.edges.items() if len(s) == 1 for v in edge}
+        self.turn, self.uv_turn = turns(p, faces), turns(uv, alive)
+        self.marks = {}
+        for g, q in zip(faces, corners, strict=True):
+            for a, b in zip(g or (), q, strict=False):
+                self.marks.setdefault(a, set()).add(b)
+
+    def preference(self, f):
+        face = self.faces[f]
+        length = [float(np.linalg.norm(self.p[face[(c + 1) % 3]] - self.p[face[c]])) for c in range(3)]
+        longest = max(length)
+        relative = [round(x / longest, 5) if longest > 0 else 0.0 for x in length]
+        return sorted(range(3), key=lambda c: (len(self.sides(f, c)) != 1, relative[c], c))
+
+    def sides(self, f, c):
+        a, b = self.faces[f][c], self.faces[f][(c + 1) % 3]
+        return self.edges[min(a, b), max(a, b)]
+
+    def collapse(self, f, c, settings):
+        """(removed, survivor), or None when this edge may not collapse."""
+        i, j = self.faces[f][c], self.faces[f][(c + 1) % 3]
+        fixed = {v: 2 * (v in self.rim) + (len(self.marks[v]) > 1) for v in (i, j)}
+        if fixed[i] != fixed[j]:
+            r = min(i, j, key=lambda v: fixed[v])
+        elif len(self.near[i]) != len(self.near[j]):
+            r = min(i, j, key=lambda v: len(self.near[v]))
+        else:
+            r = max(i, j)
+        s = j if r == i else i
+        sides = self.sides(f, c)
+        if len(sides) > 2 or (len(sides) == 2 and i in self.rim and j in self.rim):
+            return None
+        bend = min([self.turn.get(r, 1.0)] + [self.uv_turn.get(a, 1.0) for a in self.marks[r]])
+        if round(bend, 6) < settings.outline_cosine:
+            return None
+        bad = collapse_is_bad(self.p, self.uv, self.faces, self.corners, self.near, self.rim, sides, r, s, settings)
+        return None if bad else (r, s)
+
+
+def turns(points, faces):
+    """{border vertex: cosine of the turn of the border there}; -1 where several borders meet."""
+    edges, _ = incidence(faces)
+    border = [(faces[f][k], faces[f][(k + 1) % 3]) for s in edges.values() if len(s) == 1 for f, k in s]
+    result = {}
+    for v in {a for a, _ in border}:
+        leaves, arrives = [b for a, b in border if a == v], [a for a, b in border if b == v]
+        if len(leaves) != 1 or len(arrives) != 1:
+            result[v] = -1.0
+            continue
+        d, e = points[v] - points[arrives[0]], points[leaves[0]] - points[v]
+        size = float(np.linalg.norm(d) * np.linalg.norm(e))
+        result[v] = float(np.dot(d, e)) / size if size > 0 else 0.0
+    return result
 
 
 def uv_targets(faces, corners, r, s):
