@@ -76,7 +76,9 @@ def score_asset(
     lights = sorted(truth.relit) if truth is not None and paired else []
     steps = _Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired))
     ours = _Renderer(asset, views, quality, steps)
-    guess = _Renderer(gray_object(asset, truth), views, quality, steps)
+    # A rough gray surface needs few specular samples.
+    coarse = replace(quality, specular_samples=max(1, quality.specular_samples // 3))
+    guess = _Renderer(gray_object(asset, truth), views, coarse, steps)
     scores = AssetScores({"headline": [], "floor": {}}, chosen)
 
     rendered = ours.render(chosen)

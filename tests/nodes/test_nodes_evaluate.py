@@ -1,0 +1,144 @@
+"""The evaluation nodes: what a perfect, a scaled and a wrong asset score, beside their floors."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exmesh_nodes import evaluate
+from node_probe import FakeContext
+
+from exmesh_graph.io.images import read_image
+from exmesh_graph.types import Mesh, SceneTruth
+
+PARAMS = evaluate.AssetParams(directions=64, bounces=1, pictures=2)
+
+
+@pytest.fixture(scope="module")
+def perfect(scene, tmp_path_factory):
+    context = FakeContext(tmp_path_factory.mktemp("perfect"))
+    out = evaluate.asset(context, scene.asset, scene.test, scene.truth, scene.train, p=PARAMS)
+    return out, context
+
+
+def test_the_true_asset_scores_high_and_the_gray_guess_low(perfect):
+    values = perfect[0].metrics.values
+    assert values["held_out"]["psnr"] > 38
+    assert values["relit"]["psnr"] > 38
+    assert values["material"]["albedo_psnr_linear"] > 60
+    assert values["material"]["roughness_mse"] < 1e-8
+    np.testing.assert_allclose(values["material"]["albedo_scale"], 1, atol=1e-3)
+    floor = values["floor"]
+    assert floor["held_out_psnr"] < values["held_out"]["psnr"] - 10
+    assert floor["relit_psnr"] < values["relit"]["psnr"] - 10
+    assert floor["albedo_psnr_linear"] < 30
+    assert floor["roughness_mse"] > 1e-3
+
+
+def test_the_headline_puts_the_floor_beside_each_figure(perfect):
+    headline = {entry["label"]: entry for entry in perfect[0].metrics.values["headline"]}
+    floor = perfect[0].metrics.values["floor"]
+    assert list(headline) == ["Held-out PSNR", "Relit PSNR", "Albedo PSNR (linear)", "Roughness MSE"]
+    assert headline["Relit PSNR"]["floor"] == floor["relit_psnr"]
+    assert headline["Roughness MSE"]["better"] == "lower"
+
+
+def test_means_are_means_over_the_views_and_progress_ends_full(perfect):
+    values, context = perfect[0].metrics.values, perfect[1]
+    assert np.isclose(values["held_out"]["psnr"], np.mean(list(values["held_out"]["psnr_per_view"].values())))
+    assert set(values["held_out"]["psnr_per_view"]) == {"test_a", "test_b", "test_c"}
+    assert context.steps[-1][0] == context.steps[-1][1] == 15  # 2 x 3 held-out, 3 x 3 relit
+
+
+def test_the_gallery_shows_ours_truth_and_error(perfect):
+    root = perfect[0].gallery.root
+    entries = json.loads((root / "captions.json").read_text())
+    files = {entry["file"] for entry in entries}
+    assert {"relit_other.png", "albedo.png", "roughness.png", "environment.png", "atlas.png", "geometry.png"} < files
+    assert len([f for f in files if f.startswith("held_out")]) == 2
+    assert all(entry["title"] and entry["caption"] for entry in entries)
+    picture = read_image(root / "held_out_002.png")
+    assert picture.shape == (40, 3 * 40 + 2 * 6, 3)
+    assert np.abs(picture[:, :40] - picture[:, 46:86]).mean() < 0.01
+
+
+def test_a_channelwise_scaled_albedo_is_forgiven_and_a_permuted_one_is_not(scene, context):
+    factor = np.array([2.0, 0.5, 1.0], np.float32)
+    scaled = replace(scene.asset, base_color=scene.asset.base_color * factor)
+    values = evaluate.asset(context, scaled, scene.test, scene.truth, p=PARAMS).metrics.values
+    np.testing.assert_allclose(values["material"]["albedo_scale"], 1 / factor, rtol=1e-3)
+    assert values["material"]["albedo_psnr_linear"] > 60
+    assert values["material"]["albedo_psnr_linear_unscaled"] < 25
+    assert values["relit"]["psnr"] > 38
+    assert values["relit"]["psnr_unscaled"] < 30
+    permuted = replace(scene.asset, base_color=scene.asset.base_color[..., [1, 2, 0]].copy())
+    values = evaluate.asset(context, permuted, scene.test, scene.truth, p=PARAMS).metrics.values
+    assert values["material"]["albedo_psnr_linear"] < 30
+
+
+def test_the_floor_follows_the_brightness_of_the_training_images(scene, context):
+    def level(train):
+        out = evaluate.asset(context, scene.asset, scene.test, None, train, p=PARAMS)
+        return out.metrics.values["floor"]["light_level"]
+
+    brighter = replace(scene.train, images=scene.train.images * 2)
+    assert np.isclose(level(brighter), 2 * level(scene.train), rtol=1e-5)
+
+
+def test_without_truth_only_held_out_views_are_scored(scene, context):
+    out = evaluate.asset(context, scene.asset, scene.test, p=PARAMS)
+    assert set(out.metrics.values) == {"headline", "floor", "held_out"}
+    files = {e["file"] for e in json.loads((out.gallery.root / "captions.json").read_text())}
+    assert files == {"held_out_000.png", "held_out_002.png", "environment.png", "atlas.png", "geometry.png"}
+
+
+def test_views_without_masks_are_scored_inside_our_silhouette(scene, context):
+    wall = scene.test.images + (1 - scene.test.alpha[..., None]) * np.float32(0.7)
+    unmasked = replace(scene.test, images=wall, alpha=np.ones_like(scene.test.alpha), has_masks=False)
+    values = evaluate.asset(context, scene.asset, unmasked, p=PARAMS).metrics.values
+    assert values["held_out"]["region"] == "inside our silhouette"
+    assert values["held_out"]["psnr"] > 25
+
+
+def test_fewer_views_and_equal_figures_on_repeat(scene, context, tmp_path):
+    p = PARAMS.model_copy(update={"max_views": 1})
+    first = evaluate.asset(context, scene.asset, scene.test, scene.truth, p=p)
+    before = {f.name: f.read_bytes() for f in first.gallery.root.iterdir()}
+    again = evaluate.asset(context, scene.asset, scene.test, scene.truth, p=p)
+    assert list(first.metrics.values["held_out"]["psnr_per_view"]) == ["test_b"]
+    assert first.metrics.values == again.metrics.values
+    assert before == {f.name: f.read_bytes() for f in again.gallery.root.iterdir()}
+
+
+def test_chamfer_of_a_grown_octahedron_is_the_gap_between_its_faces(scene, context):
+    grown = Mesh((scene.asset.vertices * 1.01).astype(np.float32), scene.asset.faces)
+    values = evaluate.mesh(context, grown, scene.truth, p=evaluate.MeshParams(samples=4000)).metrics.values
+    # the faces move by 0.01 of the inscribed radius, which is 1 / sqrt(3) of the bounding one
+    expected = 10 / np.sqrt(3)
+    assert np.isclose(values["chamfer_per_mille_of_radius"]["chamfer"], expected, rtol=0.03)
+    headline = {entry["label"]: entry["value"] for entry in values["headline"]}
+    assert headline["Closed"] is True
+    assert headline["Manifold"] is True
+    assert headline["Faces"] == 8
+
+
+def test_an_open_mesh_and_a_missing_truth(scene, context):
+    open_mesh = Mesh(scene.asset.vertices, scene.asset.faces[1:])
+    values = evaluate.mesh(context, open_mesh, SceneTruth(names=()), p=evaluate.MeshParams()).metrics.values
+    headline = {entry["label"]: entry["value"] for entry in values["headline"]}
+    assert headline["Closed"] is False
+    assert "Chamfer" not in headline
+
+
+def test_stage_one_is_scored_by_its_texture(scene, context):
+    from exmesh_graph.io.color import srgb_to_linear
+
+    color = np.float32([0.8, 0.4, 0.2])
+    carrier = replace(scene.asset, texture=np.broadcast_to(color, (32, 32, 3)).copy())
+    flat = scene.test.alpha[..., None] * srgb_to_linear(color)
+    views = replace(scene.test, images=flat.astype(np.float32))
+    out = evaluate.stage1(context, carrier, views, p=evaluate.Stage1Params())
+    assert out.metrics.values["held_out"]["psnr"] > 35  # 3 x 3 samples a pixel against 2 x 2 at the silhouette
+    worse = evaluate.stage1(context, carrier, scene.test, p=evaluate.Stage1Params())
+    assert worse.metrics.values["held_out"]["psnr"] < 25
+    assert (out.gallery.root / "geometry.png").is_file()
