@@ -22,7 +22,7 @@ def sha256_file(path: Path) -> str:
 
 
 def sync(path: Path) -> None:
-    """Force a file or folder to the disk."""
+    """Force a file to the disk. (Folders are not: a lost rename is only a miss.)"""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -31,22 +31,22 @@ def sync(path: Path) -> None:
 
 
 def write_durably(path: Path, text: str, work: Path) -> None:
-    """Replace `path` by `text` in one step: written in `work` (same file system), synced, renamed."""
+    """Replace `path` by `text` in one step: written below `work` (same file system), synced, renamed."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = work / f"{path.name}.{os.getpid()}.{time.monotonic_ns()}"
-    temporary.write_text(text, encoding="utf-8")
-    sync(temporary)
-    os.replace(temporary, path)
-    sync(path.parent)
+    with own_folder(work) as folder:
+        draft = folder / path.name
+        draft.write_text(text, encoding="utf-8")
+        sync(draft)
+        os.replace(draft, path)
 
 
-def sealed(record: dict[str, Any]) -> str:
+def seal_text(record: dict[str, Any]) -> str:
     """JSON of `record` with a checksum of itself."""
     return json.dumps({**record, "checksum": _checksum(record)}, sort_keys=True, indent=1, allow_nan=False) + "\n"
 
 
 def unseal(text: str) -> dict[str, Any]:
-    """What `sealed` wrote. Raises ValueError when anything in it was changed."""
+    """What `seal_text` wrote. Raises ValueError when anything in it was changed."""
     record = json.loads(text)
     if not isinstance(record, dict):
         raise ValueError("the record is not a mapping")
@@ -94,7 +94,7 @@ class SourceDigests:
     def save(self) -> None:
         """Keep the memo for the next process."""
         if self.changed and self.memo is not None and self.work is not None:
-            write_durably(self.memo, sealed({"digests": self.known}), self.work)
+            write_durably(self.memo, seal_text({"digests": self.known}), self.work)
             self.changed = False
 
 
@@ -118,10 +118,6 @@ def sweep_abandoned(parent: Path) -> None:
     for entry in parent.iterdir() if parent.is_dir() else ():
         with contextlib.suppress(OSError):
             age = time.time() - entry.stat().st_mtime
-            if not entry.is_dir():
-                if age > 3600:
-                    entry.unlink()
-                continue
             if age < 5 and not (entry / "lock").exists():
                 continue  # being made right now
             lock = _locked(entry / "lock")

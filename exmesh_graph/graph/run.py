@@ -6,6 +6,7 @@ taken from the recorded digests of its inputs just before it would run, so that 
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 import traceback
@@ -286,7 +287,7 @@ class Run:
             "message": str(error), "traceback": traceback.format_exc(), "key": row["key"], "inputs": inputs,
             "input_digests": {p: vars(self.outputs[link.node][link.port]) for p, link in bound.inputs.items()},
             "params": bound.params.model_dump(mode="json"), "seed": bound.seed,
-            "run_again": self.record["command"], "replay": f"{self.record['command']} --node '{bound.name}'",
+            "run_again": self.record["command"], "replay": f"{self.record['command']} --node {shlex.quote(bound.name)}",
             "argv": sys.argv,
         }  # fmt: skip
         self.folder.write("failure.json", record)
@@ -299,4 +300,5 @@ class Run:
         self.listener(stamped)
 
     def _save(self) -> None:
-        self.folder.write("run.json", self.record)
+        done = self.record["state"] != "unfinished"
+        self.folder.write("run.json", self.record, 1 if done else None)  # compact is much faster

@@ -51,10 +51,10 @@ class RunFolder:
         self._events.write(json.dumps(event, default=str) + "\n")
         self._events.flush()
 
-    def write(self, name: str, value: Mapping[str, Any]) -> None:
+    def write(self, name: str, value: Mapping[str, Any], indent: int | None = 1) -> None:
         """Replace a JSON file of the run."""
         draft = self.path / f".{name}.draft"
-        draft.write_text(json.dumps(value, indent=1, default=str) + "\n", encoding="utf-8")
+        draft.write_text(json.dumps(value, indent=indent, default=str) + "\n", encoding="utf-8")
         os.replace(draft, self.path / name)
 
     def publish(self, name: str, stored: Stored, store: Store) -> Path:

@@ -85,9 +85,8 @@ class Store:
         digest = artifact_digest(value.type_name, table)
         head = {"format": FORMAT, "type": value.type_name, "digest": digest, "files": table}
         note = draft / "artifact.json"
-        note.write_text(files.sealed(head), encoding="utf-8")
+        note.write_text(files.seal_text(head), encoding="utf-8")
         files.sync(note)
-        files.sync(draft)
         stored = Stored(value.type_name, digest, sum(size for size, _ in table.values()))
         self._publish(draft, digest)
         return stored
@@ -103,7 +102,6 @@ class Store:
             if not self.holds(digest):
                 raise
             files.remove_tree(draft)
-        files.sync(target.parent)
 
     def holds(self, digest: str) -> bool:
         """Whether the object is there, with all its files at their sizes."""
@@ -162,8 +160,7 @@ class Store:
         key = key_of(preimage)
         table = {port: asdict(stored) for port, stored in outputs.items()}
         record = {"format": FORMAT, "key": key, "preimage": dict(preimage), "outputs": table, **info}
-        self.work.mkdir(parents=True, exist_ok=True)
-        files.write_durably(self._action(key), files.sealed(record), self.work)
+        files.write_durably(self._action(key), files.seal_text(record), self.work)
         return key
 
     def look_up(self, key: str) -> Action | None:

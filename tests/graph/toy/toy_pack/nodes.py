@@ -255,3 +255,9 @@ def scribble(ctx: Context, series: Series, *, p: NoParams) -> SeriesOut:
 
     ctypes.memset(series.data.ctypes.data, 0, series.data.nbytes)
     return SeriesOut(Series(series.data.copy()))
+
+
+@node("toy.test_number", version="1")
+def test_number(ctx: Context, *, p: NoParams) -> NumberOut:
+    """A number of the test split, not promised as such."""
+    return NumberOut(Number(1.0, "test"))
