@@ -40,7 +40,7 @@ def stage1(ctx: Context, carrier: Carrier, views: TestViews, *, p: Stage1Params)
     from exmesh_graph.report.galleries import carrier_gallery
     from exmesh_graph.report.scores_mesh import score_carrier
 
-    scores = score_carrier(carrier, views, max_views=p.max_views, progress=ctx.progress)
+    scores = score_carrier(carrier, views, max_views=p.max_views)
     gallery = carrier_gallery(ctx.scratch / "gallery", carrier, views, scores, count=p.pictures)
     return ScoredOut(Metrics(scores.values), gallery)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from exmesh_graph.io.images import display
-from exmesh_graph.report.scores import Progress, compare, spread
+from exmesh_graph.report.scores import compare, spread
 from exmesh_graph.types import Carrier, Mesh, SceneTruth, Views
 
 
@@ -48,20 +48,16 @@ class CarrierScores:
     held_out: list[tuple[np.ndarray, np.ndarray]]
 
 
-def score_carrier(
-    carrier: Carrier, views: Views, *, max_views: int = 0, progress: Progress | None = None
-) -> CarrierScores:
+def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> CarrierScores:
     """Held-out PSNR and SSIM of the mesh with its RGB texture (no light model: what Stage I itself has learnt)."""
-    from exmesh_graph.report.shaded import render_texture
+    from exmesh_graph.stage1.render import render_carrier
 
     chosen = spread(len(views), max_views)
-    pairs = []
-    for done, i in enumerate(chosen, start=1):
-        ours, alpha = render_texture(carrier, views.intrinsics[i], views.camera_to_world[i], views.height, views.width)
-        true = display(views.images[i], views.alpha[i])
-        pairs.append((ours, true if views.has_masks else true * alpha[..., None]))
-        if progress:
-            progress(done, len(chosen))
+    shown, alpha = render_carrier(carrier, _subset(views, chosen))
+    true = [display(views.images[i], views.alpha[i]) for i in chosen]
+    if not views.has_masks:
+        true = [image * inside[..., None] for image, inside in zip(true, alpha, strict=True)]
+    pairs = list(zip(shown, true, strict=True))
     db, structure = compare([ours for ours, _ in pairs], [true for _, true in pairs])
     names = [views.names[i] for i in chosen]
     mean = float(np.mean(db))
@@ -85,3 +81,14 @@ def score_carrier(
         },
     }
     return CarrierScores(values, chosen, pairs)
+
+
+def _subset(views: Views, chosen: list[int]) -> Views:
+    return replace(
+        views,
+        names=tuple(views.names[i] for i in chosen),
+        images=views.images[chosen],
+        alpha=views.alpha[chosen],
+        intrinsics=views.intrinsics[chosen],
+        camera_to_world=views.camera_to_world[chosen],
+    )

@@ -1,4 +1,4 @@
-"""Plain renders for evaluation: Stage I's textured mesh, and pictures of bare geometry."""
+"""Pictures of bare geometry: clay, normals, wires."""
 
 from __future__ import annotations
 
@@ -7,44 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from exmesh_graph.raster import rasterize, sample_texture
-from exmesh_graph.types import Carrier, Mesh
+from exmesh_graph.raster import rasterize
+from exmesh_graph.types import Mesh
 
 _WIRE_PIXELS = 0.6  # half the width of a wire
 
 
 @dataclass(frozen=True)
 class Hits:
-    """Fragments of one view at `supersampling` times its size: face_id [H, W], bary [H, W, 3] (torch)."""
+    """The fragments of one view, face_id int32 [H, W] (-1 on background), and its camera at that size."""
 
     face_id: torch.Tensor
-    bary: torch.Tensor
     intrinsics: torch.Tensor
     world_to_camera: torch.Tensor
-
-
-def render_texture(
-    carrier: Carrier,
-    intrinsics: np.ndarray,
-    camera_to_world: np.ndarray,
-    height: int,
-    width: int,
-    supersampling: int = 3,
-) -> tuple[np.ndarray, np.ndarray]:
-    """One view of the carrier with its RGB texture: (display colour over black [H, W, 3], alpha [H, W]).
-
-    Colours are averaged as they are displayed (sRGB), since that is how Stage I fits them.
-    """
-    hits = _hits(carrier, intrinsics, camera_to_world, height * supersampling, width * supersampling, supersampling)
-    uvs, uv_faces = torch.from_numpy(carrier.uvs), torch.from_numpy(carrier.uv_faces.astype(np.int64))
-    inside = hits.face_id >= 0
-    face, bary = hits.face_id[inside].long(), hits.bary[inside]
-    uv = (uvs[uv_faces[face]] * bary[..., None]).sum(1)
-    fine = torch.zeros(*hits.face_id.shape, 4)
-    color = sample_texture(torch.from_numpy(carrier.texture), uv).clamp(0, 1)
-    fine[inside] = torch.cat([color, torch.ones_like(color[:, :1])], dim=1)
-    mean = fine.reshape(height, supersampling, width, supersampling, 4).mean(dim=(1, 3)).numpy()
-    return mean[..., :3], mean[..., 3]
 
 
 def shaded_geometry(
@@ -85,7 +60,7 @@ def _hits(
         height,
         width,
     )
-    return Hits(fragments.face_id, fragments.bary, k, world_to_camera)
+    return Hits(fragments.face_id, k, world_to_camera)
 
 
 def _edge_distance(hits: Hits, corner: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
