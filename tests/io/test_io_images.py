@@ -100,7 +100,10 @@ def test_encode_and_display_invert_reading(tmp_path, rng):
     write_image(tmp_path / "a.png", encode_rgba(rgb, alpha), "uint16")
     photo = read_photo(tmp_path / "a.png")
     assert np.abs(photo.rgb - rgb).max() < 1e-4
-    assert np.abs(display(rgb, alpha) - linear_to_srgb(rgb / np.maximum(alpha, 1e-6)[..., None]) * alpha[..., None]).max() < 1e-6
+    assert (
+        np.abs(display(rgb, alpha) - linear_to_srgb(rgb / np.maximum(alpha, 1e-6)[..., None]) * alpha[..., None]).max()
+        < 1e-6
+    )
 
 
 def test_srgb_curve():

@@ -1,0 +1,197 @@
+"""The visual hull against shapes whose silhouettes are known exactly."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.geometry.clean import inspect, taubin
+from exmesh_graph.geometry.hull import (
+    Grid,
+    SilhouetteField,
+    signed_volume,
+    silhouette_distance,
+    surface,
+    visual_hull,
+)
+
+SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
+
+
+def camera(eye, size, fov=0.6):
+    """(K, world-to-camera) looking at the origin, x right, y down."""
+    z = -eye / np.linalg.norm(eye)
+    x = np.cross(z, [0.0, 1, 0] if abs(z[1]) < 0.9 else [1.0, 0, 0])
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([x, np.cross(z, x), z])
+    pose[:3, 3] = -pose[:3, :3] @ eye
+    f = 0.5 * size / np.tan(fov / 2)
+    return np.array([[f, 0, size / 2], [0, f, size / 2], [0, 0, 1]]), pose
+
+
+def sphere_masks(count, size, radius, seed=0, samples=4):
+    """alpha [N, H, W] by supersampling, K, world-to-camera of a sphere at the origin seen from all around."""
+    i = np.arange(count) + 0.5
+    y, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
+    eyes = 4 * np.stack([np.cos(turn) * np.sqrt(1 - y * y), y, np.sin(turn) * np.sqrt(1 - y * y)], axis=1)
+    ks, poses, masks = [], [], []
+    for eye in eyes:
+        k, pose = camera(eye, size)
+        steps = (np.arange(size * samples) + 0.5) / samples
+        px, py = np.meshgrid(steps, steps)
+        d = np.stack([px, py, np.ones_like(px)], axis=-1) @ np.linalg.inv(k).T @ pose[:3, :3]
+        b, c = 2 * (d @ eye), eye @ eye - radius**2
+        hit = b * b - 4 * (d * d).sum(-1) * c > 0
+        masks.append(hit.reshape(size, samples, size, samples).mean((1, 3)))
+        ks.append(k)
+        poses.append(pose)
+    return np.stack(masks).astype(np.float32), np.stack(ks), np.stack(poses)
+
+
+def test_silhouette_distance_of_a_disc():
+    size, radius = 64, 20.3
+    x, y = np.meshgrid(np.arange(size) + 0.5 - 31.7, np.arange(size) + 0.5 - 32.4)
+    r = np.hypot(x, y)
+    alpha = np.clip(radius - r + 0.5, 0, 1)
+    error = silhouette_distance(alpha) - (radius - r)
+    assert np.abs(error).max() < 0.75
+    rim = np.abs(radius - r) < 0.45
+    assert np.abs(error[rim]).max() < 1e-6
+
+
+def test_silhouette_distance_of_full_and_empty_masks():
+    assert (silhouette_distance(np.ones((4, 4))) > 4).all()
+    assert (silhouette_distance(np.zeros((4, 4))) < -4).all()
+
+
+@pytest.mark.parametrize("radius", [0.35, 0.9])
+def test_sphere(radius):
+    field = SilhouetteField.from_masks(*sphere_masks(30, 96, radius))
+    vertices, faces = visual_hull(field, resolution=64)
+    r = np.linalg.norm(vertices, axis=1)
+    pixel = 4 * 2 * np.tan(0.3) / 96
+    assert r.min() > radius - 0.35 * pixel  # never cuts into the object by more than the masks' own accuracy
+    assert np.median(r) < radius + 0.5 * pixel
+    found = inspect(vertices, faces)
+    assert found.closed
+    assert found.turned_edges == found.pinched_vertices == found.flat_faces == found.duplicate_faces == 0
+    assert signed_volume(vertices, faces) == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.08)
+    assert len(vertices) - 3 * len(faces) // 2 + len(faces) == 2
+
+
+def test_band_gives_the_same_surface_as_evaluating_every_point():
+    field = SilhouetteField.from_masks(*sphere_masks(12, 64, 0.6))
+    vertices, _ = visual_hull(field, resolution=48)
+    assert np.abs(field(vertices)).max() < 0.01
+    grid = Grid.over(np.full(3, -1.05), np.full(3, 1.05), 70)
+    full, _ = surface(field(grid.points()).reshape(grid.shape), grid)
+    for axis in range(3):
+        assert full[:, axis].min() == pytest.approx(vertices[:, axis].min(), abs=0.01)
+        assert full[:, axis].max() == pytest.approx(vertices[:, axis].max(), abs=0.01)
+
+
+def test_chunks_do_not_change_the_result():
+    masks = sphere_masks(6, 48, 0.6)
+    points = np.random.default_rng(0).uniform(-1, 1, (5000, 3))
+    whole, parts = (SilhouetteField.from_masks(*masks, chunk=c)(points) for c in (1 << 18, 97))
+    assert np.array_equal(whole, parts)
+
+
+def test_field_is_the_lowest_vote_in_world_units():
+    """Reference: one point and one view at a time, straight from the definition."""
+    alpha, k, pose = sphere_masks(5, 48, 0.6)
+    points = np.random.default_rng(1).uniform(-0.9, 0.9, (40, 3))
+    for dissent in (0, 1, 2):
+        field = SilhouetteField.from_masks(alpha, k, pose, dissent=dissent)
+        expected = []
+        for point in points:
+            votes = []
+            for view in range(5):
+                x, y, z = pose[view, :3, :3] @ point + pose[view, :3, 3]
+                u, v = k[view, 0, 0] * x / z + k[view, 0, 2] - 0.5, k[view, 1, 1] * y / z + k[view, 1, 2] - 0.5
+                c, r = int(np.floor(u)), int(np.floor(v))
+                d = field.distances[view][r : r + 2, c : c + 2]
+                w = np.outer([1 - (v - r), v - r], [1 - (u - c), u - c])
+                votes.append((d * w).sum() * z / k[view, 0, 0])
+            expected.append(sorted(votes)[dissent])
+        assert field(points) == pytest.approx(np.array(expected), abs=2e-5)
+
+
+def test_dissent_outvotes_one_wrong_mask():
+    alpha, k, pose = sphere_masks(20, 64, 0.6)
+    alpha[3] = 0
+    alpha[3, :8, :8] = 1
+    with pytest.raises(DataError, match="no common part"):
+        visual_hull(SilhouetteField.from_masks(alpha, k, pose), resolution=32)
+    vertices, _ = visual_hull(SilhouetteField.from_masks(alpha, k, pose, dissent=1), resolution=48)
+    assert np.median(np.linalg.norm(vertices, axis=1)) == pytest.approx(0.6, abs=0.04)
+
+
+def test_outside_the_image_the_object_goes_on_only_where_it_touches_the_border():
+    alpha = np.zeros((1, 10, 10), np.float32)
+    alpha[0, 4:6, 5:] = 1  # touches the right border
+    k = np.array([[[10.0, 0, 5], [0, 10, 5], [0, 0, 1]]])
+    field = SilhouetteField.from_masks(alpha, k, np.eye(4)[None])
+    right, left, below, behind = field(np.array([[0.8, 0, 1], [-0.8, 0, 1], [0, 0.8, 1], [0, 0, -1.0]]))
+    assert right > 0
+    assert left < -0.3
+    assert below < -0.3
+    assert np.isinf(behind)
+
+
+def test_open_cone_is_capped():
+    """One view leaves the depth open: the search box closes the hull."""
+    alpha, k, pose = sphere_masks(1, 48, 0.4)
+    vertices, faces = visual_hull(SilhouetteField.from_masks(alpha, k, pose), resolution=32)
+    assert inspect(vertices, faces).closed
+    assert np.abs(vertices).max() < 1.3
+
+
+def test_bad_views():
+    alpha, k, pose = sphere_masks(3, 32, 0.5)
+    with pytest.raises(DataError, match="there are none"):
+        SilhouetteField.from_masks(alpha[:0], k[:0], pose[:0])
+    alpha[1] = 0.3
+    with pytest.raises(DataError, match=r"b: the mask is empty"):
+        SilhouetteField.from_masks(alpha, k, pose, names=("a", "b", "c"))
+    with pytest.raises(DataError, match="no view to decide"):
+        SilhouetteField.from_masks(alpha[:1], k[:1], pose[:1], dissent=1)
+    with pytest.raises(GeometryError, match="empty"):
+        surface(np.full((4, 4, 4), -1.0), Grid(np.zeros(3), 1.0, (4, 4, 4)))
+
+
+def test_surface_of_values_that_are_exactly_zero():
+    """A plane through grid points: no face without area, still closed."""
+    grid = Grid.over(np.full(3, -1.0), np.full(3, 1.0), 8)
+    values = np.minimum(0.5 - np.abs(grid.points()).max(1), 0.75).reshape(grid.shape)
+    assert (values == 0).any()
+    vertices, faces = surface(values, grid)
+    found = inspect(vertices, faces)
+    assert found.closed
+    assert found.duplicate_faces == found.turned_edges == 0
+
+
+def test_taubin_smooths_without_shrinking():
+    field = SilhouetteField.from_masks(*sphere_masks(30, 96, 0.8))
+    vertices, faces = visual_hull(field, resolution=40)
+    rough = vertices + 0.01 * np.random.default_rng(0).normal(size=vertices.shape).astype(np.float32)
+    smooth = taubin(rough, faces, 10)
+    spread_of = lambda x: np.linalg.norm(x, axis=1).std()  # noqa: E731
+    assert spread_of(smooth) < 0.6 * spread_of(rough)
+    assert signed_volume(smooth, faces) == pytest.approx(signed_volume(vertices, faces), rel=0.02)
+    assert np.array_equal(taubin(rough, faces, 0), rough)
+
+
+def test_sample_scene_hull_is_close_to_the_true_mesh():
+    from exmesh_graph.io.blender import BlenderOptions, load_blender
+    from exmesh_graph.metrics.mesh import chamfer
+
+    scene = load_blender(SAMPLE, BlenderOptions())
+    views, truth = scene.train, scene.truth
+    field = SilhouetteField.from_masks(views.alpha, views.intrinsics, views.world_to_camera)
+    vertices, faces = visual_hull(field, resolution=96)
+    result = chamfer(taubin(vertices, faces, 10), faces, truth.mesh_vertices, truth.mesh_faces, samples=10_000)
+    radius = 1.2 / np.cbrt(np.linalg.det(scene.frame.scene_from_normalised[:3, :3]))
+    assert result.chamfer / radius < 2.2e-3
