@@ -63,7 +63,7 @@ class Checked:
             for name, bound in self.nodes.items()
         }
         outputs = {name: str(link) for name, link in self.outputs.items()}
-        return {"name": self.name, "params": _plain(self.params), "nodes": nodes, "outputs": outputs}
+        return {"name": self.name, "params": dict(self.params), "nodes": nodes, "outputs": outputs}
 
     def needed_for(self, targets: Iterable[str]) -> set[str]:
         """The names of `targets` and of everything upstream of them."""
@@ -367,11 +367,3 @@ def _normal(path: Path) -> str:
     import os.path
 
     return os.path.normpath(path) if not any(p.is_symlink() for p in path.parents) else str(path)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return str(value) if isinstance(value, PurePath) else value

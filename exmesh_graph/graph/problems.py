@@ -9,9 +9,9 @@ import difflib
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from exmesh_graph.errors import GraphError
 
@@ -77,24 +77,13 @@ class Problems:
 
     found: dict[tuple[str, ...], Problem] = field(default_factory=dict)
 
-    def add(
-        self,
-        code: str,
-        where: Where,
-        what: str,
-        *,
-        wire: str = "",
-        expected: str = "",
-        found: str = "",
-        nearest: Iterable[str] = (),
-        fix: str = "",
-    ) -> None:
-        """Note one problem."""
-        problem = Problem(code, where, what, wire, expected, found, tuple(nearest), fix)
+    def add(self, code: str, where: Where, what: str, *, nearest: Iterable[str] = (), **more: Any) -> None:
+        """Note one problem; `more` are Problem's wire, expected, found and fix."""
+        problem = Problem(code, where, what, nearest=tuple(nearest), **more)
         key = (code, str(where), _without_rounds(what))
         if key in self.found:
             seen = self.found[key]
-            problem = Problem(**{**vars(seen), "rounds": seen.rounds + 1})
+            problem = replace(seen, rounds=seen.rounds + 1)
         self.found[key] = problem
 
     def __bool__(self) -> bool:

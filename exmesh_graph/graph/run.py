@@ -21,8 +21,9 @@ from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.fingerprint import fingerprint, sources_changed
 from exmesh_graph.graph.keys import key_of
 from exmesh_graph.graph.plan import preimage_for
-from exmesh_graph.graph.rundir import RunFolder, machine_facts, peak_memory, reset_peak_memory
+from exmesh_graph.graph.rundir import RunFolder
 from exmesh_graph.graph.store import NOTHING, Store, Stored
+from exmesh_graph.machine import machine_facts, peak_memory, reset_peak_memory
 from exmesh_graph.types import Artifact, Files
 
 Listener = Callable[[Mapping[str, Any]], None]

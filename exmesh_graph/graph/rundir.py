@@ -9,15 +9,12 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import platform
 import shutil
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import exmesh_graph
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.store import Store, Stored
 from exmesh_graph.types import Files
@@ -85,52 +82,3 @@ def is_alive(run: Path) -> bool:
     except OSError:
         return False
     return False
-
-
-def machine_facts() -> dict[str, Any]:
-    """Versions and hardware of this process; looks at torch only where it is loaded already."""
-    facts: dict[str, Any] = {
-        "exmesh_graph": exmesh_graph.__version__,
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "processor": _processor(),
-        "cpus": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
-    }
-    torch = sys.modules.get("torch")
-    if torch is not None and hasattr(torch, "__version__"):
-        facts["torch"] = str(torch.__version__)
-        if torch.cuda.is_available():
-            facts["gpu"] = torch.cuda.get_device_name()
-    return facts
-
-
-def _processor() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor()
-
-
-def reset_peak_memory() -> None:
-    """Start a new peak for `peak_memory`, where the system allows it (Linux)."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except OSError:
-        return
-
-
-def peak_memory() -> int:
-    """Peak resident bytes since `reset_peak_memory` (since the process began where that is not possible)."""
-    try:
-        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    except OSError:
-        pass
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

@@ -186,26 +186,20 @@ def _merge_entry(base: Map, child: Map, problems: Problems) -> Map:
             if key == "nodes":
                 value = _merge_nodes(old, value, problems)
             elif key in ("every", "at"):
-                value = _merge_rounds(old, value)
+                value = _merge_plain(old, value, inner=True)
             elif key in ("carry", "next"):
                 value = _merge_plain(old, value)
         result.put(key, value, child.lines[key])
     return result
 
 
-def _merge_rounds(base: Map, child: Map) -> Map:
+def _merge_plain(base: Map, child: Map, inner: bool = False) -> Map:
+    """`child` over `base`; with `inner`, entries that are settings of a round are merged in turn."""
     result = base.copy()
     for key, value in child.items():
         old = base.get(key)
-        if isinstance(value, Map) and isinstance(old, Map) and "type" not in value:
+        if inner and isinstance(value, Map) and isinstance(old, Map) and "type" not in value:
             value = _merge_plain(old, value)
-        result.put(key, value, child.lines[key])
-    return result
-
-
-def _merge_plain(base: Map, child: Map) -> Map:
-    result = base.copy()
-    for key, value in child.items():
         result.put(key, value, child.lines[key])
     return result
 

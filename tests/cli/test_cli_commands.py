@@ -1,0 +1,263 @@
+"""The `exmesh` command as its users meet it: a subprocess, a folder, a toy node pack."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from exmesh_graph.cli import main
+
+TOY = Path(__file__).parent.parent / "graph" / "toy"
+START = [sys.executable, "-c", "from exmesh_graph.cli import main; main()"]
+
+GRAPH = """
+name: toys
+params: {n: 2}
+nodes:
+  one: {type: toy.const, value: 1}
+  rounds:
+    repeat: "${n}"
+    carry: {state: "@one.number"}
+    nodes: {step: {type: toy.step, state: "@carry.state", amount: 2}}
+    next: {state: "@step.state"}
+  slow: {type: toy.slow, number: "@rounds.state", seconds: 0}
+  files: {type: toy.folder, number: "@slow.number"}
+  figures: {type: toy.metrics, number: "@slow.number"}
+outputs: {asset: "@files.files"}
+"""
+
+Exmesh = Callable[..., Any]
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(TOY), "COLUMNS": "100", "NO_COLOR": "1"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "g.yaml").write_text(GRAPH)
+    return tmp_path
+
+
+class Done(NamedTuple):
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def exmesh(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Exmesh]:
+    """The command in this process, which is much quicker than a new one."""
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(TOY))
+    monkeypatch.setenv("COLUMNS", "100")
+    handler = signal.getsignal(signal.SIGTERM)
+
+    def call(*words: str, code: int = 0) -> Done:
+        monkeypatch.setattr(sys, "argv", ["exmesh", *words])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        shown = capsys.readouterr()
+        assert (end.value.code or 0) == code, shown.out + shown.err
+        return Done(shown.out, shown.err)
+
+    yield call
+    signal.signal(signal.SIGTERM, handler)
+
+
+@pytest.fixture
+def fresh_exmesh(folder: Path) -> Exmesh:
+    """The command in a process of its own."""
+
+    def call(*words: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            [*START, *words], cwd=folder, env=environment(), capture_output=True, text=True, check=False
+        )
+        assert done.returncode == code, done.stdout + done.stderr
+        return done
+
+    return call
+
+
+def test_from_check_to_report(exmesh: Exmesh, folder: Path) -> None:
+    assert "6 nodes, 0 source files, no faults" in exmesh("check", "g.yaml").stdout
+    first = exmesh("run", "g.yaml").stdout
+    assert "[1/6] done one  toy.const" in first
+    assert "6 nodes, 0 from the store, 6 run" in first
+    assert "asset: runs/" in first
+    assert "report: runs/" in first
+    latest = folder / "runs" / "latest"
+    assert (latest / "number.txt").read_text() == "5.0"
+    assert "toys" in (latest / "report.html").read_text()
+    assert json.loads((latest / "report.json").read_text())
+    second = exmesh("run", "g.yaml").stdout
+    assert "6 from the store, 0 run" in second
+    assert "6 hit, 0 to run" in exmesh("plan", "g.yaml").stdout
+    assert "0 moved to quarantine" in exmesh("verify").stdout
+    lines = exmesh("status").stdout.splitlines()
+    assert len(lines) == 2
+    assert "6/6 nodes, 6 hits" in lines[0]
+    (latest / "report.html").unlink()
+    exmesh("report", "runs/latest")
+    assert (latest / "report.html").exists()
+
+
+def test_plan_and_why_give_reasons(exmesh: Exmesh, folder: Path) -> None:
+    assert "no earlier run of toy.const" in exmesh("plan", "g.yaml").stdout
+    exmesh("run", "g.yaml", "--set", "rounds.step.amount=3")
+    shown = exmesh("plan", "g.yaml").stdout
+    assert "parameter amount: 3 -> 2" in shown
+    assert "waits for rounds[1].step" in shown
+    why = exmesh("why", "rounds[1].step", "g.yaml").stdout
+    assert "run" in why
+    assert "parameter amount: 3 -> 2" in why
+    assert "toy_pack.nodes:step" in why
+    assert "rounds[1].step: hit" in exmesh("why", "rounds[1].step").stdout  # as the latest run was
+    assert "rounds[1].step" in exmesh("why", "rounds[1].stp", "g.yaml", code=2).stderr
+
+
+def test_nodes(exmesh: Exmesh) -> None:
+    assert "toy.slow" in exmesh("nodes").stdout
+    shown = exmesh("nodes", "toy.const").stdout
+    assert "value: float = 1.0 apples  (>= -1000, <= 1000)  The number." in shown
+    assert "not part of the key" in shown
+    assert "number: Number[split='train']" in exmesh("nodes", "toy.train_only").stdout
+    assert "toy.const" in exmesh("nodes", "toy.cnst", code=1).stderr
+
+
+def test_graph_errors_come_all_at_once(exmesh: Exmesh, folder: Path) -> None:
+    text = GRAPH.replace("toy.const", "toy.cnst").replace("@carry.state", "@carry.stat").replace("seconds", "secnds")
+    (folder / "g.yaml").write_text(text)
+    for command in ("check", "plan", "run"):
+        shown = exmesh(command, "g.yaml", code=2).stderr
+        assert "g.yaml:5: [node-type] one: there is no node type 'toy.cnst'" in shown
+        assert "rounds carries no 'stat'" in shown
+        assert "slow: toy.slow has no parameter 'secnds'" in shown
+    assert not (folder / "runs").exists()
+
+
+def test_failure_says_what_to_do(exmesh: Exmesh, folder: Path) -> None:
+    bad = '\n  bad: {type: toy.fail, number: "@slow.number", value: 9}\noutputs'
+    (folder / "g.yaml").write_text(GRAPH.replace("\noutputs", bad))
+    failed = exmesh("run", "g.yaml", "--set", "n=2", code=1)
+    assert "failed: bad: toy: the number is too small" in failed.stderr
+    assert "expected: above 9.0" in failed.stderr
+    assert "fix: raise it" in failed.stderr
+    assert "exmesh run g.yaml --set n=2 --node bad" in failed.stderr
+    assert (folder / "runs" / "latest" / "failure.json").exists()
+    assert "failed" in exmesh("status").stdout
+    exmesh("run", "g.yaml", "--set", "n=2", "--node", "bad", code=1)
+    assert "0 moved" in exmesh("verify").stdout
+    assert "6 from the store, 1 run" in exmesh("run", "g.yaml", "--set", "bad.value=1").stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_cleanly_and_the_same_command_resumes(exmesh: Exmesh, folder: Path, number: int) -> None:
+    words = ["run", "g.yaml", "--set", "slow.seconds=60", "--set", "slow.steps=600"]
+    process = subprocess.Popen(
+        [*START, *words], cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    events = folder / "runs" / "latest" / "events.jsonl"
+    wait_for(lambda: events.exists() and '"progress"' in events.read_text())
+    assert "running" in exmesh("status").stdout
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "interrupted; go on with the same command:" in errors
+    assert "exmesh run g.yaml --set slow.seconds=60 --set slow.steps=600" in errors
+    assert json.loads((folder / "runs" / "latest" / "run.json").read_text())["state"] == "interrupted"
+    assert "interrupted" in exmesh("status").stdout
+    assert "0 moved" in exmesh("verify").stdout
+    assert list((folder / ".exmesh" / "work").iterdir()) == []
+    assert "3 from the store, 3 run" in exmesh("run", "g.yaml", "--set", "slow.seconds=0").stdout
+
+
+def test_a_killed_run_is_called_killed(exmesh: Exmesh, folder: Path) -> None:
+    process = subprocess.Popen(
+        [*START, "run", "g.yaml", "--set", "slow.seconds=60"], cwd=folder, env=environment(), stdout=subprocess.DEVNULL
+    )
+    events = folder / "runs" / "latest" / "events.jsonl"
+    wait_for(lambda: events.exists() and '"node_started", "node": "slow"' in events.read_text())
+    process.kill()
+    process.wait()
+    assert "killed" in exmesh("status").stdout
+    assert "3 from the store, 3 run" in exmesh("run", "g.yaml").stdout
+
+
+def test_store_and_runs_can_be_elsewhere(exmesh: Exmesh, folder: Path) -> None:
+    exmesh("run", "g.yaml", "--store", "s", "--runs", "r")
+    assert (folder / "s" / "objects").is_dir()
+    assert (folder / "r" / "latest" / "run.json").exists()
+    assert not (folder / ".exmesh").exists()
+    (folder / "s").rename(folder / "t")
+    assert "6 from the store" in exmesh("run", "g.yaml", "--store", "t", "--runs", "r").stdout
+
+
+def test_a_changed_helper_is_run_again(fresh_exmesh: Exmesh, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    exmesh = fresh_exmesh
+    copy = folder / "pack"
+    shutil.copytree(TOY, copy)
+    monkeypatch.setattr(sys.modules[__name__], "TOY", copy)
+    (folder / "g.yaml").write_text('nodes: {a: {type: toy.const}, s: {type: toy.sign, number: "@a.number"}}')
+    exmesh("run", "g.yaml")
+    helper = copy / "toy_pack" / "helpers.py"
+    text = helper.read_text()
+    helper.write_text(text.replace('"""1 for', '# a comment\n    """One for'))
+    assert "2 hit, 0 to run" in exmesh("plan", "g.yaml").stdout
+    helper.write_text(text.replace("1.0 if value", "2.0 if value"))
+    assert "code changed: toy_pack.helpers" in exmesh("plan", "g.yaml").stdout
+    assert "1 from the store, 1 run" in exmesh("run", "g.yaml").stdout
+
+
+def test_a_broken_pack_module_does_not_stop_others(
+    fresh_exmesh: Exmesh, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exmesh = fresh_exmesh
+    copy = folder / "pack"
+    shutil.copytree(TOY, copy)
+    (copy / "toy_pack" / "wrong.py").write_text("import does_not_exist\n")
+    monkeypatch.setattr(sys.modules[__name__], "TOY", copy)
+    assert "cannot import toy_pack.wrong: ModuleNotFoundError" in exmesh("nodes").stderr
+    exmesh("run", "g.yaml")
+    (folder / "g.yaml").write_text("nodes: {a: {type: toy.wrong}}")
+    assert "toy_pack.wrong: ModuleNotFoundError" in exmesh("check", "g.yaml", code=2).stderr
+
+
+def test_terminal_view(folder: Path) -> None:
+    """On a terminal the run draws a live table; it must at least end with the states and the summary."""
+    parent, child = pty.openpty()
+    env = {k: v for k, v in environment().items() if k != "NO_COLOR"} | {"TERM": "xterm-256color"}
+    words = ["run", "g.yaml", "--set", "slow.seconds=1", "--set", "slow.steps=20"]
+    process = subprocess.Popen([*START, *words], cwd=folder, env=env, stdout=child, stderr=child)
+    os.close(child)
+    shown = b""
+    while True:
+        try:
+            part = os.read(parent, 65536)
+        except OSError:
+            break
+        if not part:
+            break
+        shown += part
+    assert process.wait() == 0
+    text = shown.decode()
+    for word in ("rounds[1].step", "toy.slow", "loss", "left", "0 of 6 to go", "6 nodes, 0 from the store"):
+        assert word in text
+
+
+def wait_for(condition: Callable[[], bool], seconds: float = 20) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
