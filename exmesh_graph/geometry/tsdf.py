@@ -62,8 +62,9 @@ def fuse(
             touched, image, intrinsic, extrinsic, depth_scale=1.0, depth_max=depth_max,
             trunc_voxel_multiplier=truncation,
         )  # fmt: skip
-    mesh = grid.extract_triangle_mesh(weight_threshold=min_weight - 0.5)
-    if "indices" not in mesh.triangle or len(mesh.triangle.indices) == 0:
+    # Extraction from a grid without a single block is an internal error of Open3D.
+    mesh = grid.extract_triangle_mesh(weight_threshold=min_weight - 0.5) if grid.hashmap().size() else None
+    if mesh is None or "indices" not in mesh.triangle or len(mesh.triangle.indices) == 0:
         raise GeometryError(
             "fusing the depth maps gave no surface", where="init.tsdf",
             expected="depth > 0 inside the unit sphere, in normalised units",

@@ -11,7 +11,8 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.clean import face_components, inspect
 from exmesh_graph.geometry.hull import signed_volume
 from exmesh_graph.geometry.sampling import face_areas, sample_surface
-from exmesh_graph.io.native import import_open3d, import_pymeshlab
+from exmesh_graph.io.native import import_pymeshlab
+from exmesh_graph.metrics.distance import distance_to_mesh
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def chamfer(
 ) -> Chamfer:
     """Chamfer distance by `samples` seeded, area-stratified points on each surface, to the other's exact triangles.
 
-    Raises GeometryError for meshes without area, MissingLibraryError without Open3D.
+    Raises GeometryError for meshes without area.
     """
     from_mesh, _, _ = sample_surface(vertices, faces, samples, seed)
     from_truth, _, _ = sample_surface(true_vertices, true_faces, samples, seed + 1)
@@ -62,18 +63,6 @@ def chamfer(
         max=float(both.max()),
         samples=samples,
     )
-
-
-def distance_to_mesh(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unsigned distance float64 [P] from points [P, 3] to the nearest point of the triangles (exact, float32)."""
-    o3d = import_open3d()
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
-        o3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
-    )
-    query = o3d.core.Tensor(np.ascontiguousarray(points, np.float32))
-    return scene.compute_distance(query).numpy().astype(np.float64)
 
 
 def bounding_radius(vertices: np.ndarray) -> float:

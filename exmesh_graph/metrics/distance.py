@@ -1,0 +1,95 @@
+"""Exact distance from points to a triangle mesh, in float64, with nothing but numpy and scipy's k-d tree.
+
+A triangle with centroid m lies in the ball (m, r), r the distance to its farthest corner. Any triangle bounds the
+answer u from above, and only triangles with |p - m| < u + r can beat it, which k-d trees over the centroids list. The
+triangles are put in classes of like size, so that one large one does not widen every search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from exmesh_graph.errors import GeometryError
+
+_CHUNK = 4096
+_NEAREST = 8
+
+
+def distance_to_mesh(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unsigned distance float64 [P] from points [P, 3] to the nearest point of the triangles (V [V, 3], F [F, 3]).
+
+    Exact to float64 rounding, degenerate triangles included. Raises GeometryError for a mesh without faces.
+    """
+    if len(faces) == 0:
+        raise GeometryError("a mesh without faces has no distance")
+    points = np.asarray(points, np.float64)
+    corners = np.asarray(vertices, np.float64)[np.asarray(faces)]
+    centroids = corners.mean(1)
+    radii = np.linalg.norm(corners - centroids[:, None], axis=2).max(1)
+    classes = [(members, cKDTree(centroids[members])) for members in _size_classes(radii)]
+    out = np.empty(len(points))
+    for start in range(0, len(points), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        out[part] = _distances(points[part], corners, centroids, radii, classes)
+    return out
+
+
+def _size_classes(radii: np.ndarray) -> list[np.ndarray]:
+    """Indices of the triangles, grouped by powers of two of their radius."""
+    size = np.floor(np.log2(np.maximum(radii, 1e-6 * radii.max() + 1e-300)))
+    return [np.flatnonzero(size == value) for value in np.unique(size)]
+
+
+def _distances(
+    points: np.ndarray,
+    corners: np.ndarray,
+    centroids: np.ndarray,
+    radii: np.ndarray,
+    classes: list[tuple[np.ndarray, cKDTree]],
+) -> np.ndarray:
+    best = np.full(len(points), np.inf)
+    for members, tree in classes:
+        _, near = tree.query(points, k=min(_NEAREST, len(members)))
+        near = members[np.asarray(near).reshape(len(points), -1)]
+        pairs = squared_distance(np.repeat(points, near.shape[1], axis=0), corners[near.ravel()])
+        best = np.minimum(best, pairs.reshape(near.shape).min(1))
+    for members, tree in classes:
+        reach = np.sqrt(best) * (1 + 1e-9) + radii[members].max()
+        lists = tree.query_ball_point(points, reach, return_sorted=False)
+        counts = np.fromiter((len(found) for found in lists), np.int64, len(lists))
+        owner = np.repeat(np.arange(len(points)), counts)
+        triangle = members[np.concatenate([np.asarray(found, np.int64) for found in lists])]
+        gap = np.linalg.norm(points[owner] - centroids[triangle], axis=1) - radii[triangle]
+        close = gap <= np.sqrt(best)[owner]
+        owner, triangle = owner[close], triangle[close]
+        for start in range(0, len(owner), 1 << 18):
+            part = slice(start, start + (1 << 18))
+            np.minimum.at(best, owner[part], squared_distance(points[owner[part]], corners[triangle[part]]))
+    return np.sqrt(best)
+
+
+def squared_distance(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Squared distance float64 [N] of points [N, 3] to triangles [N, 3, 3], pair by pair.
+
+    Where the foot of the perpendicular lies inside, the distance to the plane; otherwise that to the nearest edge.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normal = np.cross(b - a, c - a)
+    area = np.einsum("ni,ni->n", normal, normal)
+    to = points - a
+    # Barycentric coordinates of the foot, times |normal|^2.
+    v = np.einsum("ni,ni->n", np.cross(to, c - a), normal)
+    w = np.einsum("ni,ni->n", np.cross(b - a, to), normal)
+    inside = (v >= 0) & (w >= 0) & (v + w <= area) & (area > 0)
+    edges = np.minimum(_to_segment(points, a, b), np.minimum(_to_segment(points, b, c), _to_segment(points, c, a)))
+    plane = np.einsum("ni,ni->n", to, normal) ** 2 / np.where(area > 0, area, 1)
+    return np.where(inside, np.minimum(plane, edges), edges)
+
+
+def _to_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    along, to = b - a, points - a
+    length = np.einsum("ni,ni->n", along, along)
+    t = np.clip(np.einsum("ni,ni->n", to, along) / np.where(length > 0, length, 1), 0, 1)
+    rest = to - t[:, None] * along
+    return np.einsum("ni,ni->n", rest, rest)

@@ -1,0 +1,128 @@
+"""TSDF fusion of depth maps ray-cast from a sphere and from the sample scene's mesh."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.geometry.clean import clean_mesh, inspect
+from exmesh_graph.geometry.hull import signed_volume
+from exmesh_graph.geometry.tsdf import fuse
+from exmesh_graph.types import DepthMaps, Views
+
+SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
+
+
+def sphere_views(count=14, size=96, radius=0.7, centre=(0.1, -0.05, 0.0)):
+    """Views and exact z-depth of a sphere, from all around."""
+    i = np.arange(count) + 0.5
+    y, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
+    eyes = 3.5 * np.stack([np.cos(turn) * np.sqrt(1 - y * y), y, np.sin(turn) * np.sqrt(1 - y * y)], axis=1)
+    f = 0.5 * size / np.tan(0.3)
+    k = np.array([[f, 0, size / 2], [0, f, size / 2], [0, 0, 1]])
+    px, py = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
+    poses, depths = [], []
+    for eye in eyes:
+        z = -eye / np.linalg.norm(eye)
+        x = np.cross(z, [0.0, 1, 0])
+        x /= np.linalg.norm(x)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = np.stack([x, np.cross(z, x), z], axis=1), eye
+        d = np.stack([px, py, np.ones_like(px)], axis=-1) @ np.linalg.inv(k).T @ pose[:3, :3].T
+        to = eye - np.asarray(centre)
+        a, b, c = (d * d).sum(-1), 2 * (d @ to), to @ to - radius**2
+        inside = b * b - 4 * a * c
+        depths.append(np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0))) / (2 * a), 0))
+        poses.append(pose)
+    depth = np.stack(depths).astype(np.float32)
+    names = tuple(f"v{i}" for i in range(count))
+    views = Views(
+        names=names,
+        images=np.zeros((*depth.shape, 3), np.float32),
+        alpha=(depth > 0).astype(np.float32),
+        intrinsics=np.repeat(k[None], count, axis=0),
+        camera_to_world=np.stack(poses),
+        split="train",
+    )
+    return views, DepthMaps(names, depth)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return sphere_views()
+
+
+def test_sphere(sphere):
+    vertices, faces = fuse(*sphere, voxel=2 / 64)
+    r = np.linalg.norm(vertices - [0.1, -0.05, 0.0], axis=1)
+    # Half a pixel of shift in the projection would move the surface by 0.01 here; the voxel is 0.031.
+    assert r.mean() == pytest.approx(0.7, abs=0.004)
+    assert np.abs(r - 0.7).max() < 0.04
+    # seen from outside the faces turn counter-clockwise
+    assert signed_volume(vertices, faces) == pytest.approx(4 / 3 * np.pi * 0.7**3, rel=0.03)
+    assert inspect(vertices, faces).crowded_edges == 0
+
+
+def test_finer_voxels_are_more_exact(sphere):
+    errors = []
+    for resolution in (32, 96):
+        vertices, _ = fuse(*sphere, voxel=2 / resolution)
+        errors.append(np.abs(np.linalg.norm(vertices - [0.1, -0.05, 0.0], axis=1) - 0.7).mean())
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_same_bytes_each_time(sphere):
+    first, second = fuse(*sphere, voxel=2 / 48), fuse(*sphere, voxel=2 / 48)
+    assert np.array_equal(first[0], second[0])
+    assert np.array_equal(first[1], second[1])
+
+
+def test_masks_remove_background(sphere):
+    views, depths = sphere
+    walled = np.where(depths.depth > 0, depths.depth, 3.9).astype(np.float32)  # a wall behind the sphere
+    masked, _ = fuse(views, DepthMaps(views.names, walled), voxel=2 / 48)
+    assert np.linalg.norm(masked, axis=1).max() < 1
+    plain, _ = fuse(views, DepthMaps(views.names, walled), voxel=2 / 48, masked=False)
+    assert len(plain) > len(masked)
+
+
+def test_result_can_be_cleaned(sphere):
+    vertices, faces = clean_mesh(*fuse(*sphere, voxel=2 / 48), faces_budget=600, close_holes=100)
+    assert inspect(vertices, faces).closed
+
+
+def test_bad_input(sphere):
+    views, depths = sphere
+    with pytest.raises(DataError, match="not those of the views"):
+        fuse(views, DepthMaps(tuple(reversed(views.names)), depths.depth), voxel=0.05)
+    with pytest.raises(DataError, match="the depth maps are"):
+        fuse(views, DepthMaps(views.names, depths.depth[:, ::2]), voxel=0.05)
+    with pytest.raises(GeometryError, match="no surface"):
+        fuse(views, DepthMaps(views.names, depths.depth * 0), voxel=0.05)
+
+
+def test_sample_mesh_from_ray_cast_depth():
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    from exmesh_graph.io.blender import BlenderOptions, load_blender
+    from exmesh_graph.metrics.mesh import chamfer
+
+    scene = load_blender(SAMPLE, BlenderOptions(downscale=2))
+    views, truth = scene.train, scene.truth
+    embree = EmbreeScene()
+    TriangleMesh(embree, truth.mesh_vertices, truth.mesh_faces)
+    px, py = np.meshgrid(np.arange(views.width) + 0.5, np.arange(views.height) + 0.5)
+    pixels = np.stack([px, py, np.ones_like(px)], axis=-1).reshape(-1, 3)
+    depths = []
+    for k, pose in zip(views.intrinsics, views.camera_to_world, strict=True):
+        d = pixels @ np.linalg.inv(k).T @ pose[:3, :3].T
+        length = np.linalg.norm(d, axis=1)
+        unit = (d / length[:, None]).astype(np.float32)
+        origins = np.repeat(pose[None, :3, 3], len(d), axis=0).astype(np.float32)
+        hit = embree.run(origins, unit, output=1)
+        depths.append(np.where(hit["primID"] >= 0, hit["tfar"] / length, 0).reshape(views.height, views.width))
+    fused = fuse(views, DepthMaps(views.names, np.stack(depths).astype(np.float32)), voxel=2 / 128)
+    result = chamfer(*fused, truth.mesh_vertices, truth.mesh_faces, samples=5000)
+    assert result.chamfer < 2.5e-3  # a sixth of a voxel; half a pixel of shift would give 0.006
