@@ -10,7 +10,6 @@ class AtlasParams(Params):
     padding: int = param(4, ge=0, le=64, unit="texels", doc="Space kept free between charts.")
     max_cost: float = param(2.0, gt=0.0, le=64.0, doc="xatlas: larger gives fewer and more stretched charts.")
     chart_iterations: int = param(1, ge=1, le=8, doc="xatlas: rounds of chart growing.")
-    brute_force: bool = param(False, doc="xatlas: pack tighter, much slower.")
     cut_nonmanifold: bool = param(False, doc="Cut a non-manifold mesh open where it is, instead of refusing it.")
 
 
@@ -113,6 +112,5 @@ def _settings(p: AtlasParams) -> dict:
         "padding": p.padding,
         "max_cost": p.max_cost,
         "max_iterations": p.chart_iterations,
-        "brute_force": p.brute_force,
         "cut_nonmanifold": p.cut_nonmanifold,
     }

@@ -81,5 +81,5 @@ def _spread(values: np.ndarray, weights: np.ndarray) -> float:
         return 1.0
     order = np.argsort(values, kind="stable")
     share = np.cumsum(weights[order]) / weights.sum()
-    low, high = (values[order][min(np.searchsorted(share, q), len(values) - 1)] for q in (0.05, 0.95))
+    low, high = values[order][np.minimum(np.searchsorted(share, [0.05, 0.95]), len(values) - 1)]
     return float(high / low)

@@ -1,9 +1,8 @@
 """A UV atlas by xatlas: valid for every face, never mirrored, packed to exactly the texture that will be used.
 
-xatlas rotates charts by swapping u and v, which mirrors about half of them, leaves a few faces folded over inside a
-chart, and exceeds a wished resolution by up to 30 % (so that its padding shrinks when the atlas is scaled back).
-Hence two passes: charts once, without rotation by swapping; then mending and repacking of the flat charts, which
-takes a twentieth of the time, until the atlas fits.
+xatlas makes the charts. Its packing is not used: it turns charts by swapping u and v, which mirrors about half of them,
+and it exceeds a wished resolution by up to 30 %, so that the padding shrinks when the atlas is scaled back. Faces that
+it leaves folded over inside a chart get islands of their own.
 """
 
 from __future__ import annotations
@@ -18,8 +17,9 @@ from exmesh_graph.geometry.adjacency import (
     face_areas,
     has_collapsed_faces,
 )
+from exmesh_graph.uv.pack import pack
 
-_PACKINGS = 6
+_RESOLUTION = 1024  # of xatlas's own packing, which is thrown away: charts do not depend on the texture's size
 
 
 def unwrap(
@@ -31,7 +31,6 @@ def unwrap(
     max_cost: float = 2.0,
     max_iterations: int = 1,
     normal_deviation_weight: float = 2.0,
-    brute_force: bool = False,
     cut_nonmanifold: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut the mesh into charts, flatten them, pack them into one square atlas.
@@ -41,7 +40,6 @@ def unwrap(
     padding           texels kept free between charts
     max_cost          xatlas: the larger, the fewer and the more stretched charts
     max_iterations    xatlas: rounds of chart growing
-    brute_force       xatlas: tighter packing, much slower
     cut_nonmanifold   chart a mesh whose edges have more than two faces by cutting it there; else such a mesh is refused
 
     Returns uvs float32 [T, 2] in [0, 1], origin lower left, and uv_faces int32 [F, 3], the corner map Phi. UV area is
@@ -59,8 +57,7 @@ def unwrap(
     chart_options.max_cost, chart_options.max_iterations = max_cost, max_iterations
     chart_options.normal_deviation_weight = normal_deviation_weight
     pack_options = xatlas.PackOptions()
-    pack_options.padding, pack_options.rotate_charts, pack_options.bruteForce = padding, False, False
-    pack_options.resolution = texture_size
+    pack_options.rotate_charts, pack_options.resolution = False, _RESOLUTION
     atlas.generate(chart_options, pack_options)
     _, corners, flat = atlas.get_mesh(0)
     corners = corners.astype(np.int64)
@@ -69,8 +66,7 @@ def unwrap(
     uncharted = np.asarray(atlas.get_mesh_vertex_assignment(0)[0])[corners].min(axis=1) < 0
 
     flat, corners, orphans = _mend(points, faces, flat, corners, uncharted)
-    pack_options.bruteForce = brute_force
-    uvs = _pack(flat, corners, ~orphans, texture_size, atlas.texels_per_unit, chart_options, pack_options)
+    uvs = pack(flat, corners[~orphans], texture_size, padding)
     uvs, corners = _adopt(points, faces, uvs, corners, orphans)
     return _compact(uvs, corners)
 
@@ -131,57 +127,9 @@ def _mend(
     height = 2.0 * area[folded] / along
     zero = np.zeros(len(folded))
     islands = np.stack([np.stack([zero, zero], 1), np.stack([along, zero], 1), np.stack([x, height], 1)], axis=1)
-    # Far from everything and from each other, so that the packer cannot take two islands for one chart.
-    step = 4.0 * (np.abs(islands).max(initial=0.0) + 1.0)
-    islands[..., 0] += (np.arange(len(folded)) * step + flat.max() + step)[:, None]
     corners = corners.copy()
     corners[folded] = len(flat) + np.arange(3 * len(folded)).reshape(-1, 3)
     return np.concatenate([flat, islands.reshape(-1, 2)]), corners, orphans
-
-
-def _pack(
-    flat: np.ndarray,
-    corners: np.ndarray,
-    charted: np.ndarray,
-    texture_size: int,
-    texels_per_unit: float,
-    chart_options: object,
-    pack_options: object,
-) -> np.ndarray:
-    """Pack the flat charts at the largest scale found that fits: float64 [T, 2] in [0, 1]."""
-    import xatlas
-
-    pack_options.resolution = 0  # type: ignore[attr-defined]
-    used = corners[charted]
-    scale, best, lowest_misfit = texels_per_unit * 0.8, None, np.inf
-    for _ in range(2 * _PACKINGS):
-        atlas = xatlas.Atlas()
-        atlas.add_uv_mesh((flat * scale).astype(np.float32), used.astype(np.uint32))
-        pack_options.texels_per_unit = 1.0  # type: ignore[attr-defined]
-        atlas.generate(chart_options, pack_options)
-        vertex, packed_corners, packed = atlas.get_mesh(0)
-        side = max(atlas.width, atlas.height)
-        if side <= texture_size and (best is None or scale > best[0]):
-            uvs = np.zeros((len(flat), 2))
-            uvs[vertex] = packed * np.array([atlas.width, atlas.height]) / texture_size
-            if not (vertex[packed_corners] == used).all():
-                raise GeometryError("xatlas changed the faces while packing", fix="report the mesh that shows it")
-            best = (scale, uvs)
-        if side > texture_size:
-            lowest_misfit = min(lowest_misfit, scale)
-        if best is not None and (_ + 1 >= _PACKINGS or scale * 1.005 > lowest_misfit):
-            break
-        step = texture_size / side
-        scale *= step if step < 1 else max(step, 1.01)
-        if scale >= lowest_misfit:
-            scale = 0.5 * (lowest_misfit + (best[0] if best else 0.9 * lowest_misfit))
-    if best is None:
-        raise GeometryError(
-            f"the charts and their padding do not fit into {texture_size} x {texture_size} texels",
-            expected=f"room for {int(components(used).max()) + 1} charts",
-            fix="raise texture_size, lower padding, or clean and smooth the mesh so that it has fewer charts",
-        )
-    return best[1]
 
 
 def _adopt(
