@@ -50,9 +50,7 @@ def main() -> None:
         )
         truth = None
     began = time.perf_counter()
-    mesh = init.visual_hull(
-        ctx, scene.train, p=init.HullParams(resolution=96, dissent=options.dissent)
-    ).mesh
+    mesh = init.visual_hull(ctx, scene.train, p=init.HullParams(resolution=96, dissent=options.dissent)).mesh
     mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=options.faces[0])).mesh
     carrier = uv.xatlas_unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=options.texels)).carrier
     hull_seconds = time.perf_counter() - began

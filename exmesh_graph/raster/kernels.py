@@ -356,7 +356,7 @@ def find_silhouette(
     ax = a[0] / a[2]
     ay = a[1] / a[2]
     side = _edge(b, vertices[opposite[e][0]], ax, ay) > 0.0
-    if opposite[e][1] >= 0:
+    if opposite[e][1] >= 0:  # noqa: SIM102 - an index of -1 must not be read
         # two faces on the same side of their edge in the image: the surface turns away here
         if (_edge(b, vertices[opposite[e][1]], ax, ay) > 0.0) != side:
             return
