@@ -15,9 +15,7 @@ class BruteTracer:
         span = self._corners.reshape(-1, 3).max(axis=0) - self._corners.reshape(-1, 3).min(axis=0)
         self.radius = float(np.linalg.norm(span) / 2)
 
-    def closest_hit(
-        self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf
-    ) -> Hits:
+    def closest_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> Hits:
         o, d = np.asarray(origins, np.float64)[:, None], np.asarray(directions, np.float64)[:, None]
         a, b, c = (self._corners[None, :, i] for i in range(3))
         edge1, edge2 = b - a, c - a
@@ -45,7 +43,5 @@ class BruteTracer:
             bary.astype(np.float32),
         )
 
-    def any_hit(
-        self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf
-    ) -> np.ndarray:
+    def any_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> np.ndarray:
         return self.closest_hit(origins, directions, t_max).face != MISS

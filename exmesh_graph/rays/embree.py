@@ -49,9 +49,7 @@ class EmbreeTracer:
     def radius(self) -> float:
         return self._radius
 
-    def closest_hit(
-        self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf
-    ) -> Hits:
+    def closest_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> Hits:
         parts = self._run(origins, directions, t_max, any_hit=False)
         face = np.concatenate([p["primID"] for p in parts]).astype(np.int32, copy=False)
         hit = face != MISS
@@ -60,9 +58,7 @@ class EmbreeTracer:
         v = np.concatenate([p["v"] for p in parts]) * hit
         return Hits(face, t.astype(np.float32, copy=False), np.stack([(1 - u - v) * hit, u, v], axis=1))
 
-    def any_hit(
-        self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf
-    ) -> np.ndarray:
+    def any_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> np.ndarray:
         return np.concatenate(self._run(origins, directions, t_max, any_hit=True)) != MISS
 
     def _run(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray, any_hit: bool) -> list:

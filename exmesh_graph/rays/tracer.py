@@ -39,14 +39,10 @@ class RayTracer(Protocol):
     def radius(self) -> float:
         """Half the diagonal of the mesh's bounding box, in world units."""
 
-    def closest_hit(
-        self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf
-    ) -> Hits:
+    def closest_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> Hits:
         """Nearest hit with 0 < t < t_max of rays `origins` + t `directions`, both [N, 3]."""
 
-    def any_hit(
-        self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf
-    ) -> np.ndarray:
+    def any_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> np.ndarray:
         """bool [N]: whether anything lies on the ray with 0 < t < t_max."""
 
 

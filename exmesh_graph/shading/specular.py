@@ -135,7 +135,7 @@ def _bilinear_in(
 _TABLE = 64
 
 
-def reflectance_table(samples: int = 32, device: torch.device | str = "cpu") -> torch.Tensor:
+def reflectance_table(samples: int = 24, device: torch.device | str = "cpu") -> torch.Tensor:
     """A and B of the split sum on a grid of (n.v, r), float32 [64, 64, 2]; samples^2 half vectors each.
 
     A F0 + B is the directional albedo of D V F: the integral of f_s n.l over the upper hemisphere.

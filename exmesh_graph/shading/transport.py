@@ -182,6 +182,7 @@ class LightTransport:
             torch.from_numpy(np.stack([nearest, row * width + column])),
             torch.from_numpy(angle.astype(np.float32)),
             (len(self.directions), height * width),
+            check_invariants=False,
         )
         return matrix.coalesce().to(self.transfer.device)
 
@@ -228,16 +229,13 @@ class _Bounces(torch.autograd.Function):
 def _csr(
     start: np.ndarray, index: np.ndarray, value: np.ndarray, shape: tuple[int, int], device: torch.device | str
 ) -> torch.Tensor:
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
-        return torch.sparse_csr_tensor(
-            torch.from_numpy(start.astype(np.int64)),
-            torch.from_numpy(index.astype(np.int64)),
-            torch.from_numpy(value),
-            shape,
-        ).to(device)
+    return torch.sparse_csr_tensor(
+        torch.from_numpy(start.astype(np.int64)),
+        torch.from_numpy(index.astype(np.int64)),
+        torch.from_numpy(value),
+        shape,
+        check_invariants=False,
+    ).to(device)
 
 
 def _transposed(light: Transport, shape: tuple[int, int], device: torch.device | str) -> torch.Tensor:

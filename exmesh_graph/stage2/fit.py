@@ -13,11 +13,13 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError, NumericsError
+from exmesh_graph.losses import d_ssim, linear_to_srgb, ssim_target
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, reflectance_table
 from exmesh_graph.shading.transport import LightTransport, check_fits
+from exmesh_graph.stage2.adam import Adam
 from exmesh_graph.stage2.correction import initial_specular_scale, measure_specular_scale
 from exmesh_graph.stage2.fill import complete_maps
 from exmesh_graph.stage2.gbuffer import ViewBuffer, build_gbuffer, lattice_texels
@@ -126,15 +128,7 @@ def fit(
     tracer = make_ray_tracer(carrier.vertices, carrier.faces, "cpu")
     generator = torch.Generator().manual_seed(seed)
     initial_specular_scale(model)
-    optimiser = torch.optim.Adam(
-        [
-            {"params": [model.material], "lr": settings.material_rate},
-            {"params": [model.environment], "lr": settings.environment_rate},
-        ],
-        eps=1e-8,
-    )
-    decay = settings.rate_decay ** (1 / max(settings.iterations, 1))
-    schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, decay)
+    optimiser = Adam([model.material, model.environment], [settings.material_rate, settings.environment_rate])
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
     curves: dict[str, list[float]] = {"iteration": [], "loss": [], "image": [], "psnr": []}
     order: list[int] = []
@@ -146,13 +140,11 @@ def fit(
         buffer = model.buffers[order.pop()]
         if len(buffer.pixel) == 0:
             continue
-        optimiser.zero_grad(set_to_none=True)
         terms, predicted = _terms(model, buffer, step)
         loss = torch.stack(list(terms.values())).sum()
         _check(terms, step, buffer.name)
         loss.backward()
-        optimiser.step()
-        schedule.step()
+        optimiser.step(settings.rate_decay ** (step / settings.iterations))
         if step % 10 == 0 or step == settings.iterations - 1:
             figures = {
                 "loss": float(loss.detach()),
@@ -178,6 +170,8 @@ def _terms(model: Model, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch
     light = model.light(maps, _indirect(settings, step))
     predicted, material = model.shade(buffer, maps, light)
     terms = {"image": settings.log_weight * log_l1(predicted, buffer.target, buffer.clipped, buffer.coverage)}
+    if settings.ssim_weight > 0:
+        terms["ssim"] = settings.ssim_weight * _d_ssim(predicted, buffer)
     if settings.material_weight > 0:
         terms["material"] = settings.material_weight * pair_variation(material, buffer.pairs)
     if settings.environment_weight > 0:
@@ -199,12 +193,25 @@ def _check(terms: dict[str, torch.Tensor], step: int, view: str) -> None:
             )
 
 
-def _psnr(predicted: torch.Tensor, buffer: ViewBuffer) -> float:
-    def encode(x: torch.Tensor) -> torch.Tensor:
-        x = x.clamp(0, 1)
-        return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
+def _d_ssim(predicted: torch.Tensor, buffer: ViewBuffer) -> torch.Tensor:
+    """D-SSIM in sRGB over the box of the view's pixels, black around them."""
+    height, width = buffer.box
+    if buffer.ssim is None:
+        buffer.ssim = ssim_target(_image(_encode(buffer.target), buffer.box_pixel, height, width))
+    return d_ssim(_image(_encode(predicted), buffer.box_pixel, height, width), buffer.ssim)
 
-    error = ((encode(predicted) - encode(buffer.target)) ** 2).mean()
+
+def _encode(linear: torch.Tensor) -> torch.Tensor:
+    return linear_to_srgb(linear.clamp(0, 1))
+
+
+def _image(values: torch.Tensor, pixel: torch.Tensor, height: int, width: int) -> torch.Tensor:
+    blank = torch.zeros(height * width, 3, dtype=values.dtype, device=values.device)
+    return blank.index_copy(0, pixel, values).reshape(height, width, 3)
+
+
+def _psnr(predicted: torch.Tensor, buffer: ViewBuffer) -> float:
+    error = ((_encode(predicted) - _encode(buffer.target)) ** 2).mean()
     return float(-10 * torch.log10(error.clamp_min(1e-10)))
 
 

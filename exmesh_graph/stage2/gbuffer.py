@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from exmesh_graph.losses import SsimTarget
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import locate
@@ -28,6 +29,8 @@ class ViewBuffer:
     n_v           [N]
     pairs         int64 [Q, 2], neighbouring pixels (by row of this buffer) on one continuous surface
     specular_scale [N, 3], what to multiply the split sum with (stage2.correction)
+    box, box_pixel        height and width of the pixels' bounding box, and their flat positions in it
+    ssim                  statistics of the target for D-SSIM, made when first asked for
     """
 
     name: str
@@ -47,6 +50,9 @@ class ViewBuffer:
     pairs: torch.Tensor
     camera: torch.Tensor
     specular_scale: torch.Tensor
+    box: tuple[int, int]
+    box_pixel: torch.Tensor
+    ssim: SsimTarget | None = None
 
     def samples(self, geometry: CarrierGeometry) -> SurfaceSamples:
         """The buffer's surface samples, rebuilt."""
@@ -113,6 +119,7 @@ def _view(
     texel, texel_weight = texel_footprint(samples.uv, size)
     point, point_weight = locate(light.face_points, light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
     env_u, env_v = envmap.uv_of(samples.reflected)
+    box, box_pixel = _box(pixel, width)
     return ViewBuffer(
         name=views.names[number],
         pixel=pixel,
@@ -128,19 +135,25 @@ def _view(
         env_u=env_u,
         env_v=env_v,
         n_v=samples.n_v,
-        pairs=_pairs(inside, fragments.depth, samples, pixel, geometry),
+        pairs=_pairs(inside, samples, pixel),
         camera=camera,
         specular_scale=torch.ones_like(target),
+        box=box,
+        box_pixel=box_pixel,
     )
 
 
-def _pairs(
-    inside: torch.Tensor,
-    depth: torch.Tensor,
-    samples: SurfaceSamples,
-    pixel: torch.Tensor,
-    geometry: CarrierGeometry,
-) -> torch.Tensor:
+def _box(pixel: torch.Tensor, width: int) -> tuple[tuple[int, int], torch.Tensor]:
+    """Size of the bounding box of flat `pixel`s and their flat positions inside it."""
+    if len(pixel) == 0:
+        return (0, 0), pixel
+    row, column = pixel // width, pixel % width
+    row, column = row - row.min(), column - column.min()
+    box = (int(row.max()) + 1, int(column.max()) + 1)
+    return box, row * box[1] + column
+
+
+def _pairs(inside: torch.Tensor, samples: SurfaceSamples, pixel: torch.Tensor) -> torch.Tensor:
     """Horizontal and vertical neighbours that lie on one surface: the step between them stays near both tangent
     planes (a jump in depth is no neighbourhood of the material)."""
     height, width = inside.shape

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
+from exmesh_graph.losses import srgb_to_linear
 from exmesh_graph.shading.envmap import parameter_of
 
 #: The logit's usable range: a texel that starts at exactly 0 or 1 could never leave it.
@@ -20,12 +21,6 @@ def resize_texture(texture: np.ndarray, size: int) -> torch.Tensor:
     return image[0].permute(1, 2, 0).contiguous()
 
 
-def linear_from_srgb(encoded: torch.Tensor) -> torch.Tensor:
-    """IEC 61966-2-1, for values in [0, 1]."""
-    low = encoded / 12.92
-    return torch.where(encoded <= 0.04045, low, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
-
-
 def logit(value: torch.Tensor) -> torch.Tensor:
     """Inverse of the sigmoid, for values kept `MARGIN` away from its ends."""
     inside = value.clamp(MARGIN, 1 - MARGIN)
@@ -36,7 +31,7 @@ def initial_base_color(texture: np.ndarray, size: int, source: str) -> torch.Ten
     """Linear base colour [size, size, 3]: the appearance under an environment of radiance 1, or mid-gray."""
     if source == "gray":
         return torch.full((size, size, 3), 0.5)
-    return linear_from_srgb(resize_texture(texture, size).clamp(0, 1))
+    return srgb_to_linear(resize_texture(texture, size).clamp(0, 1))
 
 
 def initial_environment(height: int, device: torch.device | str = "cpu") -> torch.Tensor:

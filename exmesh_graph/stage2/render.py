@@ -39,9 +39,11 @@ class Rendered:
     normal: np.ndarray
 
 
-def render_transport(asset: Asset, bounces: int = 2, directions: int = RENDER_DIRECTIONS) -> Transport:
+def render_transport(
+    asset: Asset, bounces: int = 2, directions: int = RENDER_DIRECTIONS, points: int = RENDER_POINTS
+) -> Transport:
     """The light transport of `render_views`, to be shared by several calls on one asset."""
-    subdivision = choose_subdivision(len(asset.vertices), len(asset.faces), RENDER_POINTS)
+    subdivision = choose_subdivision(len(asset.vertices), len(asset.faces), points)
     light = trace_transport(asset.vertices, asset.faces, directions, subdivision)
     return with_bounces(light, bounces) if bounces else light
 
@@ -110,9 +112,7 @@ class _Scene:
         return gather_rows(self.maps, *texel_footprint(uv, self.size))
 
     def diffuse(self, face: torch.Tensor, bary: torch.Tensor, material: torch.Tensor) -> torch.Tensor:
-        index, weight = locate(
-            self.light.face_points, self.light.subdivision, face.cpu().numpy(), bary.cpu().numpy()
-        )
+        index, weight = locate(self.light.face_points, self.light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
         rows = torch.from_numpy(index.astype(np.int64)).to(material.device)
         irradiance = gather_rows(self.irradiance, rows, torch.from_numpy(weight).to(material))
         return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None) * irradiance
@@ -167,9 +167,7 @@ def _render(
     material = scene.read(surface.uv)
     radiance = scene.shade(surface, material, samples, generator)
     fine = torch.zeros(len(face_id), 11, device=device)
-    fine[chosen] = torch.cat(
-        [radiance, torch.ones_like(radiance[:, :1]), material[:, :4], surface.normal], dim=1
-    )
+    fine[chosen] = torch.cat([radiance, torch.ones_like(radiance[:, :1]), material[:, :4], surface.normal], dim=1)
     mean = fine.reshape(height, supersampling, width, supersampling, 11).mean(dim=(1, 3))
     alpha = mean[..., 3]
     covered = mean[..., 4:] / alpha[..., None].clamp_min(1e-6)

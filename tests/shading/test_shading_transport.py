@@ -1,0 +1,219 @@
+"""Precomputed transport against closed forms, brute-force quadrature and finite differences."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exmesh_graph.errors import GeometryError
+from exmesh_graph.rays import make_ray_tracer, offset_origins
+from exmesh_graph.shading import envmap
+from exmesh_graph.shading.lattice import build_lattice, face_normals, locate, vertex_normals
+from exmesh_graph.shading.transport import (
+    LightTransport,
+    check_fits,
+    choose_subdivision,
+    trace_transport,
+    with_bounces,
+)
+from exmesh_graph.types import Transport
+
+
+def _sphere(count=16):
+    """A closed sphere of radius 0.8: (vertices float32, faces int32)."""
+    lat = np.linspace(0, np.pi, count + 1)[1:-1]
+    lon = np.linspace(0, 2 * np.pi, 2 * count, endpoint=False)
+    t, p = np.meshgrid(lat, lon, indexing="ij")
+    ring = np.stack([np.sin(t) * np.sin(p), np.cos(t), np.sin(t) * np.cos(p)], -1).reshape(-1, 3)
+    vertices = 0.8 * np.concatenate([[[0, 1, 0]], ring, [[0, -1, 0]]])
+    n, faces = 2 * count, []
+    for j in range(n):
+        k = (j + 1) % n
+        faces.append([0, 1 + j, 1 + k])
+        for i in range(len(lat) - 1):
+            a, b = 1 + i * n, 1 + (i + 1) * n
+            faces += [[a + j, b + j, b + k], [a + j, b + k, a + k]]
+        faces.append([len(vertices) - 1, 1 + (len(lat) - 1) * n + k, 1 + (len(lat) - 1) * n + j])
+    return vertices.astype(np.float32), np.array(faces, np.int32)
+
+
+def _corner():
+    """Floor (y = 0, x > 0) and wall (x = 0, y > 0), both 1 x 2, facing into one another; doubled at the crease."""
+    vertices = [[0, 0, -1], [1, 0, -1], [1, 0, 1], [0, 0, 1], [0, 0, -1], [0, 1, -1], [0, 1, 1], [0, 0, 1]]
+    faces = [[0, 3, 2], [0, 2, 1], [4, 5, 6], [4, 6, 7]]
+    return np.array(vertices, np.float32), np.array(faces, np.int32)
+
+
+@settings(max_examples=20, deadline=None)
+@given(n=st.integers(1, 6), seed=st.integers(0, 10_000))
+def test_lattice_interpolates_linear_functions_exactly(n, seed):
+    vertices, faces = _sphere(4)
+    lattice = build_lattice(vertices, faces, n)
+    rng = np.random.default_rng(seed)
+    face = rng.integers(0, len(faces), 200)
+    bary = rng.dirichlet([0.5] * 3, 200)
+    bary[:3] = np.eye(3)
+    index, weight = locate(lattice.face_points, n, face, bary)
+    assert (weight >= 0).all()
+    np.testing.assert_allclose(weight.sum(axis=1), 1, rtol=1e-6)
+    expected = np.einsum("nc,ncx->nx", bary, vertices[faces[face]])
+    np.testing.assert_allclose(np.einsum("nc,ncx->nx", weight, lattice.points[index]), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_lattice_points_are_shared(n):
+    vertices, faces = _sphere(4)
+    lattice = build_lattice(vertices, faces, n)
+    edges = len(faces) * 3 // 2
+    inside = (n - 1) * (n - 2) // 2
+    assert len(lattice.points) == len(vertices) + edges * (n - 1) + len(faces) * inside
+    assert len(np.unique(np.round(lattice.points, 5), axis=0)) == len(lattice.points)
+    on_face = np.einsum("pc,pcx->px", lattice.point_bary, vertices[faces[lattice.point_face]])
+    np.testing.assert_allclose(on_face, lattice.points, atol=1e-7)
+
+
+def test_normals_of_a_sphere_and_degenerate_faces():
+    vertices, faces = _sphere(24)
+    np.testing.assert_allclose(vertex_normals(vertices, faces), vertices / 0.8, atol=0.02)
+    flat = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], float)
+    assert (face_normals(flat, np.array([[0, 1, 2]])) == 0).all()
+
+
+def test_choose_subdivision_reaches_the_count():
+    vertices, faces = _sphere(6)
+    for points in (1, 500, 5000):
+        n = choose_subdivision(len(vertices), len(faces), points)
+        assert len(build_lattice(vertices, faces, n).points) >= points
+        assert n == 1 or len(build_lattice(vertices, faces, n - 1).points) < points
+
+
+def test_convex_body_in_uniform_light_receives_pi_everywhere():
+    vertices, faces = _sphere(24)
+    light = trace_transport(vertices, faces, 512)
+    assert len(light.hit_point) == 0
+    operators = LightTransport(light)
+    uniform = operators.bin_matrix(16, 32) @ torch.ones(16 * 32, 3)
+    np.testing.assert_allclose(operators.irradiance(uniform).numpy(), math.pi, rtol=0.06)
+
+
+@pytest.mark.parametrize(("height", "directions"), [(8, 512), (32, 128), (25, 64)])
+def test_binning_keeps_the_energy_of_every_texel(height, directions):
+    vertices, faces = _corner()
+    operators = LightTransport(trace_transport(vertices, faces, directions))
+    matrix = operators.bin_matrix(height, 2 * height).to_dense()
+    per_texel = np.repeat(envmap.solid_angles(height, 2 * height), 2 * height)
+    np.testing.assert_allclose(matrix.sum(0).numpy(), per_texel, rtol=1e-5)
+    assert bool((matrix.sum(1) > 0).all())
+
+
+def test_irradiance_equals_brute_force_quadrature():
+    """The corner under a rough sky, against a sum over 20 000 directions with a ray for each."""
+    vertices, faces = _corner()
+    generator = torch.Generator().manual_seed(3)
+    sky = torch.rand(16, 32, 3, generator=generator) ** 4
+    light = trace_transport(vertices, faces, 2048, subdivision=3)
+    operators = LightTransport(light)
+    fast = operators.irradiance(operators.bin_matrix(16, 32) @ sky.reshape(-1, 3)).numpy()
+    rng = np.random.default_rng(0)
+    d = rng.normal(size=(20_000, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    radiance = envmap.lookup(sky, torch.from_numpy(d).float()).numpy()
+    tracer = make_ray_tracer(vertices, faces)
+    flat = face_normals(vertices, faces)
+    centre = vertices[faces[light.point_face]].mean(axis=1)
+    for p in range(0, len(fast), 5):
+        origin = light.points[p] + 0.02 * (centre[p] - light.points[p])
+        origin = offset_origins(origin[None].astype(float), flat[light.point_face[p]][None], tracer.radius)
+        free = ~tracer.any_hit(np.repeat(origin, len(d), 0), d)
+        cosine = np.clip(d @ light.normals[p], 0, None) * free
+        slow = (cosine[:, None] * radiance).mean(axis=0) * 4 * math.pi
+        np.testing.assert_allclose(fast[p], slow, rtol=0.06, atol=0.01)
+
+
+def test_form_factor_of_a_corner():
+    """A point on the floor receives from an infinite-looking wall the share (1 - cos) / 2; one bounce adds it."""
+    vertices, faces = _corner()
+    vertices = vertices * np.array([1, 1, 60], np.float32)  # long along z: two dimensional
+    light = with_bounces(trace_transport(vertices, faces, 4096, subdivision=8), 1)
+    operators = LightTransport(light)
+    white = torch.full((len(light.points), 3), 1 / math.pi)  # f_d of albedo 1
+    wall = torch.zeros(len(light.points), 3)
+    wall[torch.from_numpy(light.normals[:, 0] > 0.5)] = math.pi  # the wall leaves radiance 1
+    received = operators.gather @ (white * wall)
+    middle = np.flatnonzero(
+        (light.normals[:, 1] > 0.5) & (np.abs(light.points[:, 2]) < 20) & (light.points[:, 0] > 0.2)
+    )
+    x = light.points[middle, 0]
+    expected = math.pi * 0.5 * (1 - x / np.sqrt(1 + x**2))
+    np.testing.assert_allclose(received[middle, 0].numpy(), expected, rtol=0.05, atol=0.02)
+
+
+def test_bounces_are_the_neumann_series():
+    vertices, faces = _corner()
+    light = trace_transport(vertices, faces, 256, subdivision=3)
+    rho = torch.rand(len(light.points), 3, generator=torch.Generator().manual_seed(0)) / math.pi
+    radiance = torch.rand(256, 3, generator=torch.Generator().manual_seed(1))
+    dense = None
+    for bounces in (1, 2, 5):
+        operators = LightTransport(with_bounces(light, bounces))
+        dense = operators.gather.to_dense()
+        torch.testing.assert_close(operators.gather_transposed.to_dense(), dense.T)
+        total = term = operators.transfer @ radiance
+        for _ in range(bounces):
+            term = 0.7 * (dense @ (rho * term))
+            total = total + term
+        torch.testing.assert_close(operators.irradiance(radiance, rho, 0.7), total, rtol=1e-5, atol=1e-6)
+    # no point can receive more than the hemisphere holds
+    assert float(dense.sum(1).max()) <= math.pi * 1.05
+
+
+def test_adjoints_match_finite_differences():
+    vertices, faces = _corner()
+    operators = LightTransport(with_bounces(trace_transport(vertices, faces, 32), 3))
+    operators.transfer = operators.transfer.double()
+    operators.gather, operators.gather_transposed = operators.gather.double(), operators.gather_transposed.double()
+    assert operators.gather.values().numel() > 0
+    generator = torch.Generator().manual_seed(0)
+    radiance = torch.rand(32, 3, generator=generator, dtype=torch.float64, requires_grad=True)
+    rho = torch.rand(len(operators.light.points), 3, generator=generator, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda e, a: operators.irradiance(e, a, 0.6), (radiance, rho))
+
+
+def test_back_faces_return_nothing():
+    """The same corner wound the other way still blocks, but its back gives no light."""
+    vertices, faces = _corner()
+    faces = faces.copy()
+    faces[2:] = faces[2:, ::-1]  # the wall faces away from the floor
+    light = trace_transport(vertices, faces, 256)
+    floor = np.flatnonzero(light.normals[:, 1] > 0.5)
+    assert not np.isin(light.hit_point, floor).any()
+    blocked = LightTransport(light).visible[floor].sum(1) < 128 - 20
+    assert bool(blocked.any())
+
+
+def test_visibility_does_not_depend_on_scale_or_place():
+    vertices, faces = _corner()
+    reference = trace_transport(vertices, faces, 128, subdivision=2)
+    for scale, shift in ((1e-3, 0.0), (1e3, 0.0), (1.0, 100.0)):
+        moved = trace_transport((vertices * scale + shift).astype(np.float32), faces, 128, subdivision=2)
+        differing = np.unpackbits(moved.visible ^ reference.visible).sum()
+        assert differing <= 0.002 * reference.visible.size * 8
+
+
+def test_transport_round_trip_and_mesh_check(tmp_path):
+    vertices, faces = _corner()
+    light = with_bounces(trace_transport(vertices, faces, 64, subdivision=2), 2)
+    light.save(tmp_path)
+    again = Transport.load(tmp_path)
+    assert (again.bounces, again.subdivision) == (2, 2)
+    for name in ("visible", "hit_bary", "gather_weight", "points", "hit_direction"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(light, name))
+        assert getattr(again, name).dtype == getattr(light, name).dtype
+    check_fits(again, vertices, faces)
+    with pytest.raises(GeometryError, match="another mesh"):
+        check_fits(again, vertices + 0.01, faces)
+    with pytest.raises(GeometryError, match="another mesh"):
+        check_fits(again, vertices, faces[:2])

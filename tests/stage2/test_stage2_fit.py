@@ -1,0 +1,214 @@
+"""The fit on a scene whose materials and light are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from exmesh_graph.errors import DataError, GeometryError, NumericsError
+from exmesh_graph.stage2.adam import Adam
+from exmesh_graph.stage2.correction import measure_specular_scale
+from exmesh_graph.stage2.fill import complete_maps
+from exmesh_graph.stage2.fit import Model, fit
+from exmesh_graph.stage2.init import initial_base_color, initial_environment, resize_texture
+from exmesh_graph.stage2.losses import log_l1, pair_variation
+from exmesh_graph.stage2.render import render_transport, render_views
+from exmesh_graph.stage2.settings import FitSettings
+
+QUICK = FitSettings(
+    environment_height=16,
+    iterations=150,
+    material_rate=0.05,
+    environment_rate=0.2,
+    indirect_ramp=20,
+    ssim_weight=0.05,
+    material_weight=0.003,
+    environment_weight=0.003,
+    chroma_weight=0.01,
+    corrections=2,
+    correction_samples=8,
+    base_color_init="gray",
+)
+
+
+def _psnr(a, b):
+    return float(-10 * np.log10(np.mean((a - b) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def render(true_asset):
+    """render_views with one light transport for all calls on the scene."""
+    light = render_transport(true_asset, 2, directions=128, points=2000)
+    return lambda asset, *cameras, **options: render_views(asset, *cameras, 40, 40, transport=light, **options)
+
+
+def _display(rendered, index):
+    return np.clip(rendered.images[index], 0, 1) ** (1 / 2.2)
+
+
+@pytest.fixture(scope="module")
+def fitted(carrier, train_views, transport):
+    steps = []
+    asset, curves = fit(
+        carrier, train_views, transport, QUICK, seed=3, progress=lambda i, n, f: steps.append((i, n, f["psnr"]))
+    )
+    return asset, curves, steps
+
+
+def test_materials_light_and_new_views_are_recovered(fitted, render, true_asset, true_render, cameras):
+    asset, curves, steps = fitted
+    start = dataclasses.replace(
+        asset,
+        base_color=np.full_like(asset.base_color, 0.5),
+        roughness=np.full_like(asset.roughness, 0.5),
+        environment=np.ones_like(asset.environment),
+    )
+    held = [c[8:] for c in cameras]
+    before, after = (render(a, *held) for a in (start, asset))
+    assert _psnr(_display(after, 0), _display(true_render, 8)) > 28
+    assert (
+        _psnr(_display(after, 0), _display(true_render, 8)) > _psnr(_display(before, 0), _display(true_render, 8)) + 6
+    )
+    seen = true_render.alpha > 0.99
+    views = render(asset, *cameras)
+    scale = np.median(true_render.albedo[seen] / views.albedo[seen], axis=0)
+    error = np.abs(views.albedo[seen] * scale - true_render.albedo[seen]).mean()
+    gray = np.abs(np.median(true_render.albedo[seen], axis=0) - true_render.albedo[seen]).mean()
+    assert error < 0.6 * gray
+    relit_truth = render(true_asset, *held, environment=true_asset.environment[:, ::-1].copy())
+    scaled = dataclasses.replace(asset, base_color=np.clip(asset.base_color * scale, 0, 1).astype(np.float32))
+    relit = render(scaled, *held, environment=true_asset.environment[:, ::-1].copy())
+    assert _psnr(_display(relit, 0), _display(relit_truth, 0)) > 25
+    assert curves["image"][-1] < 0.3 * curves["image"][0]
+    assert steps[-1][:2] == (150, 150)
+    assert np.isfinite(asset.environment).all()
+    assert (asset.environment >= 0).all()
+
+
+def test_same_inputs_give_the_same_bytes(fitted, carrier, train_views, transport):
+    again, _ = fit(carrier, train_views, transport, QUICK, seed=3)
+    for name in ("base_color", "roughness", "environment", "seen"):
+        assert getattr(again, name).tobytes() == getattr(fitted[0], name).tobytes()
+
+
+def test_maps_have_the_asked_size_and_options(carrier, train_views, transport):
+    settings = dataclasses.replace(
+        QUICK, iterations=3, texture_size=96, metallic=True, corrections=0, base_color_init="texture"
+    )
+    asset, _ = fit(carrier, train_views, transport, settings)
+    assert asset.base_color.shape == (96, 96, 3)
+    assert asset.roughness.shape == asset.metallic.shape == asset.seen.shape == (96, 96)
+    assert asset.environment.shape == (16, 32, 3)
+    assert asset.base_color.dtype == asset.environment.dtype == np.float32
+    assert 0.1 < asset.seen.mean() < 1
+    direct = dataclasses.replace(transport, bounces=0, gather_start=None, gather_point=None, gather_weight=None)
+    fit(carrier, train_views, direct, dataclasses.replace(QUICK, iterations=2, corrections=0))
+
+
+def test_errors_name_the_cause(carrier, train_views, transport):
+    images = train_views.images.copy()
+    images[5][train_views.alpha[5] > 0.99] = np.nan
+    settings = dataclasses.replace(QUICK, iterations=20, corrections=0)
+    with pytest.raises(NumericsError, match=r"(?s)step \d+, view v5.*image") as caught:
+        fit(carrier, dataclasses.replace(train_views, images=images), transport, settings)
+    assert "image" in str(caught.value)
+    moved = dataclasses.replace(carrier, vertices=carrier.vertices + 0.1)
+    with pytest.raises(GeometryError, match="another mesh"):
+        fit(moved, train_views, transport, settings)
+    empty = dataclasses.replace(train_views, alpha=np.zeros_like(train_views.alpha))
+    with pytest.raises(DataError, match="no training pixel"):
+        fit(carrier, empty, transport, settings)
+
+
+def test_after_a_correction_the_model_equals_the_traced_render(carrier, train_views, transport):
+    """shade() = diffuse + traced specular at the parameters it was measured with."""
+    from exmesh_graph.rays import make_ray_tracer
+    from exmesh_graph.shading import brdf
+    from exmesh_graph.shading.gather import gather_rows
+
+    settings = dataclasses.replace(QUICK, correction_samples=64)
+    model = Model(carrier, train_views, transport, settings, "cpu")
+    tracer = make_ray_tracer(carrier.vertices, carrier.faces)
+    maps = model.maps().detach()
+    light = model.light(maps, 1.0)
+    buffer = model.buffers[0]
+    scales = []
+    for seed in (0, 1):
+        measure_specular_scale(model, tracer, 1.0, torch.Generator().manual_seed(seed))
+        scales.append(buffer.specular_scale.clone())
+    # a uniform white sky: free points of the ball see all of it, so the factor is 1 there up to grazing angles ...
+    material = gather_rows(maps, buffer.texel, buffer.texel_weight)
+    surface = buffer.samples(model.geometry)
+    upward = (surface.position[:, 1] > 0.1) & (surface.reflected[:, 1] > 0.6) & (buffer.n_v > 0.6)
+    assert int(upward.sum()) > 5
+    np.testing.assert_allclose(scales[0][upward].numpy(), 1, atol=0.1)
+    # ... and two independent measurements agree
+    assert float((scales[0] - scales[1]).abs().mean()) < 0.03
+    split = model.split_sum(buffer, material, light)
+    shaded, _ = model.shade(buffer, maps, light)
+    irradiance = gather_rows(light.irradiance, buffer.point, buffer.point_weight)
+    torch.testing.assert_close(shaded, brdf.diffuse(material[:, :3]) * irradiance + split * buffer.specular_scale)
+
+
+def test_adam_equals_torchs():
+    generator = torch.Generator().manual_seed(0)
+    start = torch.rand(5, 3, generator=generator)
+    ours, theirs = start.clone().requires_grad_(), start.clone().requires_grad_()
+    mine, reference = Adam([ours], [0.05]), torch.optim.Adam([theirs], lr=0.05)
+    for step in range(12):
+        for parameter in (ours, theirs):
+            ((parameter - 0.3) ** 2 * (1 + step % 3)).sum().backward()
+        mine.step()
+        reference.step()
+        reference.zero_grad()
+        torch.testing.assert_close(ours.detach(), theirs.detach(), rtol=1e-5, atol=1e-6)
+
+
+def test_clipped_pixels_pull_up_but_not_down():
+    target = torch.ones(2, 3)
+    clipped = torch.ones(2, 3, dtype=torch.bool)
+    weight = torch.ones(2)
+    for value, expected in ((3.0, 0.0), (0.5, abs(np.log(1.5) - np.log(2)))):
+        predicted = torch.full((2, 3), value, requires_grad=True)
+        loss = log_l1(predicted, target, clipped, weight)
+        loss.backward()
+        assert float(loss.detach()) == pytest.approx(expected, abs=1e-6)
+        assert bool((predicted.grad == 0).all()) == (value > 1)
+
+
+def test_pair_variation_and_weights():
+    values, pairs = torch.tensor([[0.0, 1.0], [0.5, 1.0], [0.5, 0.0]]), torch.tensor([[0, 1], [1, 2]])
+    assert float(pair_variation(values, pairs)) == pytest.approx((0.5 + 0 + 0 + 1) / 4)
+    assert float(pair_variation(values, pairs[:0])) == 0
+    target = torch.zeros(2, 1).expand(2, 3)
+    predicted = torch.tensor([[1.0], [0.0]]).expand(2, 3)
+    loss = log_l1(predicted, target, torch.zeros(2, 3, dtype=torch.bool), torch.tensor([1.0, 3.0]))
+    assert float(loss) == pytest.approx(np.log(2) / 4)
+
+
+def test_neutral_start_shows_the_texture():
+    texture = np.random.default_rng(0).uniform(0.2, 0.8, (8, 8, 3)).astype(np.float32)
+    linear = initial_base_color(texture, 8, "texture").numpy()
+    np.testing.assert_allclose(linear, ((texture + 0.055) / 1.055) ** 2.4, rtol=1e-4)
+    torch.testing.assert_close(
+        torch.nn.functional.softplus(initial_environment(4)), torch.ones(4, 8, 3), rtol=1e-4, atol=1e-4
+    )
+    np.testing.assert_allclose(resize_texture(texture, 4).mean(), texture.mean(), rtol=0.02)
+    assert resize_texture(texture, 16).shape == (16, 16, 3)
+
+
+def test_unseen_texels_come_from_the_surface_around_them(carrier):
+    """Two charts: an unseen patch is filled from its neighbours in space; texels off the charts from the nearest."""
+    size = 64
+    maps = np.zeros((size, size, 1), np.float32)
+    maps[:, :40] = 1.0  # the ball's chart
+    seen = np.ones((size, size), bool)
+    seen[20:30, 10:30] = False
+    broken = maps.copy()
+    broken[~seen] = 77
+    filled = complete_maps(broken, seen, carrier)
+    np.testing.assert_allclose(filled[20:30, 10:30], 1, atol=1e-5)
+    np.testing.assert_array_equal(filled[seen], maps[seen])
+    nothing = complete_maps(maps, np.zeros_like(seen), carrier)
+    np.testing.assert_array_equal(nothing, maps)
