@@ -56,7 +56,7 @@ def _blender_sources(p: BlenderParams) -> Mapping[str, Path]:
     return blender_files(p.path, _blender_options(p))
 
 
-@node("data.blender", version="1", sources=_blender_sources, code=("exmesh_graph.io.blender",))
+@node("data.blender", version="1", sources=_blender_sources)
 def blender(ctx: Context, *, p: BlenderParams) -> BlenderOut:
     """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes."""
     from exmesh_graph.io.blender import load_blender
@@ -100,15 +100,15 @@ def _middlebury_options(p: MiddleburyParams):
 
 
 def _middlebury_sources(p: MiddleburyParams) -> Mapping[str, Path]:
-    from exmesh_graph.io.blender import relative_names
     from exmesh_graph.io.middlebury import find_par, list_middlebury
+    from exmesh_graph.io.shots import relative_names
 
     train, test = list_middlebury(p.path, _middlebury_options(p))
     files = [f for shot in (*train, *test) for f in (shot.image, shot.mask) if f is not None]
     return relative_names(p.path, [find_par(p.path), *files])
 
 
-@node("data.middlebury", version="1", sources=_middlebury_sources, code=("exmesh_graph.io.middlebury",))
+@node("data.middlebury", version="1", sources=_middlebury_sources)
 def middlebury(ctx: Context, *, p: MiddleburyParams) -> ViewsOut:
     """Photographs in the Middlebury multi-view layout (templeRing and others)."""
     from exmesh_graph.io.middlebury import load_middlebury
@@ -142,15 +142,15 @@ def _idr_options(p: IdrParams):
 
 
 def _idr_sources(p: IdrParams) -> Mapping[str, Path]:
-    from exmesh_graph.io.blender import relative_names
     from exmesh_graph.io.idr import camera_file, list_idr
+    from exmesh_graph.io.shots import relative_names
 
     train, test, _ = list_idr(p.path, _idr_options(p))
     files = [f for shot in (*train, *test) for f in (shot.image, shot.mask) if f is not None]
     return relative_names(p.path, [camera_file(p.path), *files])
 
 
-@node("data.idr", version="1", sources=_idr_sources, code=("exmesh_graph.io.idr",))
+@node("data.idr", version="1", sources=_idr_sources)
 def idr(ctx: Context, *, p: IdrParams) -> ViewsOut:
     """Photographs in the IDR / NeuS layout (DTU and others), with masks or without."""
     from exmesh_graph.io.idr import load_idr
@@ -180,7 +180,7 @@ def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
     return {file.name: file for file in depth_files(p.folder)}
 
 
-@node("prior.depth_files", version="1", sources=_depth_sources, code=("exmesh_graph.io.depth",))
+@node("prior.depth_files", version="1", sources=_depth_sources)
 def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *, p: DepthFilesParams) -> DepthOut:
     """Depth along the camera's axis, one file for each view."""
     from exmesh_graph.errors import DataError

@@ -8,18 +8,19 @@ stands for train/000_rgba.exr, 000_rgba.png, 000.exr, 000.png or 000.jpg.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import UpAxis, opencv_from_blender
-from exmesh_graph.io.scene import Scene, load_scene, need_folder
-from exmesh_graph.io.shots import Shot, hold_out, spread
-from exmesh_graph.io.truth import load_truth, truth_files
+from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, spread
+from exmesh_graph.io.truth_files import truth_files
+
+if TYPE_CHECKING:
+    from exmesh_graph.io.scene import Scene
 
 Hdr = Literal["auto", "true", "false"]
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -76,6 +77,10 @@ def list_blender(path: Path, options: BlenderOptions) -> tuple[list[Shot], list[
 
 def load_blender(path: Path, options: BlenderOptions | None = None) -> Scene:
     """Load the scene; truth where the test views are the data set's own and `options.truth` asks for it."""
+    # Listing a scene must stay quick (`exmesh check`); what reads and normalises pictures is imported here.
+    from exmesh_graph.io.scene import load_scene
+    from exmesh_graph.io.truth import load_truth
+
     options = options or BlenderOptions()
     train, test, own = list_blender(path, options)
     scene = load_scene(
@@ -98,17 +103,6 @@ def blender_files(path: Path, options: BlenderOptions) -> dict[str, Path]:
     if options.truth:
         files += truth_files(folder, test if own else [], test[0].image.suffix == ".exr", options.up)
     return relative_names(folder, files)
-
-
-def relative_names(folder: Path, files: Sequence[Path]) -> dict[str, Path]:
-    """{name relative to the folder (or the file's own name, when outside): file}; DataError for a missing one."""
-    names: dict[str, Path] = {}
-    for file in files:
-        if not file.is_file():
-            raise DataError("the file does not exist", where=str(file), fix="restore it, or correct the scene file")
-        inside = file.is_relative_to(folder)
-        names[file.relative_to(folder).as_posix() if inside else f"{file.parent.name}/{file.name}"] = file
-    return names
 
 
 def _read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:

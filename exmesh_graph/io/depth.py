@@ -9,7 +9,6 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import check_finite, read_raw
-from exmesh_graph.io.normalise import frame_scale
 from exmesh_graph.types import DepthMaps, Frame, Views
 
 ENDINGS = (".exr", ".npy", ".png")
@@ -69,6 +68,8 @@ def load_depths(
     Maps of a whole multiple of the views' size are reduced by taking the block's middle sample: a mean across an edge
     would be the depth of nothing. Raises DataError for missing maps and other sizes.
     """
+    from exmesh_graph.io.normalise import frame_scale  # brings scipy, which listing the files does not need
+
     unit = scale / (frame_scale(frame) if frame is not None else 1.0)
     maps = []
     for name in views.names:

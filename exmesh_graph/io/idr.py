@@ -9,13 +9,16 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import UpAxis, camera_to_world_from_rt, decompose_projection
-from exmesh_graph.io.scene import Scene, load_scene, need_folder
-from exmesh_graph.io.shots import Shot, hold_out, spread
+from exmesh_graph.io.shots import Shot, hold_out, need_folder, spread
+
+if TYPE_CHECKING:
+    from exmesh_graph.io.scene import Scene
 
 _CAMERAS = ("cameras_sphere.npz", "cameras.npz")
 
@@ -63,6 +66,8 @@ def list_idr(path: Path, options: IdrOptions) -> tuple[list[Shot], list[Shot], t
 
 def load_idr(path: Path, options: IdrOptions | None = None) -> Scene:
     """Load; normalised by the file's scale_mat."""
+    from exmesh_graph.io.scene import load_scene
+
     options = options or IdrOptions()
     train, test, sphere = list_idr(path, options)
     return load_scene(

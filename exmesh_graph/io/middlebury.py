@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import UpAxis, camera_to_world_from_rt
-from exmesh_graph.io.scene import Scene, load_scene, need_folder
-from exmesh_graph.io.shots import Shot, hold_out, spread
+from exmesh_graph.io.shots import Shot, hold_out, need_folder, spread
+
+if TYPE_CHECKING:
+    from exmesh_graph.io.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,8 @@ def list_middlebury(path: Path, options: MiddleburyOptions) -> tuple[list[Shot],
 
 def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Scene:
     """Load and normalise; by the masks' hull where there are masks, else by `box` or the cameras."""
+    from exmesh_graph.io.scene import load_scene
+
     options = options or MiddleburyOptions()
     train, test = list_middlebury(path, options)
     return load_scene(

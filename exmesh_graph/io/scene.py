@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import UpAxis, scene_from_dataset
+from exmesh_graph.io.load import check_no_leak, load_shots, to_views
 from exmesh_graph.io.normalise import make_frame, sphere_from_box, sphere_from_cameras, sphere_from_masks
-from exmesh_graph.io.shots import Shot, check_no_leak, load_shots, to_views
+from exmesh_graph.io.shots import Shot
 from exmesh_graph.types import Frame, SceneTruth, Views
 
 
@@ -65,18 +65,3 @@ def load_scene(
         test=to_views(held, frame, "test", has_masks=held.has_masks),
         frame=frame,
     )
-
-
-def need_folder(path: Path) -> Path:
-    """`path`, or DataError if it is not a folder."""
-    path = Path(path)
-    if not path.is_dir():
-        raise DataError("the scene folder does not exist", where=str(path), fix="correct the loader's `path`")
-    return path
-
-
-def need_file(path: Path, fix: str) -> Path:
-    """`path`, or DataError if it is not a file."""
-    if not path.is_file():
-        raise DataError("the file does not exist", where=str(path), fix=fix)
-    return path

@@ -13,10 +13,11 @@ from exmesh_graph.io.blender import BlenderOptions, blender_files, load_blender
 from exmesh_graph.io.cameras import project
 from exmesh_graph.io.idr import IdrOptions, load_idr
 from exmesh_graph.io.images import read_image, write_image
+from exmesh_graph.io.load import downscale_area
 from exmesh_graph.io.meshes import write_ply
 from exmesh_graph.io.middlebury import MiddleburyOptions, load_middlebury
 from exmesh_graph.io.normalise import FILL, bounding_sphere, nearest_point
-from exmesh_graph.io.shots import downscale_area, hold_out, spread
+from exmesh_graph.io.shots import hold_out, spread
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 NO_TRUTH = BlenderOptions(truth=False)

@@ -1,0 +1,72 @@
+"""Where a rendered scene keeps its truth: finding the files, without reading them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.cameras import UpAxis
+from exmesh_graph.io.shots import Shot
+
+MESHES = ("mesh/mesh.obj", "mesh/mesh.ply", "mesh.obj", "mesh.ply")
+LIGHTS = ("env_train.exr", "env_train.hdr")
+MAP_FOLDERS = ("envmaps", "../envmaps", "test_rli/envmaps")
+
+
+def truth_files(folder: Path, test: Sequence[Shot], hdr: bool, up: UpAxis) -> list[Path]:
+    """Every file that `load_truth` reads."""
+    files = [f for f in (first_of(folder, MESHES), first_of(folder, LIGHTS) if up == "z" else None) if f]
+    for ending in ("_albedo.png", "_rough.png"):
+        files += test_maps(test, ending)
+    for name, pictures in relit_pictures(folder, test, hdr).items():
+        light = relit_light(folder, name)
+        if light is not None and up == "z":
+            files += [light, *pictures]
+    return files
+
+
+def first_of(folder: Path, names: Sequence[str]) -> Path | None:
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
+def _base(shot: Shot) -> str:
+    return shot.image.name.removesuffix(shot.image.suffix).removesuffix("_rgba")
+
+
+def test_maps(test: Sequence[Shot], ending: str) -> list[Path]:
+    """The map of each test view; none at all, or DataError where only some are there."""
+    files = [shot.image.with_name(_base(shot) + ending) for shot in test]
+    there = [file for file in files if file.is_file()]
+    if there and len(there) < len(files):
+        missing = next(file for file in files if not file.is_file())
+        raise DataError(
+            "the truth map does not exist, though those of other test views do", where=str(missing),
+            fix="restore it, or set truth: false",
+        )  # fmt: skip
+    return there
+
+
+def relit_pictures(folder: Path, test: Sequence[Shot], hdr: bool) -> dict[str, list[Path]]:
+    """{environment name: picture of each test view}, from test_rli/<environment>_<view>.exr or .png."""
+    place = folder / "test_rli"
+    if not place.is_dir() or not test:
+        return {}
+    ending = ".exr" if hdr and any(place.glob("*.exr")) else ".png"
+    last = _base(test[0])
+    names = sorted(f.name.removesuffix(f"_{last}{ending}") for f in place.glob(f"*_{last}{ending}"))
+    found = {}
+    for name in names:
+        files = [place / f"{name}_{_base(shot)}{ending}" for shot in test]
+        missing = [file for file in files if not file.is_file()]
+        if missing:
+            raise DataError(
+                "the relit picture does not exist, though those of other test views do", where=str(missing[0]),
+                fix="restore it, or set truth: false",
+            )  # fmt: skip
+        found[name] = files
+    return found
+
+
+def relit_light(folder: Path, name: str) -> Path | None:
+    return first_of(folder, [f"{place}/{name}{ending}" for place in MAP_FOLDERS for ending in (".exr", ".hdr")])
