@@ -28,6 +28,8 @@ def usd(ctx: Context, asset: Asset, frame: Frame | None = None, *, p: UsdParams)
     report = write_usd(folder, asset, frame, name=p.name, roughness_floor=p.roughness_floor, dilation=p.dilation)
     if report["scale"] == "unknown":
         ctx.warn("the data set gives no metric scale: one scene unit is exported as one metre")
+    elif report["scale"] == "normalised":
+        ctx.warn("no frame is wired in: the asset keeps normalised units (the object in the unit sphere)")
     if report["roughness_texels_raised"]:
         ctx.warn(f"{report['roughness_texels_raised']} texels were raised to the roughness floor {p.roughness_floor:g}")
     errors = []

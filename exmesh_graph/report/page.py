@@ -27,7 +27,7 @@ def render_page(report: Report) -> str:
     return template.render(
         report=report,
         style=Markup((here / "style.css").read_text(encoding="utf-8")),
-        tiles=[_tile(figure) for figure in report.headline],
+        tiles=[_tile(figure) for figure in _last_stages(report.headline)],
         bars=Markup(bar_chart([(_label(box), box.seconds, box.state) for box in boxes])),
         error_charts=[Markup(chart) for chart in _error_charts(report.headline)],
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
@@ -55,6 +55,18 @@ def fold_nodes(nodes: list[Node]) -> list[Box]:
 def _label(box: Box) -> str:
     text = box.name if box.count == 1 else f"{box.name} ×{box.count}"
     return text if len(text) <= 26 else text[:25] + "…"
+
+
+def _last_stages(figures: list[Figure]) -> list[Figure]:
+    """Each measure at its last stage only (the table has them all); those with a floor come first."""
+    last: dict[str, Figure] = {}
+    for figure in figures:
+        if figure.series:
+            rival = last.get(figure.series)
+            if rival is None or (figure.after or 0.0) >= (rival.after or 0.0):
+                last[figure.series] = figure
+    shown = [figure for figure in figures if not figure.series or last[figure.series] is figure]
+    return sorted(shown, key=lambda figure: figure.floor is None)
 
 
 def _tile(figure: Figure) -> dict[str, Any]:

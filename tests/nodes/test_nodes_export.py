@@ -38,6 +38,7 @@ def test_a_validation_warning_is_passed_on_once(scene, context, monkeypatch):
     assert sum("stMirrored" in warning for warning in context.warnings) == 1
 
 
-def test_raised_roughness_is_told(scene, context):
+def test_raised_roughness_and_a_missing_frame_are_told(scene, context):
     export.usd(context, scene.asset, p=export.UsdParams(roughness_floor=0.6))
+    assert any("no frame is wired in" in warning for warning in context.warnings)
     assert any("roughness floor 0.6" in warning for warning in context.warnings)
