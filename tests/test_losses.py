@@ -1,0 +1,159 @@
+"""Losses and colour curves: values against independent formulas, gradients in float64, hard inputs."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exmesh_graph import losses
+
+
+def images(height=20, width=24, channels=3, seed=0, dtype=torch.float64):
+    g = torch.Generator().manual_seed(seed)
+    return (torch.rand(height, width, channels, generator=g, dtype=dtype) for _ in range(2))
+
+
+def test_ssim_equals_scikit_image_inside_the_border():
+    from skimage.metrics import structural_similarity
+
+    a, b = images(40, 50)
+    b = 0.7 * a + 0.3 * b
+    # scikit-image leaves out the border of 5 pixels: compare on the interior by cutting ours there as well
+    _, full = structural_similarity(
+        a.numpy(), b.numpy(), channel_axis=2, data_range=1.0, gaussian_weights=True, sigma=1.5,
+        use_sample_covariance=False, full=True,
+    )  # fmt: skip
+    inner = np.s_[10:-10, 10:-10]
+    gradient_free = losses.ssim(a, b)
+    assert 0 < float(gradient_free) < 1
+    # a patch whose windows all lie inside: pad it with itself, so that only interior windows differ
+    x = a.clone()
+    x[inner] = b[inner]
+    _, changed = structural_similarity(
+        x.numpy(), b.numpy(), channel_axis=2, data_range=1.0, gaussian_weights=True, sigma=1.5,
+        use_sample_covariance=False, full=True,
+    )  # fmt: skip
+    # the mean over all pixels changes by what scikit-image says, border windows being the same in both
+    assert float(losses.ssim(x, b) - losses.ssim(a, b)) == pytest.approx((changed - full).mean(), rel=1e-3)
+
+
+def test_ssim_of_equal_images_is_one_with_no_gradient():
+    a, _ = images()
+    a.requires_grad_()
+    value = losses.ssim(a, a.detach())
+    (gradient,) = torch.autograd.grad(value, a)
+    assert float(value.detach()) == pytest.approx(1.0, abs=1e-12)
+    assert float(gradient.abs().max()) < 1e-12
+
+
+@pytest.mark.parametrize("level", [0.0, 1e-4, 0.5, 1.0])
+def test_ssim_of_flat_images_in_float32(level):
+    a = torch.full((30, 30, 3), level, requires_grad=True)
+    value = losses.ssim(a, torch.full((30, 30, 3), level))
+    (gradient,) = torch.autograd.grad(value, a)
+    assert float(value.detach()) == pytest.approx(1.0, abs=1e-4)
+    assert bool(torch.isfinite(gradient).all())
+    assert float(gradient.abs().max()) < 1e-3
+
+
+def test_ssim_gradient_and_cached_target():
+    a, b = images(13, 12)
+    a.requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: losses.d_ssim(x, b), a)
+    assert torch.equal(losses.ssim(a, losses.ssim_target(b)), losses.ssim(a, b))
+
+
+def test_ssim_refuses_half_precision():
+    a, b = images(dtype=torch.float32)
+    with pytest.raises(ValueError, match="float32"):
+        losses.ssim(a.half(), b.half())
+
+
+def test_masked_box_weighted_by_its_share_equals_the_whole():
+    a, b = images(60, 70)
+    mask = torch.zeros(60, 70, dtype=torch.bool)
+    mask[20:41, 25:52] = True
+    a, b = a * mask[..., None], b * mask[..., None]
+    box = losses.mask_box(mask)
+    assert box == losses.Box(15, 46, 20, 57)
+    boxed = losses.d_ssim(box.crop(a), box.crop(b)) * box.area / mask.numel()
+    assert float(boxed) == pytest.approx(float(losses.d_ssim(a, b)), rel=1e-9)
+    assert losses.mask_box(torch.zeros(6, 7, dtype=torch.bool)) == losses.Box(0, 6, 0, 7)
+
+
+def test_l1_log_l1_and_total_variation_by_hand():
+    a = torch.tensor([[[0.0], [1.0]], [[3.0], [3.0]]])
+    b = torch.zeros_like(a)
+    assert float(losses.l1(a, b)) == pytest.approx(7 / 4)
+    assert float(losses.log_l1(a, b)) == pytest.approx((np.log(2) + 2 * np.log(4)) / 4)
+    assert float(losses.total_variation(a)) == pytest.approx((3 + 2) / 2 + 1 / 2)
+    mask = torch.tensor([[True, True], [False, True]])
+    assert float(losses.total_variation(a, mask)) == pytest.approx(2 + 1)
+    assert float(losses.total_variation(a, torch.zeros(2, 2, dtype=torch.bool))) == 0
+
+
+def test_silhouette_losses_at_zero_and_one():
+    alpha = torch.tensor([[0.0, 1.0, 0.5, 1.1]], requires_grad=True)
+    mask = torch.tensor([[0.0, 1.0, 1.0, 0.0]])
+    value = losses.silhouette_bce(alpha, mask)
+    (gradient,) = torch.autograd.grad(value, alpha)
+    assert bool(torch.isfinite(gradient).all())
+    expected = -(2 * np.log(1 - 1e-3) + np.log(0.5) + np.log(1e-3)) / 4
+    assert float(value.detach()) == pytest.approx(expected, rel=1e-4)
+    assert float(losses.silhouette_l1(alpha, mask).detach()) == pytest.approx(1.6 / 4)
+
+
+def test_pearson_depth_ignores_scale_and_shift():
+    g = torch.Generator().manual_seed(1)
+    depth = torch.rand(9, 9, generator=g, dtype=torch.float64) + 2
+    mask = torch.rand(9, 9, generator=g) > 0.3
+    assert float(losses.pearson_depth(depth, 0.2 * depth - 7, mask)) == pytest.approx(0, abs=1e-9)
+    assert float(losses.pearson_depth(depth, -depth, mask)) == pytest.approx(2, abs=1e-9)
+    other = torch.rand(9, 9, generator=g, dtype=torch.float64)
+    expected = 1 - np.corrcoef(depth[mask].numpy(), other[mask].numpy())[0, 1]
+    assert float(losses.pearson_depth(depth, other, mask)) == pytest.approx(expected)
+    depth.requires_grad_()
+    assert torch.autograd.gradcheck(lambda d: losses.pearson_depth(d, other, mask), depth)
+
+
+@pytest.mark.parametrize("pixels", [0, 2, 81])
+def test_pearson_depth_where_it_is_not_defined(pixels):
+    depth = torch.full((9, 9), 3.3, requires_grad=True)
+    mask = torch.arange(81).view(9, 9) < pixels
+    value = losses.pearson_depth(depth, torch.rand(9, 9), mask)
+    assert float(value) == 0
+
+
+def test_srgb_curves_are_inverse_and_smooth_at_zero():
+    x = torch.linspace(0, 1, 1001, dtype=torch.float64, requires_grad=True)
+    encoded = losses.linear_to_srgb(x)
+    assert torch.allclose(losses.srgb_to_linear(encoded), x, atol=1e-7)
+    for curve in (losses.linear_to_srgb, losses.srgb_to_linear):
+        y = torch.tensor([-0.1, 0.0, 1e-12, 0.0031308, 0.04045, 1.0, 3.0], requires_grad=True)
+        (gradient,) = torch.autograd.grad(curve(y).sum(), y)
+        assert bool(torch.isfinite(gradient).all())
+        assert bool((gradient > 0).all())
+    assert losses.linear_to_srgb(torch.tensor([0.0, 0.18, 1.0])).tolist() == pytest.approx(
+        [0.0, 0.46135613, 1.0], abs=1e-6
+    )
+
+
+def test_display_over_black():
+    rgb = torch.tensor([[0.09, 0.5, 0.0], [0.3, 2.0, 1.0], [0.0, 0.0, 0.0]])
+    alpha = torch.tensor([0.5, 1.0, 0.0])
+    got = losses.display(rgb, alpha)
+    want = losses.linear_to_srgb(torch.tensor([0.18, 1.0, 0.0])) * 0.5
+    assert torch.allclose(got[0], want)
+    assert got[1, 1:].tolist() == pytest.approx([1.0, 1.0])
+    assert got[2].tolist() == [0, 0, 0]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 14), st.integers(1, 14), st.integers(0, 10**6))
+def test_blur_is_its_own_adjoint_at_any_size(height, width, seed):
+    g = torch.Generator().manual_seed(seed)
+    a, b = (torch.randn(1, 2, height, width, generator=g, dtype=torch.float64) for _ in range(2))
+    left = (losses._blur(a) * b).sum()
+    right = (a * losses._blur(b)).sum()
+    assert float(left) == pytest.approx(float(right), rel=1e-9, abs=1e-12)
