@@ -18,7 +18,7 @@ from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec, expand
 from exmesh_graph.graph.node import NodeDef, Params
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.ports import RESERVED, Port, Signature, signature
-from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
 from exmesh_graph.graph.spec import Value, load_tree
 
 
@@ -113,13 +113,13 @@ class _Check:
     def _type(self, spec: NodeSpec) -> None:
         definition = self.packs.types.get(spec.type)
         if definition is None:
-            broken = "; ".join(f"{name}: {why}" for name, why in self.packs.broken.items())
             self.problems.add(
                 "node-type", spec.where, f"{spec.name}: there is no node type {spec.type!r}",
-                nearest=nearest(spec.type, self.packs.types),
-                found=f"node modules that failed to import: {broken}" if broken else "",
-                fix="exmesh nodes lists all types",
+                nearest=nearest(spec.type, self.packs.types), fix="exmesh nodes lists all types",
             )  # fmt: skip
+            for module, why in self.packs.broken.items():
+                what = f"the node module {module} cannot be imported: {why}"
+                self.problems.found["node-module", module] = Problem("node-module", spec.where, what)
             return
         try:
             self.signatures[spec.name] = signature(definition)

@@ -122,7 +122,6 @@ class Run:
         try:
             for bound in self.nodes.values():
                 self._step(bound)
-                self._publish(bound.name)
                 self._release(bound)
             state = "done"
         except KeyboardInterrupt:
@@ -147,6 +146,7 @@ class Run:
         try:
             if not (bound.name not in self.force and self._hit(bound)):
                 self._compute(bound)
+            self._publish(bound.name)
         except KeyboardInterrupt:
             row["state"] = "interrupted"
             raise

@@ -61,9 +61,10 @@ class RunFolder:
             main = Files.load(source).main
             source = source / "files"
         target = self.path if name == "asset" and source.name == "files" else self.path / name
-        clash = sorted({path.name for path in source.iterdir()} & set(OWN_FILES))
-        if target == self.path and clash:
-            raise StoreError(f"the output {name} holds {', '.join(clash)}, a name that the run itself uses")
+        names = {path.name for path in source.iterdir()} if target == self.path else {name}
+        taken = names & ({path.name for path in self.path.iterdir()} | set(OWN_FILES))
+        if taken:
+            raise StoreError(f"the output {name} would overwrite {', '.join(sorted(taken))} in {self.path}")
         shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
         return target / main if main else target
 

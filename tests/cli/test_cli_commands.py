@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import pty
@@ -17,6 +18,11 @@ from typing import Any, NamedTuple
 import pytest
 
 from exmesh_graph.cli import main
+from exmesh_graph.graph.check import check, check_file
+from exmesh_graph.graph.expand import expand
+from exmesh_graph.graph.packs import load_packs
+from exmesh_graph.graph.problems import GraphErrors, Problems
+from exmesh_graph.graph.spec import load_tree
 
 TOY = Path(__file__).parent.parent / "graph" / "toy"
 START = [sys.executable, "-c", "from exmesh_graph.cli import main; main()"]
@@ -231,7 +237,7 @@ def test_a_broken_pack_module_does_not_stop_others(
     assert "cannot import toy_pack.wrong: ModuleNotFoundError" in exmesh("nodes").stderr
     exmesh("run", "g.yaml")
     (folder / "g.yaml").write_text("nodes: {a: {type: toy.wrong}}")
-    assert "toy_pack.wrong: ModuleNotFoundError" in exmesh("check", "g.yaml", code=2).stderr
+    assert "toy_pack.wrong cannot be imported: ModuleNotFoundError" in exmesh("check", "g.yaml", code=2).stderr
 
 
 def test_terminal_view(folder: Path) -> None:
@@ -254,6 +260,28 @@ def test_terminal_view(folder: Path) -> None:
     text = shown.decode()
     for word in ("rounds[1].step", "toy.slow", "loss", "left", "0 of 6 to go", "6 nodes, 0 from the store"):
         assert word in text
+
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "graphs").rglob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_graphs_lack_at_most_their_data(path: Path) -> None:
+    found = Problems()
+    tree = load_tree(path, [], found)
+    with contextlib.suppress(GraphErrors):
+        check(expand(tree, found), load_packs(), found)
+    problems = [str(problem) for problem in found.found.values() if problem.code != "source"]
+    assert problems == []
+
+
+def test_the_graph_in_the_docs(folder: Path) -> None:
+    text = (ROOT / "docs" / "graph_files.md").read_text().split("```yaml\n")[1].split("```")[0]
+    (folder / "base.yaml").write_text("nodes: {}\n")
+    (folder / "doc.yaml").write_text(text)
+    graph = check_file(folder / "doc.yaml", [f"scene={ROOT}/graphs/samples/spot"], load_packs())
+    assert graph.nodes["rounds[4].uv"].definition.type == "uv.xatlas_regen"
+    assert str(graph.nodes["light"].inputs["mesh"]) == "@rounds[4].uv.state"
 
 
 def wait_for(condition: Callable[[], bool], seconds: float = 20) -> None:

@@ -200,6 +200,11 @@ nodes:
         series.data[0] = 1
 
 
+def test_published_outputs_do_not_overwrite_each_other(bench: Any) -> None:
+    with pytest.raises(NodeFailed, match="the output parts would overwrite parts"):
+        bench.run(LOOP.replace("figure:", "parts:"))
+
+
 FAIL = """
 name: failing
 nodes:
