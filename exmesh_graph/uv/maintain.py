@@ -9,7 +9,7 @@ import numpy as np
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import components, face_areas
 from exmesh_graph.uv.dilate import dilate
-from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.raster import coverage_counts, rasterize_atlas
 from exmesh_graph.uv.transfer import COVER
 
 
@@ -20,7 +20,7 @@ class AtlasReport:
     charts     UV islands
     welded     UV coordinates shared by corners of different vertices: islands grown together by mistake
     flipped    faces with area in space whose UV area is negative or zero
-    overlap    part of the charts' texel area that lies under another face
+    overlap    part of the covered texel centres that lie in more than one face
     covered    part of the texture under charts
     stretch    95th over 5th percentile of texel size per face, area weighted
     """
@@ -58,14 +58,14 @@ def check_atlas(
     area = face_areas(vertices, faces)
     real = area > 1e-6 * max(float(area.mean()), 1e-300)
     texels = np.abs(uv_area) * texture_size**2
-    face_id, _ = rasterize_atlas(uvs, uv_faces, texture_size)
-    covered = float((face_id >= 0).mean())
+    layers = coverage_counts(uvs, uv_faces, texture_size)
+    covered = layers > 0
     return AtlasReport(
         charts=int(components(uv_faces).max(initial=-1)) + 1,
         welded=len(pairs) - len(np.unique(pairs[:, 0])),
         flipped=int((real & (uv_area <= 0)).sum()),
-        overlap=float(max(0.0, 1.0 - covered * texture_size**2 / max(texels.sum(), 1e-300))),
-        covered=covered,
+        overlap=float((layers > 1).sum() / max(int(covered.sum()), 1)),
+        covered=float(covered.mean()),
         stretch=_spread(np.sqrt(area[real] / np.maximum(texels[real], 1e-300)), area[real]),
     )
 

@@ -7,6 +7,8 @@ padding. The largest scale on a ladder of 3 % steps that fits is taken.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
@@ -15,8 +17,9 @@ from exmesh_graph.uv.raster import rasterize_atlas
 
 _CELLS = 256  # of the grid along a side, at most
 _STEP, _STEPS = 0.97, 160
+_FULL = 0.8  # part of the square that charts and their padding can usually fill
 _ANGLES = 18
-_MANY = 400  # charts from which on only one orientation is tried
+_TURNED = 64  # the largest charts, which are tried in all four orientations
 
 
 def pack(flat: np.ndarray, corners: np.ndarray, texture_size: int, padding: int) -> np.ndarray:
@@ -43,15 +46,33 @@ def pack(flat: np.ndarray, corners: np.ndarray, texture_size: int, padding: int)
     area = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
     largest = side / np.sqrt(area)  # cells per unit
 
-    best, low, high = None, 0, _STEPS  # index into the ladder of scales: the lowest that fits is wanted
+    @cache
+    def attempt(step: int) -> tuple[float, np.ndarray, np.ndarray, int] | None:
+        scale = largest * _STEP**step
+        masks = _masks(local, faces, chart, extent, scale, side, margin)
+        placed = None if masks is None else _place(masks, side)
+        return None if placed is None else (scale, *placed, int(np.ceil(margin - 0.5)))
+
+    def is_full(step: int) -> bool:
+        masks = _masks(local, faces, chart, extent, largest * _STEP**step, side, margin)
+        return masks is None or sum(int(mask.sum()) for mask in masks) > _FULL * side * side
+
+    # Marks grow with the scale: find the step at which they fill the usual part of the square, and search from there.
+    low, high = 0, _STEPS
     while low < high:
-        middle = min((low + high) // 2, low + 12)  # good fits lie near the top
-        scale = largest * _STEP**middle
-        placed = _place(local, faces, chart, extent, scale, side, margin)
-        if placed is None:
-            low = middle + 1
-        else:
-            best, high = (scale, *placed), middle
+        middle = min((low + high) // 2, low + 16)
+        low, high = (middle + 1, high) if is_full(middle) else (low, middle)
+    good, bad = low, None
+    while attempt(good) is None and good < _STEPS:
+        good, bad = min(2 * good - low + 1, _STEPS), good
+    if bad is None:
+        while good > 0 and attempt(good - 1) is not None:
+            good -= 1
+    else:
+        while good - bad > 1 and attempt(good) is not None:
+            middle = (good + bad) // 2
+            good, bad = (good, middle) if attempt(middle) is None else (middle, bad)
+    best = attempt(good)
     if best is None:
         raise GeometryError(
             f"the charts and their padding do not fit into {texture_size} x {texture_size} texels",
@@ -106,7 +127,24 @@ def _cells_of(extent: np.ndarray, rim: int) -> np.ndarray:
     return np.ceil(extent).astype(np.int64) + 2 * rim
 
 
-def _place(
+def _place(masks: list[np.ndarray], side: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """(quarter turns [n], (row, column) of each chart's box [n, 2]), or None if they do not fit; large ones first."""
+    taken = np.zeros((side, side), np.uint8)
+    turn, corner = np.zeros(len(masks), np.int64), np.zeros((len(masks), 2), np.int64)
+    weight = np.array([mask.sum() for mask in masks])
+    order = np.lexsort((-weight, [-max(mask.shape) for mask in masks]))
+    for rank, k in enumerate(order):
+        choice = _lowest_place(taken, masks[k], 4 if rank < _TURNED else 1)
+        if choice is None:
+            return None
+        turn[k], row, column = choice
+        mask = np.rot90(masks[k], turn[k])
+        taken[row : row + mask.shape[0], column : column + mask.shape[1]] |= mask
+        corner[k] = row, column
+    return turn, corner
+
+
+def _masks(
     local: np.ndarray,
     faces: np.ndarray,
     chart: np.ndarray,
@@ -114,41 +152,15 @@ def _place(
     scale: float,
     side: int,
     margin: float,
-) -> tuple[np.ndarray, np.ndarray, int] | None:
-    """(quarter turns [n], (row, column) of each chart's box [n, 2], rim) at this scale, or None if it does not fit."""
+) -> list[np.ndarray] | None:
+    """The marked cells of every chart, rasterised together on one sheet on which the charts stand in rows.
+
+    None when a chart is larger than the square.
+    """
     rim = int(np.ceil(margin - 0.5))
     sizes = _cells_of(extent * scale, rim)
     if sizes.max() > side:
         return None
-    masks = _masks(local, faces, chart, sizes, scale, rim, margin)
-    if sum(int(mask.sum()) for mask in masks) > 0.92 * side * side:  # no packing gets there
-        return None
-    taken = np.zeros((side, side), np.uint8)
-    turn, corner = np.zeros(len(masks), np.int64), np.zeros((len(masks), 2), np.int64)
-    weight = np.array([mask.sum() for mask in masks])
-    order = np.lexsort((-weight, -sizes.max(axis=1)))
-    turns = 4 if len(masks) < _MANY else 1
-    for k in order:
-        choice = _lowest_place(taken, masks[k], turns)
-        if choice is None:
-            return None
-        turn[k], row, column = choice
-        mask = np.rot90(masks[k], turn[k])
-        taken[row : row + mask.shape[0], column : column + mask.shape[1]] |= mask
-        corner[k] = row, column
-    return turn, corner, rim
-
-
-def _masks(
-    local: np.ndarray,
-    faces: np.ndarray,
-    chart: np.ndarray,
-    sizes: np.ndarray,
-    scale: float,
-    rim: int,
-    margin: float,
-) -> list[np.ndarray]:
-    """The marked cells of every chart, rasterised together on one sheet on which the charts stand in rows."""
     width = max(int(sizes[:, 0].max()), int(np.sqrt((sizes + 2).prod(axis=1).sum()) * 1.1) + 1)
     gap = int(np.ceil(margin)) + 1
     row_of, column_of = np.zeros(len(sizes), np.int64), np.zeros(len(sizes), np.int64)

@@ -39,6 +39,15 @@ def rasterize_atlas(
     return face_id.reshape(height, width), bary.reshape(height, width, 3)
 
 
+def coverage_counts(uvs: np.ndarray, uv_faces: np.ndarray, size: int | tuple[int, int]) -> np.ndarray:
+    """int64 [H, W], how many faces lie over each texel centre: more than 1 where charts overlap."""
+    height, width = (size, size) if isinstance(size, int) else size
+    corners = np.asarray(uvs, np.float64)[uv_faces]
+    x, y = corners[..., 0] * width - 0.5, (1.0 - corners[..., 1]) * height - 0.5
+    row, column, _ = _covered_centres(x, y, height, width)
+    return np.bincount(row * width + column, minlength=height * width).reshape(height, width)
+
+
 def _covered_centres(
     x: np.ndarray, y: np.ndarray, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

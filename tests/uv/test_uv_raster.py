@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.raster import coverage_counts, rasterize_atlas
 from exmesh_graph.uv.unwrap import unwrap
 
 
@@ -46,6 +46,9 @@ def test_every_centre_of_a_tiled_square_has_exactly_one_face():
     assert (face_id >= 0).sum() == 32 * 32
     hits = sum((rasterize_atlas(uvs, faces[f : f + 1], 33)[0] >= 0).astype(int) for f in range(len(faces)))
     assert hits.max() == 1
+    np.testing.assert_array_equal(coverage_counts(uvs, faces, 33), hits)
+    doubled = np.concatenate([faces, faces[:5]])
+    assert (coverage_counts(uvs, doubled, 33) == 2).sum() == np.isin(face_id, range(5)).sum()
     np.testing.assert_allclose(bary[face_id >= 0].sum(-1), 1, atol=1e-6)
 
 
