@@ -45,7 +45,7 @@ def line_chart(
     x_low, x_high = min(xs), max(xs)
     y_low, y_high = min(ys), max(ys)
     x_span = (x_high - x_low) or 1.0
-    pad = 0.08 * (y_high - y_low) or 0.05 * abs(y_high) or 1.0
+    pad = 0.14 * (y_high - y_low) or 0.05 * abs(y_high) or 1.0
     y_low, y_high = y_low - pad, y_high + pad
     left, top, right, bottom = 56, 26, width - 16, height - 34
 
@@ -78,6 +78,10 @@ def line_chart(
                 parts.append(
                     f'<circle class="point c{index % 4}" cx="{px:.1f}" cy="{py:.1f}" r="4">'
                     f"<title>{escape(tip)}</title></circle>"
+                )
+                anchor = "start" if px < (left + right) / 2 else "end"
+                parts.append(
+                    f'<text class="tick" x="{px:.1f}" y="{py - 8:.1f}" text-anchor="{anchor}">{number(float(y))}</text>'
                 )
     return "".join(parts) + "</svg>"
 

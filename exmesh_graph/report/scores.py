@@ -88,7 +88,7 @@ def score_asset(
     if truth is None or not paired:
         return scores
     rows = [chosen.index(i) for i, _ in paired]
-    scale = _score_materials(scores, _take(rendered, rows), truth, [k for _, k in paired], headline)
+    scale = _score_materials(scores, _take(rendered, rows), views, truth, paired, headline)
     if lights:
         _score_relit(scores, ours, guess, truth, lights, paired, scale)
         relit = scores.values["relit"]
@@ -224,17 +224,19 @@ def _uniform_level(gray: Any, views: Views) -> float:
 def _score_materials(
     scores: AssetScores,
     rendered: Any,
+    views: Views,
     truth: SceneTruth,
-    rows: Sequence[int],
+    paired: Sequence[tuple[int, int]],
     headline: list[dict[str, Any]],
 ) -> np.ndarray | None:
     """Fill `material`; returns the albedo scale [3] (None where no true albedo is known)."""
+    cameras, rows = [i for i, _ in paired], [k for _, k in paired]
     material: dict[str, Any] = {}
     floor: dict[str, Any] = scores.values["floor"]
     scale = None
     if truth.albedo is not None:
         true = truth.albedo[list(rows)]
-        covered = _coverage(truth, rows, true)
+        covered = _coverage(views, cameras, true)
         gray = np.full_like(true, GRAY_ALBEDO)
         scale = albedo_scale(rendered.albedo, true, covered)
         gray_scale = albedo_scale(gray, true, covered)
@@ -242,8 +244,8 @@ def _score_materials(
         for space in ("linear", "srgb"):
 
             def score(albedo: np.ndarray, factor: np.ndarray, srgb: bool = space == "srgb") -> float:
-                views = zip(albedo, true, covered, strict=True)
-                return float(np.mean([albedo_psnr(a, t, c, factor, srgb=srgb) for a, t, c in views]))
+                triples = zip(albedo, true, covered, strict=True)
+                return float(np.mean([albedo_psnr(a, t, c, factor, srgb=srgb) for a, t, c in triples]))
 
             material[f"albedo_psnr_{space}"] = score(rendered.albedo, scale)
             material[f"albedo_psnr_{space}_unscaled"] = score(rendered.albedo, np.ones(3))
@@ -256,7 +258,7 @@ def _score_materials(
         ]
     if truth.roughness is not None:
         true = truth.roughness[list(rows)]
-        covered = _coverage(truth, rows, true)
+        covered = _coverage(views, cameras, true)
         triples = list(zip(rendered.roughness, true, covered, strict=True))
         material["roughness_mse"] = float(np.mean([roughness_mse(r, t, c) for r, t, c in triples]))
         guesses = [roughness_mse(np.full_like(t, GRAY_ROUGHNESS), t, c) for _, t, c in triples]
@@ -270,10 +272,10 @@ def _score_materials(
     return scale
 
 
-def _coverage(truth: SceneTruth, rows: Sequence[int], maps: np.ndarray) -> np.ndarray:
-    """Where the true maps hold a value: coverage of the relit images if known, else where the map is not 0."""
-    for alpha in truth.relit_alpha.values():
-        return alpha[list(rows)]
+def _coverage(views: Views, cameras: Sequence[int], maps: np.ndarray) -> np.ndarray:
+    """Where the true maps [N, H, W(, 3)] hold a value: the views' masks; without masks, where a map is not 0."""
+    if views.has_masks:
+        return views.alpha[list(cameras)]
     filled = maps > 0 if maps.ndim == 3 else (maps > 0).any(axis=-1)
     return np.asarray(filled, np.float32)
 
