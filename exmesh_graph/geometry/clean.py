@@ -14,8 +14,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.hull import signed_volume
-from exmesh_graph.geometry.sampling import face_areas
+from exmesh_graph.geometry.adjacency import corner_fans, edges_of, face_areas, signed_volume
 from exmesh_graph.io.native import import_open3d, import_pymeshlab
 
 Method = Literal["pymeshlab", "open3d"]
@@ -208,44 +207,20 @@ def taubin(vertices: np.ndarray, faces: np.ndarray, steps: int, shrink: float = 
 
 def inspect(vertices: np.ndarray, faces: np.ndarray) -> Soundness:
     """Count defects: see the fields of `Soundness`. Flat: area below 1e-12 of the mesh's bounding box squared."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    forward = edges[:, 0] < edges[:, 1]
-    keys, inverse, count = np.unique(
-        np.sort(edges, axis=1) @ [len(vertices), 1], return_inverse=True, return_counts=True
-    )
-    ahead = np.bincount(inverse.reshape(-1), forward, minlength=len(keys))
-    paired = count == 2
+    edges = edges_of(faces)
+    starts = faces.reshape(-1)[edges.halfedges[edges.interior]]
+    _, fan_vertex = corner_fans(faces, edges)
+    used = np.unique(faces)
     size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 1.0
     return Soundness(
-        open_edges=int((count == 1).sum()),
-        crowded_edges=int((count > 2).sum()),
-        turned_edges=int((ahead[paired] != 1).sum()),
-        pinched_vertices=_pinched(faces, len(vertices)),
+        open_edges=int((edges.count == 1).sum()),
+        crowded_edges=int((edges.count > 2).sum()),
+        turned_edges=int((starts[:, 0] == starts[:, 1]).sum()),
+        pinched_vertices=int((np.bincount(fan_vertex, minlength=1) > 1).sum()),
         duplicate_faces=len(faces) - len(np.unique(np.sort(faces, axis=1), axis=0)),
         flat_faces=int((face_areas(vertices, faces) <= 1e-12 * size**2).sum()),
-        unreferenced=len(vertices) - len(np.unique(faces)),
+        unreferenced=len(vertices) - len(used),
     )
-
-
-def _pinched(faces: np.ndarray, vertex_count: int) -> int:
-    """Vertices whose faces form more than one fan. Corners of one vertex are joined where two faces share an edge."""
-    corners = np.arange(3 * len(faces)).reshape(-1, 3)
-    links = []
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        a, b = faces[:, i].astype(np.int64), faces[:, j].astype(np.int64)
-        key = np.minimum(a, b) * vertex_count + np.maximum(a, b)
-        low = np.where(a < b, corners[:, i], corners[:, j])
-        high = np.where(a < b, corners[:, j], corners[:, i])
-        links.append(np.stack([key, low, high], axis=1))
-    table = np.concatenate(links)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    same = np.flatnonzero(table[1:, 0] == table[:-1, 0])
-    a = np.r_[table[same, 1], table[same, 2]]
-    b = np.r_[table[same + 1, 1], table[same + 1, 2]]
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(corners.size,) * 2)
-    fans = connected_components(graph, directed=False)[1]
-    pairs = np.unique(np.stack([faces.ravel(), fans], axis=1), axis=0)
-    return int((np.bincount(pairs[:, 0], minlength=vertex_count) > 1).sum())
 
 
 def require_sound(vertices: np.ndarray, faces: np.ndarray, *, closed: bool, where: str) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.geometry.adjacency import signed_volume
 
 # A field this many voxels below zero is certainly outside: the remaining views need not be asked.
 _DROP = 2.5
@@ -237,9 +238,3 @@ def surface(values: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     if signed_volume(vertices, faces) < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
     return vertices, faces
-
-
-def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Volume enclosed by a closed mesh; positive where faces are counter-clockwise from outside."""
-    a, b, c = (vertices[faces[:, i]].astype(np.float64) for i in range(3))
-    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)

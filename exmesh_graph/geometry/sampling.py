@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
-
-
-def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """float64 [F] areas."""
-    a, b, c = (vertices[faces[:, i]].astype(np.float64) for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+from exmesh_graph.geometry.adjacency import face_areas
 
 
 def sample_surface(

@@ -8,9 +8,15 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.adjacency import (
+    edges_of,
+    euler_characteristic,
+    face_areas,
+    face_normals,
+    signed_volume,
+)
 from exmesh_graph.geometry.clean import face_components, inspect
-from exmesh_graph.geometry.hull import signed_volume
-from exmesh_graph.geometry.sampling import face_areas, sample_surface
+from exmesh_graph.geometry.sampling import sample_surface
 from exmesh_graph.io.native import import_pymeshlab
 from exmesh_graph.metrics.distance import distance_to_mesh
 
@@ -83,8 +89,7 @@ def mesh_report(vertices: np.ndarray, faces: np.ndarray, *, self_intersections: 
     """
     found = inspect(vertices, faces)
     parts = int(face_components(faces, len(vertices)).max()) + 1 if len(faces) else 0
-    edges = len(np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0))
-    euler = len(np.unique(faces)) - edges + len(faces)
+    euler = euler_characteristic(faces)
     manifold = found.crowded_edges == 0 and found.turned_edges == 0
     solid = found.closed and manifold and found.pinched_vertices == 0
     report: dict[str, Any] = {
@@ -107,17 +112,12 @@ def mesh_report(vertices: np.ndarray, faces: np.ndarray, *, self_intersections: 
 
 def folded_share(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Share of the edges with two faces at which the surface turns by more than 150 degrees."""
-    a, b, c = (vertices[faces[:, i]].astype(np.float64) for i in range(3))
-    normal = np.cross(b - a, c - a)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
-    owner = np.repeat(np.arange(len(faces)), 3)
-    keys = edges[:, 0] * len(vertices) + edges[:, 1]
-    order = np.argsort(keys, kind="stable")
-    same = np.flatnonzero(keys[order][1:] == keys[order][:-1])
-    if len(same) == 0:
+    edges = edges_of(faces)
+    left, right = edges.faces[edges.interior].T
+    if len(left) == 0:
         return 0.0
-    cosine = np.einsum("ei,ei->e", normal[owner[order[same]]], normal[owner[order[same + 1]]])
+    normals = face_normals(vertices, faces)
+    cosine = np.einsum("ei,ei->e", normals[left], normals[right])
     return float((cosine < np.cos(np.radians(150))).mean())
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import inspect, taubin
 from exmesh_graph.geometry.hull import (
     Grid,
     SilhouetteField,
-    signed_volume,
     silhouette_distance,
     surface,
     visual_hull,

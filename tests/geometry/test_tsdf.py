@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import clean_mesh, inspect
-from exmesh_graph.geometry.hull import signed_volume
 from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.types import DepthMaps, Views
 
