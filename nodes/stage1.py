@@ -19,7 +19,7 @@ class InitParams(Params):
         "views", doc="First texture: projected from the photographs, the carrier's own, or plain grey."
     )
     device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
-    threads: int = param(0, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
 class InitOut(NamedTuple):

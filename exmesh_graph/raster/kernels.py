@@ -9,6 +9,9 @@ which is perspective-correct and stays valid when some vertices lie behind the c
 Subtracting the pixel first keeps the cancellation out of float32.
 """
 
+# mypy: ignore-errors
+# Kernels are written in Warp's own language, which only looks like Python.
+
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})

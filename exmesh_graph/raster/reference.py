@@ -41,11 +41,11 @@ def rasterize_reference(
         facing = rays @ normal
         z = (a - origin).dot(normal) / facing
         points = origin + z[:, None] * rays
-        weights = [
+        parts = [
             torch.linalg.cross((q - p).expand_as(points), points - p) @ normal / area
             for p, q in ((b, c), (c, a), (a, b))
         ]
-        weights = torch.stack(weights, dim=1)
+        weights = torch.stack(parts, dim=1)
         hit = (weights >= 0).all(dim=1) & (z > near) & (z < depth)
         if cull_back:
             hit &= facing < 0

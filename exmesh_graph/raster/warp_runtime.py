@@ -23,8 +23,8 @@ def warp() -> Any:
 
     if hasattr(wp.config, "log_level"):
         wp.config.log_level = wp.LOG_WARNING
-    else:  # before Warp 1.12
-        wp.config.quiet = True
+    else:  # earlier versions of Warp have a switch
+        wp.config.quiet = True  # type: ignore[attr-defined]
     if not _cache_is_writable():
         # a read-only home would make every first launch fail: fall back to a private folder of this user
         wp.config.kernel_cache_dir = str(Path(tempfile.gettempdir()) / f"exmesh-warp-{os.getuid()}")
