@@ -167,6 +167,9 @@ def run_app() -> None:
     except ExmeshError as error:
         typer.echo(str(error), err=True)
         sys.exit(2 if error.code == "graph" else 1)
+    except OSError as error:  # a full disk, a folder that may not be written
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(1)
     except KeyboardInterrupt:
         typer.echo("interrupted", err=True)
         sys.exit(130)

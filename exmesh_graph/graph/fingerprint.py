@@ -2,7 +2,7 @@
 
 It covers the node function, the module-level definitions that the function uses (transitively, its Params and output
 classes included), and every project module that these import, transitively and also inside functions. Project modules
-are those of exmesh_graph (but for graph, cli and report, which cannot change a result) and of the node's own pack.
+are those of exmesh_graph (but for graph and cli, which cannot change a result) and of the node's own pack.
 Comments, docstrings, formatting, `param(...)` declarations (their values are in the key) and the `@node(...)`
 decorator do not count. Not seen: modules imported by a computed name, data files of a package (declare `code=` and
 `version=`, or make them sources), and installed libraries (declare `libraries=`).
@@ -23,7 +23,7 @@ from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.node import NodeDef
 
 OWN = "exmesh_graph"
-IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.report")
+IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli")
 
 
 @dataclass(frozen=True)

@@ -275,6 +275,35 @@ def test_shipped_graphs_lack_at_most_their_data(path: Path) -> None:
     assert problems == []
 
 
+PROBE = """
+import sys
+from exmesh_graph.cli import main
+sys.argv = ["exmesh", "run", "g.yaml"]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code
+print("LOADED", *[name for name in ("torch", "open3d", "scipy", "skimage", "warp", "pxr") if name in sys.modules])
+"""
+
+
+def test_a_run_of_nothing_but_hits_loads_nothing_heavy(folder: Path) -> None:
+    scene = ROOT / "graphs" / "samples" / "spot"
+    (folder / "g.yaml").write_text(
+        f"nodes:\n  views: {{type: data.blender, path: {scene}, downscale: 8, max_views: 4}}\n"
+        '  hull: {type: init.visual_hull, views: "@views.train", resolution: 16}\n'
+    )
+    shown = []
+    for _ in range(2):
+        words = [sys.executable, "-c", PROBE]
+        done = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        shown.append(done.stdout)
+    assert "scipy" in shown[0].split("LOADED")[1]
+    assert "2 from the store, 0 run" in shown[1]
+    assert shown[1].split("LOADED")[1].split() == []
+
+
 def test_the_graph_in_the_docs(folder: Path) -> None:
     text = (ROOT / "docs" / "graph_files.md").read_text().split("```yaml\n")[1].split("```")[0]
     (folder / "base.yaml").write_text("nodes: {}\n")

@@ -6,6 +6,7 @@ import importlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -169,7 +170,30 @@ def test_an_edit_during_the_run_is_noticed(pack: tuple[Path, Take]) -> None:
     assert fp.sources_changed(definition) == ["fp_pack.deep"]
 
 
-def test_types_package_is_followed_by_name() -> None:
+def test_every_library_module_that_a_node_imports_counts(packs: Any) -> None:
+    """A walk over the imports of each built-in node's module finds nothing that its nodes' fingerprints all miss."""
+    import ast
+
+    from exmesh_graph.graph.node import REGISTRY
+
+    covered: dict[str, set[str]] = {}
+    for definition in list(REGISTRY.values()):
+        module = definition.function.__module__
+        if module.startswith("exmesh_nodes."):
+            covered.setdefault(module, set()).update(fp.fingerprint(definition).modules)
+    assert len(covered) >= 5
+    for module, found in covered.items():
+        tree = ast.parse(Path(sys.modules[module].__file__ or "").read_text())
+        wanted = {
+            item.module
+            for item in ast.walk(tree)
+            if isinstance(item, ast.ImportFrom) and (item.module or "").startswith("exmesh_graph.")
+        }
+        wanted = {name for name in wanted if fp._module(name).exports is None}
+        assert {name for name in wanted if not name.startswith(fp.IGNORED)} <= found, module
+
+
+def test_types_package_is_followed_by_name(packs: Any) -> None:
     from toy_pack import nodes
 
     from exmesh_graph.graph.node import REGISTRY
