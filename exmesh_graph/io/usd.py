@@ -15,6 +15,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,13 @@ from exmesh_graph.io.usd_checks import check_asset, check_name
 from exmesh_graph.io.usd_mesh import mesh_report, scene_geometry
 from exmesh_graph.io.usd_package import write_usdz
 from exmesh_graph.io.usd_read import UsdContents, read_usd
+from exmesh_graph.io.usd_stage import (
+    StageContent,
+    author_asset_layer,
+    author_flat_layer,
+    author_scene_layer,
+    save_layer,
+)
 from exmesh_graph.io.usd_textures import prepare_maps, write_environment, write_map
 from exmesh_graph.io.usd_validate import Problem, validate_usd
 from exmesh_graph.types import Asset, Frame
@@ -59,8 +67,7 @@ def write_usd(
     if folder.exists():
         raise DataError("the target exists", where=str(folder), fix="remove it, or export to another folder")
     maps, report = prepare_maps(asset, roughness_floor=roughness_floor, dilation=dilation)
-    points, normals, rotation, scale = scene_geometry(asset, frame)
-    report |= mesh_report(asset) | scale
+    content = _content(name, asset, frame, maps, report)
 
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
@@ -71,7 +78,11 @@ def write_usd(
         error = write_environment(partial / "env.exr", asset.environment)
         report["environment_size"] = [int(n) for n in asset.environment.shape[:2]]
         report["environment_rounding"] = float(f"{error:.3g}")
-        _write_layers(partial, name, asset, maps, points, normals, rotation, report, provenance or {})
+        plain = {key: value for key, value in report.items() if isinstance(value, str | int | float)}
+        content = replace(
+            content, provenance={"tool": "exmesh-graph", "version": __version__, **plain, **(provenance or {})}
+        )
+        _write_layers(partial, content)
         text = json.dumps(report, sort_keys=True, indent=1, allow_nan=False)
         (partial / "export.json").write_text(text + "\n", encoding="utf-8")
         partial.chmod(0o755)
@@ -82,29 +93,14 @@ def write_usd(
     return report
 
 
-def _write_layers(
-    folder: Path,
-    name: str,
-    asset: Asset,
-    maps: Mapping[str, np.ndarray],
-    points: np.ndarray,
-    normals: np.ndarray,
-    rotation: np.ndarray,
-    report: Mapping[str, Any],
-    provenance: Mapping[str, str | int | float],
-) -> None:
-    from pxr import Sdf
-
-    from exmesh_graph.io.usd_stage import (
-        StageContent,
-        author_asset_layer,
-        author_flat_layer,
-        author_scene_layer,
-    )
-
-    plain = {key: value for key, value in report.items() if isinstance(value, str | int | float)}
+def _content(
+    name: str, asset: Asset, frame: Frame | None, maps: Mapping[str, np.ndarray], report: dict[str, Any]
+) -> StageContent:
+    """The prims' data in scene units; what is found out on the way is added to `report`."""
+    points, normals, rotation, scale = scene_geometry(asset, frame)
+    report |= mesh_report(asset) | scale
     used, inverse = np.unique(asset.uv_faces, return_inverse=True)  # only the texture vertices that faces use
-    content = StageContent(
+    return StageContent(
         name=name,
         points=points,
         normals=normals,
@@ -114,17 +110,14 @@ def _write_layers(
         maps=tuple(sorted(maps)),
         metres_per_unit=float(report["metres_per_unit"]),
         rotation=rotation,
-        provenance={"tool": "exmesh-graph", "version": __version__, **plain, **provenance},
     )
-    # Layers are written by Save, never by UsdStage.Export: that one turns relative asset paths into absolute ones.
-    for file, author in (("asset.usdc", author_asset_layer), ("flat.usdc", author_flat_layer)):
-        layer = Sdf.Layer.CreateNew(str(folder / file))
-        author(layer, content)
-        layer.Save()
-    layer = Sdf.Layer.CreateNew(str(folder / "scene.usda"))
-    author_scene_layer(layer, content, "./asset.usdc")
-    layer.Save()
-    members = [("asset.usdc", folder / "flat.usdc"), ("env.exr", folder / "env.exr")]
-    members += [(f"textures/{map_name}.png", folder / "textures" / f"{map_name}.png") for map_name in sorted(maps)]
-    write_usdz(folder / "asset.usdz", members)
-    (folder / "flat.usdc").unlink()
+
+
+def _write_layers(folder: Path, content: StageContent) -> None:
+    save_layer(folder / "asset.usdc", author_asset_layer, content)
+    save_layer(folder / "scene.usda", author_scene_layer, content)
+    flat = folder / "flat.usdc"
+    save_layer(flat, author_flat_layer, content)
+    textures = [(f"textures/{name}.png", folder / "textures" / f"{name}.png") for name in content.maps]
+    write_usdz(folder / "asset.usdz", [("asset.usdc", flat), ("env.exr", folder / "env.exr"), *textures])
+    flat.unlink()

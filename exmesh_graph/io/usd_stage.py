@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdShade, Vt
 
+from exmesh_graph.errors import DataError
+
+ASSET_FILE = "./asset.usdc"  # also the root layer's name inside the package
 TEXTURE_FOLDER = "./textures"
 ENVIRONMENT_FILE = "./env.exr"
 
@@ -38,6 +43,17 @@ class StageContent:
         return np.stack([self.points.min(0), self.points.max(0)])
 
 
+def save_layer(path: Path, author: Callable[[Sdf.Layer, StageContent], None], content: StageContent) -> None:
+    """Write a new layer file; DataError when USD cannot.
+
+    By Save, never by UsdStage.Export: that one turns relative asset paths into absolute ones.
+    """
+    layer = Sdf.Layer.CreateNew(str(path))
+    author(layer, content)
+    if not layer.Save():
+        raise DataError("USD could not write the layer", where=str(path), fix="check space and permissions")
+
+
 def author_asset_layer(layer: Sdf.Layer, content: StageContent) -> None:
     """The light-free component `/<name>` with Scopes geo and mtl: what other scenes reference."""
     stage = _open(layer, content)
@@ -45,12 +61,12 @@ def author_asset_layer(layer: Sdf.Layer, content: StageContent) -> None:
     stage.SetDefaultPrim(root.GetPrim())
 
 
-def author_scene_layer(layer: Sdf.Layer, content: StageContent, asset_file: str) -> None:
-    """An assembly `/scene` that references `asset_file` and adds the recovered light."""
+def author_scene_layer(layer: Sdf.Layer, content: StageContent) -> None:
+    """An assembly `/scene` that references the component's file and adds the recovered light."""
     stage = _open(layer, content)
     scene = _define_scene(stage, content)
     model = UsdGeom.Xform.Define(stage, scene.GetPath().AppendChild(content.name))
-    model.GetPrim().GetReferences().AddReference(asset_file)
+    model.GetPrim().GetReferences().AddReference(ASSET_FILE)
 
 
 def author_flat_layer(layer: Sdf.Layer, content: StageContent) -> None:
@@ -89,6 +105,7 @@ def _define_asset(stage: Usd.Stage, path: Sdf.Path, content: StageContent) -> Us
     model = Usd.ModelAPI(prim)
     model.SetKind(Kind.Tokens.component)
     model.SetAssetName(content.name)
+    model.SetAssetIdentifier(Sdf.AssetPath(ASSET_FILE))
     model.SetAssetVersion("1")
     UsdGeom.ModelAPI.Apply(prim).SetExtentsHint(Vt.Vec3fArray.FromNumpy(content.extent))
     prim.SetCustomDataByKey("recon", content.provenance)

@@ -77,6 +77,8 @@ def test_stage_metadata_kinds_and_binding(exported):
     model = stage.GetPrimAtPath("/scene/asset")
     assert Usd.ModelAPI(stage.GetDefaultPrim()).GetKind() == "assembly"
     assert Usd.ModelAPI(model).GetKind() == "component"
+    assert Usd.ModelAPI(model).GetAssetName() == "asset"
+    assert Usd.ModelAPI(model).GetAssetIdentifier().path == "./asset.usdc"
     assert {str(child.GetTypeName()) for child in model.GetChildren()} == {"Scope"}
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/scene/asset/geo/mesh"))
     assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
