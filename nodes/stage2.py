@@ -29,6 +29,7 @@ class FitParams(Params):
     min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
     roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
     roughness_start: float = param(0.5, gt=0, lt=1, doc="Neutral roughness at the start.")
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
 class FitOut(NamedTuple):
@@ -46,11 +47,14 @@ def fit(
     p: FitParams,
 ) -> FitOut:
     """Recover base colour, roughness and environment from the training views (paper, section 5)."""
+    from exmesh_graph.stage1.threads import torch_threads
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.settings import FitSettings
 
     def progress(step: int, total: int, figures: dict[str, float]) -> None:
         ctx.progress(step, total, **figures)
 
-    asset, curves = run(carrier, views, transport, FitSettings(**p.model_dump()), seed=ctx.seed, progress=progress)
+    settings = FitSettings(**p.model_dump(exclude={"threads"}))
+    with torch_threads(p.threads):
+        asset, curves = run(carrier, views, transport, settings, seed=ctx.seed, progress=progress)
     return FitOut(asset, Metrics({"curves": curves}))

@@ -1,0 +1,128 @@
+"""Stage II, error against seconds: transport and fit on a scene with known truth, scored on unseen views and lights.
+
+    python benchmarks/stage2.py graphs/samples/spot                          # the true mesh as carrier
+    python benchmarks/stage2.py graphs/samples/spot --carrier FOLDER         # a stored Stage1State or Carrier
+    python benchmarks/stage2.py graphs/samples/spot --set corrections=0 --set ssim_weight=0.2 --iterations 100 400
+
+One line per number of iterations: seconds (wall clock and processor) of transport and fit, held-out and relit PSNR,
+albedo PSNR after the median scale, roughness MSE. --out writes the same as JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from exmesh_nodes import data, stage1, transport, uv
+
+from exmesh_graph.report.scores import score_asset
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.types import Carrier, Mesh
+
+#: The quickstart's schedule: short, with the weights chosen in docs/stage2.md.
+QUICK = FitSettings(
+    texture_size=512,
+    environment_height=64,
+    iterations=400,
+    material_rate=0.1,
+    environment_rate=0.4,
+    ssim_weight=0.0,
+    material_weight=0.01,
+    environment_weight=0.002,
+    indirect_ramp=50,
+    corrections=2,
+)
+
+
+class Quiet:
+    """The context that nodes ask for."""
+
+    node, scratch = "benchmark", Path()
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+
+    def progress(self, step: int, total: int, **figures: float) -> None: ...
+    def log(self, message: str) -> None: ...
+    def warn(self, message: str) -> None:
+        print("warning:", message)
+
+
+def main() -> None:
+    options = arguments()
+    torch.set_num_threads(options.threads)
+    ctx = Quiet(options.seed)
+    scene = data.blender(ctx, p=data.BlenderParams(path=options.scene, downscale=options.downscale))
+    carrier = Carrier.load(options.carrier) if options.carrier else true_carrier(ctx, scene)
+    print(f"{len(carrier.vertices)} vertices, {len(carrier.faces)} faces, {len(scene.train)} training views")
+    began, busy = time.perf_counter(), time.process_time()
+    light = transport.direct(ctx, carrier, p=transport.DirectParams(directions=options.directions)).transport
+    if options.bounces:
+        light = transport.bounce(ctx, light, p=transport.BounceParams(bounces=options.bounces)).transport
+    traced = (time.perf_counter() - began, time.process_time() - busy)
+    rows = []
+    for iterations in options.iterations:
+        settings = replace(QUICK, **{**dict(options.set), "iterations": iterations})
+        began, busy = time.perf_counter(), time.process_time()
+        asset, curves = fit(carrier, scene.train, light, settings, seed=options.seed)
+        seconds = (time.perf_counter() - began + traced[0], time.process_time() - busy + traced[1])
+        scores = score_asset(asset, scene.test, scene.truth, scene.train).values
+        row = {
+            "iterations": iterations,
+            "seconds": seconds[0],
+            "processor_seconds": seconds[1],
+            "transport_seconds": traced[0],
+            "scores": scores,
+            "curves": curves,
+        }
+        rows.append(row)
+        figures = "  ".join(f"{h['label']} {h['value']:.4g}" for h in scores["headline"])
+        print(f"{iterations:6d} iterations  {seconds[0]:6.1f} s ({seconds[1]:.1f} busy)  {figures}", flush=True)
+        if options.out:
+            options.out.mkdir(parents=True, exist_ok=True)
+            (options.out / "stage2.json").write_text(json.dumps(rows, indent=1) + "\n")
+            asset_folder = options.out / f"asset_{iterations}"
+            asset_folder.mkdir(exist_ok=True)
+            asset.save(asset_folder)
+
+
+def true_carrier(ctx: Quiet, scene: data.BlenderOut) -> Carrier:
+    """The scene's true mesh in an atlas of our own, coloured from the photographs."""
+    vertices, inverse = np.unique(np.round(scene.truth.mesh_vertices, 6), axis=0, return_inverse=True)
+    faces = inverse.reshape(-1)[scene.truth.mesh_faces].astype(np.int32)
+    mesh = Mesh(vertices.astype(np.float32), faces)
+    atlas = uv.xatlas_unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=512)).carrier
+    return stage1.init(ctx, atlas, scene.train, p=stage1.InitParams()).state
+
+
+def assignment(text: str) -> tuple[str, object]:
+    name, _, value = text.partition("=")
+    try:
+        return name, json.loads(value)
+    except json.JSONDecodeError:
+        return name, value
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--carrier", type=Path, help="folder of a stored Carrier or Stage1State")
+    parser.add_argument("--iterations", type=int, nargs="+", default=[100, 200, 400, 800])
+    parser.add_argument("--directions", type=int, default=128)
+    parser.add_argument("--bounces", type=int, default=1)
+    parser.add_argument("--downscale", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--set", type=assignment, action="append", default=[], metavar="SETTING=VALUE")
+    parser.add_argument("--out", type=Path)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
