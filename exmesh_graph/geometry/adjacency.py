@@ -128,9 +128,9 @@ def next_halfedge(h: np.ndarray) -> np.ndarray:
     return h - h % 3 + (h + 1) % 3
 
 
-def boundary_edges(faces: np.ndarray) -> np.ndarray:
+def boundary_edges(faces: np.ndarray, edges: Edges | None = None) -> np.ndarray:
     """int64 [B, 2], the directed half-edges (start, end) that have no partner."""
-    edges = edges_of(faces)
+    edges = edges_of(faces) if edges is None else edges
     h = edges.halfedges[edges.count == 1, 0]
     flat = faces.reshape(-1)
     return np.stack([flat[h], flat[next_halfedge(h)]], axis=1).astype(np.int64)
@@ -145,9 +145,9 @@ def vertex_degrees(faces: np.ndarray, n_vertices: int, edges: Edges | None = Non
 def neighbours(faces: np.ndarray, n_vertices: int, edges: Edges | None = None) -> tuple[np.ndarray, np.ndarray]:
     """(offsets int64 [V + 1], indices): the neighbours of v, ascending, are indices[offsets[v]:offsets[v + 1]]."""
     edges = edges_of(faces) if edges is None else edges
-    start = np.concatenate([edges.vertices[:, 0], edges.vertices[:, 1]])
-    end = np.concatenate([edges.vertices[:, 1], edges.vertices[:, 0]])
-    order = np.lexsort((end, start))
+    low, high = edges.vertices.T
+    start, end = np.concatenate([high, low]), np.concatenate([low, high])
+    order = np.argsort(start, kind="stable")  # the edge table is sorted: lower neighbours, then higher ones, ascending
     offsets = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=n_vertices))])
     return offsets, end[order]
 

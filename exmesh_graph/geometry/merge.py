@@ -63,7 +63,7 @@ def merge(
     settings: MergeSettings | None = None,
     *,
     min_faces: int = 4,
-    max_rounds: int = 8,
+    max_rounds: int = 4,
     seed: int = 0,
 ) -> Topology:
     """Collapse edges of small degenerate or never rendered faces, round after round while there are any.
@@ -200,8 +200,10 @@ def _orient(
     degree = vertex_degrees(faces, n, edges)
     on_boundary = np.zeros(n, bool)
     on_boundary[edges.vertices[edges.count == 1].reshape(-1)] = True
-    pairs = np.unique(np.stack([flat, state.uv_faces.reshape(-1)], axis=1), axis=0)
-    on_seam = np.bincount(pairs[:, 0], minlength=n) > 1
+    owner = np.full(len(state.uvs), -1, np.int64)
+    owner[state.uv_faces.reshape(-1)] = flat  # a UV belongs to one vertex
+    used = np.flatnonzero(owner >= 0)
+    on_seam = np.bincount(owner[used], minlength=n) > 1
     fixed = 2 * on_boundary.astype(np.int64) + on_seam
     i_goes = np.where(
         fixed[i] != fixed[j],
@@ -212,16 +214,16 @@ def _orient(
     legal = edges.count[edge] <= 2
     legal &= ~((edges.count[edge] == 2) & on_boundary[i] & on_boundary[j])
     removed = np.where(i_goes, i, j)
-    bend = np.minimum(_outline_cosine(state.vertices, faces), 1.0)
-    uv_bend = _outline_cosine(state.uvs, state.uv_faces)
-    np.minimum.at(bend, pairs[:, 0], uv_bend[pairs[:, 1]])
+    bend = _outline_cosine(state.vertices, faces, edges)
+    uv_bend = _outline_cosine(state.uvs, state.uv_faces, edges_of(state.uv_faces))
+    np.minimum.at(bend, owner[used], uv_bend[used])
     legal &= np.round(bend[removed], 6) >= settings.outline_cosine
     return removed, np.where(i_goes, j, i), legal
 
 
-def _outline_cosine(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def _outline_cosine(points: np.ndarray, faces: np.ndarray, edges: Edges) -> np.ndarray:
     """float64 [V]: cosine of the turn that the border makes at each vertex; 1 inside, -1 where borders meet."""
-    border = boundary_edges(faces)
+    border = boundary_edges(faces, edges)
     start, end = border.T
     n = len(points)
     arrives, leaves = np.full((2, n, points.shape[1]), np.nan)

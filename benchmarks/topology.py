@@ -1,0 +1,214 @@
+"""Topology and atlas operations: seconds, and what they do to the mesh.
+
+    python benchmarks/topology.py                                  # spot of the sample scene, subdivided to size
+    python benchmarks/topology.py --faces 20000 80000 --atlas 512 1024 --json topology.json
+
+Prints one line per operation: seconds (best of --repeats, one process), faces before and after, and a figure of
+error or quality. Each figure can be measured again with the same command; ratios matter more than absolute times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph.geometry.merge import MergeSettings, merge
+from exmesh_graph.geometry.quality import mesh_quality
+from exmesh_graph.geometry.split import SplitSettings, plan_splits, split
+from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.uv.maintain import check_atlas
+from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
+from exmesh_graph.uv.unwrap import unwrap
+
+SAMPLE = Path(__file__).parent.parent / "graphs" / "samples" / "spot" / "mesh" / "mesh.obj"
+Result = list[dict[str, Any]]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--mesh", type=Path, default=SAMPLE, help="an OBJ file")
+    parser.add_argument("--faces", type=int, nargs="+", default=[20_000, 80_000, 200_000])
+    parser.add_argument("--atlas", type=int, nargs="+", default=[512, 2048], help="texture sizes")
+    parser.add_argument("--atlas-faces", type=int, nargs="+", default=[5_856, 20_000, 30_000])
+    parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+
+    rows: Result = []
+    vertices, faces = load_obj(args.mesh)
+    start = (vertices, faces, *unwrap(vertices, faces, 1024))
+    for settings in variants():
+        split_quality(rows, start, settings)
+    for n in args.faces:
+        rounds(rows, start, n, args.repeats)
+    for n in args.atlas_faces:
+        mesh = to_size(start, n)
+        for size in args.atlas:
+            atlas(rows, mesh[:2], size, args.repeats)
+    transfer(rows, start[:2])
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+def variants() -> list[SplitSettings]:
+    return [
+        SplitSettings(),
+        SplitSettings(edge_degrees="endpoints"),
+        SplitSettings(max_degree=99),
+        SplitSettings(edge_degrees="endpoints", max_degree=99),
+        SplitSettings(position="midpoint"),
+        SplitSettings(position="random"),
+    ]
+
+
+def split_quality(rows: Result, mesh: tuple, settings: SplitSettings) -> None:
+    """What choices of edge and position do to the triangles, from the sample's faces to 20 000."""
+    gradient = np.random.default_rng(0).random(len(mesh[0])).astype(np.float32)
+    done = split(*mesh, gradient, 20_000, settings)
+    quality = mesh_quality(done.vertices, done.faces)
+    keep = ("edge_cv", "min_angle_mean", "min_angle_p1", "slivers", "degree_max", "degree_std")
+    name = f"split to 20K, degrees {settings.edge_degrees}, at {settings.position}, degree < {settings.max_degree}"
+    report(rows, name, None, len(mesh[1]), len(done.faces), **{k: round(quality[k], 4) for k in keep})
+
+
+def rounds(rows: Result, mesh: tuple, n: int, repeats: int) -> None:
+    """One split round, a call that grows by half, one merge with a fifth of the faces unseen, one subdivision."""
+    mesh = to_size(mesh, n)
+    vertices, faces, *_ = mesh
+    rng = np.random.default_rng(0)
+    gradient = rng.random(len(vertices)).astype(np.float32)
+    rendered = (rng.random(len(faces)) > 0.2).astype(np.int64)
+    settings = SplitSettings()
+    seconds, plan = best(lambda: plan_splits(vertices, faces, gradient, 4 * n, settings), repeats)
+    report(rows, "split: plan of one round", seconds, len(faces), len(faces) + 2 * len(plan[0]))
+    seconds, done = best(lambda: split(*mesh, gradient, 4 * n, settings, max_rounds=1), repeats)
+    report(rows, "split: one round", seconds, len(faces), len(done.faces))
+    seconds, done = best(lambda: split(*mesh, gradient, int(1.5 * n), settings), repeats)
+    report(rows, "split: growth 1.5", seconds, len(faces), len(done.faces), rounds=len(done.map.steps))
+    seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings(), max_rounds=1), repeats)
+    report(rows, "merge: one round", seconds, len(faces), len(done.faces))
+    seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings()), repeats)
+    report(rows, "merge: up to 8 rounds", seconds, len(faces), len(done.faces))
+    seconds, four = best(lambda: subdivide(*mesh), repeats)
+    report(rows, "subdivide", seconds, len(faces), len(four.faces))
+
+
+def atlas(rows: Result, mesh: tuple, size: int, repeats: int) -> None:
+    vertices, faces = mesh
+    seconds, (uvs, uv_faces) = best(lambda: unwrap(vertices, faces, size), repeats)
+    figures = check_atlas(vertices, faces, uvs, uv_faces, size)
+    report(
+        rows,
+        f"unwrap {size}",
+        seconds,
+        len(faces),
+        len(faces),
+        charts=figures.charts,
+        covered=round(figures.covered, 3),
+        stretch=round(figures.stretch, 3),
+        flipped=figures.flipped,
+    )
+    for margin in (0.0, 1.5):
+        seconds, (face_id, _) = best(lambda: rasterize_atlas(uvs, uv_faces, size, margin=margin), repeats)  # noqa: B023
+        report(
+            rows,
+            f"rasterize {size}, margin {margin}",
+            seconds,
+            len(faces),
+            len(faces),
+            covered=round(float((face_id >= 0).mean()), 3),
+        )
+
+
+def transfer(rows: Result, mesh: tuple, size: int = 512) -> None:
+    """PSNR at surface points after one to four changes of atlas, of a checkerboard with edges two texels wide."""
+    vertices, faces = mesh
+    atlases = [unwrap(vertices, faces, size, max_cost=cost) for cost in (2.0, 8.0)]
+    rng = np.random.default_rng(0)
+    face, bary = rng.integers(0, len(faces), 100_000), rng.dirichlet([1, 1, 1], 100_000)
+    texture = checkerboard(vertices, faces, *atlases[0], size)
+
+    def seen(picture: np.ndarray, uvs: np.ndarray, uv_faces: np.ndarray) -> np.ndarray:
+        return sample_bilinear(picture, np.einsum("nk,nkc->nc", bary, uvs[uv_faces[face]].astype(np.float64)))
+
+    want = seen(texture, *atlases[0])
+    for sharpen in (0, 1, 2):
+        moved, figures = texture, []
+        seconds = 0.0
+        for turn in range(4):
+            source, target = atlases[turn % 2], atlases[(turn + 1) % 2]
+            begin = time.perf_counter()
+            moved = transfer_texture({"t": moved}, *source, *target, size, sharpen=sharpen, bounds=(0, 1))[0]["t"]
+            seconds += (time.perf_counter() - begin) / 4
+            figures.append(round(float(-10 * np.log10(np.mean((seen(moved, *target) - want) ** 2))), 1))
+        report(rows, f"transfer {size}, {sharpen} corrections", seconds, len(faces), len(faces), psnr=figures)
+
+
+def checkerboard(
+    vertices: np.ndarray, faces: np.ndarray, uvs: np.ndarray, uv_faces: np.ndarray, size: int, cell: float = 16.0
+) -> np.ndarray:
+    face_id, bary = rasterize_atlas(uvs, uv_faces, size, margin=1.5)
+    hit = face_id >= 0
+    d = np.diff(uvs[uv_faces].astype(np.float64), axis=1)
+    uv_area = 0.5 * np.abs(d[:, 0, 0] * d[:, 1, 1] - d[:, 0, 1] * d[:, 1, 0]).sum()
+    p = vertices[faces].astype(np.float64)
+    area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1).sum()
+    w = np.pi / (cell * np.sqrt(area / uv_area) / size)
+    points = np.einsum("nk,nkc->nc", bary[hit], p[face_id[hit]])
+    texture = np.full((size, size, 1), 0.5, np.float32)
+    texture[hit, 0] = 0.5 + 0.5 * np.prod(np.clip(np.sin(points * w) * cell * 0.32, -1, 1), axis=1)
+    return texture
+
+
+def to_size(mesh: tuple, n: int) -> tuple:
+    """Split the mesh to n faces without using the function that is timed on it: uniform first, then the rest."""
+    while 4 * len(mesh[1]) <= n:
+        done = subdivide(*mesh)
+        mesh = (done.vertices, done.faces, done.uvs, done.uv_faces)
+    if len(mesh[1]) < n:
+        done = split(*mesh, np.zeros(len(mesh[0])), n, SplitSettings(criterion="area"))
+        mesh = (done.vertices, done.faces, done.uvs, done.uv_faces)
+    return mesh
+
+
+def load_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and triangles of an OBJ file, vertices at one place joined."""
+    vertices, faces = [], []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        words = line.split()
+        if words[:1] == ["v"]:
+            vertices.append([float(x) for x in words[1:4]])
+        elif words[:1] == ["f"]:
+            ring = [int(word.split("/")[0]) - 1 for word in words[1:]]
+            faces.extend([ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1))
+    joined, index = np.unique(np.array(vertices, np.float32), axis=0, return_inverse=True)
+    return joined, index.reshape(-1)[np.array(faces)].astype(np.int32)
+
+
+def best(function: Callable[[], Any], repeats: int) -> tuple[float, Any]:
+    times, result = [], None
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        result = function()
+        times.append(time.perf_counter() - begin)
+    return min(times), result
+
+
+def report(rows: Result, name: str, seconds: float | None, before: int, after: int, **figures: Any) -> None:
+    rows.append({"operation": name, "seconds": seconds, "faces_before": before, "faces_after": after, **figures})
+    timing = "       " if seconds is None else f"{seconds:6.3f} s"
+    print(
+        f"{name:<72} {timing}  {before:>7} -> {after:<7} " + ", ".join(f"{k} {v}" for k, v in figures.items()),
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    main()
