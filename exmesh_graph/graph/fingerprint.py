@@ -42,8 +42,8 @@ def fingerprint(definition: NodeDef) -> Fingerprint:
 
 
 def sources_changed(definition: NodeDef) -> list[str]:
-    """Modules of the fingerprint whose files were edited since: what ran may not be what was fingerprinted."""
-    return [name for name in fingerprint(definition).modules if _module(name).stamp != _stamp(_module(name).path)]
+    """Modules of the fingerprint whose code was edited since: what ran may not be what was fingerprinted."""
+    return [name for name in fingerprint(definition).modules if _edited(_module(name))]
 
 
 @functools.cache
@@ -142,6 +142,15 @@ def _module(name: str) -> _Module:
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     stamp = _stamp(path)
     return _Module(name, ast.parse(path.read_bytes(), str(path)), package, path, stamp)
+
+
+def _edited(module: _Module) -> bool:
+    if module.stamp == _stamp(module.path):
+        return False
+    try:
+        return _sha(_normalised(ast.parse(module.path.read_bytes()))) != module.digest
+    except (OSError, SyntaxError):
+        return True
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

@@ -166,6 +166,8 @@ def test_an_edit_during_the_run_is_noticed(pack: tuple[Path, Take]) -> None:
     fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
     definition = NodeDef("t", fake, "1")
     assert fp.sources_changed(definition) == []
+    edit(root, "helpers.py", "return base(x)", "return base(x)  # only a comment")
+    assert fp.sources_changed(definition) == []
     edit(root, "deep.py", "return x", "return x + 100")
     assert fp.sources_changed(definition) == ["fp_pack.deep"]
 
