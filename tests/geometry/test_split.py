@@ -24,7 +24,7 @@ from exmesh_graph.geometry.split import (
     split,
 )
 
-slow_but_few = settings(max_examples=50, deadline=None)
+slow_but_few = settings(max_examples=30, deadline=None)
 
 
 @slow_but_few
