@@ -66,7 +66,8 @@ def asset(
 ) -> ScoredOut:
     """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object; pictures."""
     from exmesh_graph.report.galleries import asset_gallery
-    from exmesh_graph.report.scores import Quality, score_asset
+    from exmesh_graph.report.renders import Quality
+    from exmesh_graph.report.scores import score_asset
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     scores = score_asset(asset, views, truth, train, max_views=p.max_views, quality=quality, progress=ctx.progress)

@@ -8,7 +8,7 @@ inside our own silhouette.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,12 +18,18 @@ from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import display
 from exmesh_graph.metrics.image import psnr, ssim
 from exmesh_graph.metrics.material import albedo_psnr, albedo_scale, roughness_mse
-from exmesh_graph.types import Asset, SceneTruth, Transport, Views
-
-GRAY_ALBEDO = 0.5
-GRAY_ROUGHNESS = 0.5
-
-Progress = Callable[[int, int], None]
+from exmesh_graph.report.renders import (
+    GRAY_ALBEDO,
+    GRAY_ROUGHNESS,
+    Progress,
+    Quality,
+    Renderer,
+    Steps,
+    gray_object,
+    shown,
+    take,
+)
+from exmesh_graph.types import Asset, SceneTruth, Views
 
 
 @dataclass
@@ -41,17 +47,6 @@ class AssetScores:
     relit: dict[str, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
     albedo: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
     roughness: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Quality:
-    """How finely the scored images are rendered."""
-
-    supersampling: int = 2
-    specular_samples: int = 12
-    directions: int = 256
-    bounces: int = 2
-    seed: int = 0
 
 
 def score_asset(
@@ -74,11 +69,11 @@ def score_asset(
     known = {name: index for index, name in enumerate(truth.names)} if truth is not None else {}
     paired = [(i, known[views.names[i]]) for i in chosen if views.names[i] in known]
     lights = sorted(truth.relit) if truth is not None and paired else []
-    steps = _Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired))
-    ours = _Renderer(asset, views, quality, steps)
+    steps = Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired))
+    ours = Renderer(asset, views, quality, steps)
     # A rough gray surface needs few specular samples.
     coarse = replace(quality, specular_samples=max(1, quality.specular_samples // 3))
-    guess = _Renderer(gray_object(asset, truth), views, coarse, steps)
+    guess = Renderer(gray_object(asset, truth), views, coarse, steps)
     scores = AssetScores({"headline": [], "floor": {}}, chosen)
 
     rendered = ours.render(chosen)
@@ -88,7 +83,7 @@ def score_asset(
     if truth is None or not paired:
         return scores
     rows = [chosen.index(i) for i, _ in paired]
-    scale = _score_materials(scores, _take(rendered, rows), views, truth, paired, headline)
+    scale = _score_materials(scores, take(rendered, rows), views, truth, paired, headline)
     if lights:
         _score_relit(scores, ours, guess, truth, lights, paired, scale)
         relit = scores.values["relit"]
@@ -96,24 +91,6 @@ def score_asset(
             1, _headline("Relit PSNR", relit["psnr"], "dB", scores.values["floor"]["relit_psnr"], "relit PSNR")
         )
     return scores
-
-
-def gray_object(asset: Asset, truth: SceneTruth | None) -> Asset:
-    """The uninformed guess: the true shape (ours where none is known) in uniform gray under uniform light of 1."""
-    vertices, faces = asset.vertices, asset.faces
-    if truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None:
-        vertices, faces = truth.mesh_vertices, truth.mesh_faces
-    return Asset(
-        vertices=vertices,
-        faces=faces,
-        uvs=np.full((1, 2), 0.5, np.float32),
-        uv_faces=np.zeros((len(faces), 3), np.int32),
-        texture=np.full((2, 2, 3), 0.5, np.float32),
-        base_color=np.full((2, 2, 3), GRAY_ALBEDO, np.float32),
-        roughness=np.full((2, 2), GRAY_ROUGHNESS, np.float32),
-        seen=np.ones((2, 2), bool),
-        environment=np.ones((16, 32, 3), np.float32),
-    )
 
 
 def compare(ours: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> tuple[list[float], list[float]]:
@@ -129,72 +106,29 @@ def spread(count: int, at_most: int) -> list[int]:
     return [int((k + 0.5) * count / at_most) for k in range(at_most)]
 
 
-class _Steps:
-    """Counts rendered views for the progress bar."""
-
-    def __init__(self, progress: Progress | None, total: int) -> None:
-        self.progress, self.total, self.done = progress, total, 0
-
-    def __call__(self, *_: int) -> None:
-        self.done += 1
-        if self.progress:
-            self.progress(self.done, self.total)
-
-
-class _Renderer:
-    """Renders one shape at the cameras of `views`, tracing its light transport once."""
-
-    def __init__(self, asset: Asset, views: Views, quality: Quality, steps: _Steps) -> None:
-        self.asset, self.views, self.quality, self.steps = asset, views, quality, steps
-        self._transport: Transport | None = None
-
-    def render(
-        self, chosen: Sequence[int], *, environment: np.ndarray | None = None, scale: np.ndarray | None = None
-    ) -> Any:
-        """`stage2.render.Rendered` of the chosen views; `scale` [3] multiplies the albedo."""
-        from exmesh_graph.stage2.render import render_transport, render_views
-
-        if self._transport is None:
-            self._transport = render_transport(self.asset, self.quality.bounces, self.quality.directions)
-        asset = self.asset
-        if scale is not None:
-            scaled = np.clip(asset.base_color * scale.astype(np.float32), 0.0, 1.0)
-            asset = replace(asset, base_color=scaled)
-        return render_views(
-            asset,
-            self.views.intrinsics[list(chosen)],
-            self.views.camera_to_world[list(chosen)],
-            self.views.height,
-            self.views.width,
-            environment=environment,
-            transport=self._transport,
-            bounces=self.quality.bounces,
-            supersampling=self.quality.supersampling,
-            specular_samples=self.quality.specular_samples,
-            seed=self.quality.seed,
-            progress=self.steps,
-        )
-
-
 def _score_held_out(
     scores: AssetScores,
     rendered: Any,
-    guess: _Renderer,
+    guess: Renderer,
     views: Views,
     chosen: Sequence[int],
     train: Views | None,
 ) -> float:
     """Fill `held_out`; returns the floor."""
-    shown = [display(image, alpha) for image, alpha in zip(rendered.images, rendered.alpha, strict=True)]
+    pictures = shown(rendered)
     true = [display(views.images[i], views.alpha[i]) for i in chosen]
     gray = guess.render(chosen)  # light is linear: the level scales the image
-    level = _uniform_level(gray, train if train is not None else views)
+    lit = train if train is not None and train.has_masks else views
+    if lit.has_masks:
+        level = _uniform_level(lit.images, lit.alpha > 0.5, gray)
+    else:  # the object's pixels are known from our silhouettes only
+        level = _uniform_level(views.images[list(chosen)], rendered.alpha > 0.5, gray)
     flat = [display(level * image, alpha) for image, alpha in zip(gray.images, gray.alpha, strict=True)]
     if not views.has_masks:
         true = [image * alpha[..., None] for image, alpha in zip(true, rendered.alpha, strict=True)]
         flat = [image * alpha[..., None] for image, alpha in zip(flat, rendered.alpha, strict=True)]
-    scores.held_out = list(zip(shown, true, strict=True))
-    db, structure = compare(shown, true)
+    scores.held_out = list(zip(pictures, true, strict=True))
+    db, structure = compare(pictures, true)
     floor_db, floor_structure = compare(flat, true)
     names = [views.names[i] for i in chosen]
     scores.values["held_out"] = {
@@ -214,11 +148,10 @@ def _score_held_out(
     return floor
 
 
-def _uniform_level(gray: Any, views: Views) -> float:
+def _uniform_level(photographs: np.ndarray, inside: np.ndarray, gray: Any) -> float:
     """Radiance of the uniform light under which the gray object is as bright as the photographs, on average."""
-    photographed = views.images[views.alpha > 0.5].mean()
-    under_one = gray.images[gray.alpha > 0.5].mean()
-    return float(photographed / max(float(under_one), 1e-6))
+    under_one = float(gray.images[gray.alpha > 0.5].mean())
+    return float(photographs[inside].mean()) / max(under_one, 1e-6)
 
 
 def _score_materials(
@@ -282,8 +215,8 @@ def _coverage(views: Views, cameras: Sequence[int], maps: np.ndarray) -> np.ndar
 
 def _score_relit(
     scores: AssetScores,
-    ours: _Renderer,
-    guess: _Renderer,
+    ours: Renderer,
+    guess: Renderer,
     truth: SceneTruth,
     lights: Sequence[str],
     paired: Sequence[tuple[int, int]],
@@ -293,14 +226,14 @@ def _score_relit(
     cameras, rows = [i for i, _ in paired], [k for _, k in paired]
     per_light: dict[str, dict[str, Any]] = {}
     for light in lights:
-        environment, images = truth.relit[light]
-        true = [display(images[k], truth.relit_alpha[light][k]) for k in rows]
+        environment, photographs = truth.relit[light]
+        true = [display(photographs[k], truth.relit_alpha[light][k]) for k in rows]
         figures: dict[str, Any] = {}
-        plain = _shown(ours.render(cameras, environment=environment))
-        scaled = _shown(ours.render(cameras, environment=environment, scale=scale)) if scale is not None else plain
-        gray = _shown(guess.render(cameras, environment=environment))
-        for key, shown in (("", scaled), ("_unscaled", plain), ("_floor", gray)):
-            db, structure = compare(shown, true)
+        plain = shown(ours.render(cameras, environment=environment))
+        scaled = shown(ours.render(cameras, environment=environment, scale=scale)) if scale is not None else plain
+        gray = shown(guess.render(cameras, environment=environment))
+        for key, images in (("", scaled), ("_unscaled", plain), ("_floor", gray)):
+            db, structure = compare(images, true)
             figures |= {f"psnr{key}": float(np.mean(db)), f"ssim{key}": float(np.mean(structure))}
             if not key:
                 names = [truth.names[k] for k in rows]
@@ -318,16 +251,6 @@ def _score_relit(
         "per_light": per_light,
     }
     scores.values["floor"] |= {"relit_psnr": mean("psnr_floor"), "relit_ssim": mean("ssim_floor")}
-
-
-def _shown(rendered: Any) -> list[np.ndarray]:
-    return [display(image, alpha) for image, alpha in zip(rendered.images, rendered.alpha, strict=True)]
-
-
-def _take(rendered: Any, rows: Sequence[int]) -> Any:
-    """The chosen views of a Rendered."""
-    picked: Mapping[str, np.ndarray] = {name: value[list(rows)] for name, value in vars(rendered).items()}
-    return replace(rendered, **picked)
 
 
 def _headline(

@@ -97,6 +97,9 @@ def test_views_without_masks_are_scored_inside_our_silhouette(scene, context):
     unmasked = replace(scene.test, images=wall, alpha=np.ones_like(scene.test.alpha), has_masks=False)
     values = evaluate.asset(context, scene.asset, unmasked, p=PARAMS).metrics.values
     assert values["held_out"]["region"] == "inside our silhouette"
+    masked = evaluate.asset(context, scene.asset, scene.test, p=PARAMS).metrics.values
+    # the bright wall behind the object must not raise the level of the floor's light
+    assert np.isclose(values["floor"]["light_level"], masked["floor"]["light_level"], rtol=0.1)
     assert values["held_out"]["psnr"] > 25
 
 

@@ -1,0 +1,104 @@
+"""Renders for scoring: one shape at the cameras of the test views, and the gray object of the floor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph.io.images import display
+from exmesh_graph.types import Asset, SceneTruth, Transport, Views
+
+GRAY_ALBEDO = 0.5
+GRAY_ROUGHNESS = 0.5
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How finely the scored images are rendered."""
+
+    supersampling: int = 2
+    specular_samples: int = 12
+    directions: int = 256
+    bounces: int = 2
+    seed: int = 0
+
+
+class Steps:
+    """Counts rendered views for the progress bar."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self.progress, self.total, self.done = progress, total, 0
+
+    def __call__(self, *_: int) -> None:
+        self.done += 1
+        if self.progress:
+            self.progress(self.done, self.total)
+
+
+class Renderer:
+    """Renders one shape at the cameras of `views`, tracing its light transport once."""
+
+    def __init__(self, asset: Asset, views: Views, quality: Quality, steps: Steps) -> None:
+        self.asset, self.views, self.quality, self.steps = asset, views, quality, steps
+        self._transport: Transport | None = None
+
+    def render(
+        self, chosen: Sequence[int], *, environment: np.ndarray | None = None, scale: np.ndarray | None = None
+    ) -> Any:
+        """`stage2.render.Rendered` of the chosen views; `scale` [3] multiplies the albedo."""
+        from exmesh_graph.stage2.render import render_transport, render_views
+
+        if self._transport is None:
+            self._transport = render_transport(self.asset, self.quality.bounces, self.quality.directions)
+        asset = self.asset
+        if scale is not None:
+            scaled = np.clip(asset.base_color * scale.astype(np.float32), 0.0, 1.0)
+            asset = replace(asset, base_color=scaled)
+        return render_views(
+            asset,
+            self.views.intrinsics[list(chosen)],
+            self.views.camera_to_world[list(chosen)],
+            self.views.height,
+            self.views.width,
+            environment=environment,
+            transport=self._transport,
+            bounces=self.quality.bounces,
+            supersampling=self.quality.supersampling,
+            specular_samples=self.quality.specular_samples,
+            seed=self.quality.seed,
+            progress=self.steps,
+        )
+
+
+def gray_object(asset: Asset, truth: SceneTruth | None) -> Asset:
+    """The uninformed guess: the true shape (ours where none is known) in uniform gray under uniform light of 1."""
+    vertices, faces = asset.vertices, asset.faces
+    if truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None:
+        vertices, faces = truth.mesh_vertices, truth.mesh_faces
+    return Asset(
+        vertices=vertices,
+        faces=faces,
+        uvs=np.full((1, 2), 0.5, np.float32),
+        uv_faces=np.zeros((len(faces), 3), np.int32),
+        texture=np.full((2, 2, 3), 0.5, np.float32),
+        base_color=np.full((2, 2, 3), GRAY_ALBEDO, np.float32),
+        roughness=np.full((2, 2), GRAY_ROUGHNESS, np.float32),
+        seen=np.ones((2, 2), bool),
+        environment=np.ones((16, 32, 3), np.float32),
+    )
+
+
+def shown(rendered: Any) -> list[np.ndarray]:
+    """Display colours over black of the views of a Rendered."""
+    return [display(image, alpha) for image, alpha in zip(rendered.images, rendered.alpha, strict=True)]
+
+
+def take(rendered: Any, rows: Sequence[int]) -> Any:
+    """The chosen views of a Rendered."""
+    picked: Mapping[str, np.ndarray] = {name: value[list(rows)] for name, value in vars(rendered).items()}
+    return replace(rendered, **picked)
