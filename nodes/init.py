@@ -70,12 +70,12 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
 
 class CleanParams(Params):
     faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
-    method: Literal["pymeshlab", "open3d"] = param(
-        "pymeshlab", doc="pymeshlab: isotropic remeshing (GPL-3); open3d: quadric decimation."
+    method: Literal["builtin", "pymeshlab", "open3d"] = param(
+        "builtin", doc="builtin, pymeshlab (GPL-3): isotropic remeshing; open3d: quadric decimation."
     )
     components: int = param(1, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
     min_area: float = param(0.0, ge=0, le=1, doc="Drop parts below this share of the largest part's area.")
-    close_holes: int = param(0, ge=0, unit="edges", doc="Fill holes of at most so many edges (pymeshlab); 0 = none.")
+    close_holes: int = param(0, ge=0, unit="edges", doc="Fill holes of at most so many edges (not open3d); 0 = none.")
 
 
 @node("init.clean", version="1", libraries=("pymeshlab", "open3d"))

@@ -1,7 +1,7 @@
 """From any triangle soup to a start mesh: largest parts, manifold, evenly triangulated, within a face budget.
 
-pymeshlab (GPL-3) does the isotropic remeshing and is imported here only; `method="open3d"` replaces it by quadric
-decimation. Whatever did the work, the result is measured, and an error is raised where it is not sound.
+The project's own remesher is the default; pymeshlab (GPL-3, imported here only) and Open3D's quadric decimation are
+alternatives. Whatever did the work, the result is measured, and an error is raised where it is not sound.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ from scipy.sparse.csgraph import connected_components
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import corner_fans, edges_of, face_areas, signed_volume
+from exmesh_graph.geometry.remesh import remesh
+from exmesh_graph.geometry.repair import fill_holes, make_manifold
 from exmesh_graph.io.native import import_open3d, import_pymeshlab
 
-Method = Literal["pymeshlab", "open3d"]
+Method = Literal["builtin", "pymeshlab", "open3d"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def clean_mesh(
     faces: np.ndarray,
     *,
     faces_budget: int,
-    method: Method = "pymeshlab",
+    method: Method = "builtin",
     components: int = 1,
     min_area: float = 0.0,
     close_holes: int = 0,
@@ -51,23 +53,31 @@ def clean_mesh(
     """(vertices float32 [V, 3], faces int32 [F, 3]) with F <= about `faces_budget`.
 
     Keeps the `components` largest parts by area (0 = all) above `min_area` of the largest; welds equal positions,
-    drops flat and duplicate faces, repairs non-manifold edges and vertices, and remeshes: pymeshlab to edges of the
+    drops duplicate faces, repairs non-manifold edges and vertices, and remeshes: builtin and pymeshlab to edges of the
     length that the budget gives equilateral triangles (l^2 = 4 A / (sqrt 3 F)), open3d by quadric decimation.
-    `close_holes` fills holes of at most so many edges first (pymeshlab only).
+    `close_holes` fills holes of at most so many edges first (not open3d).
     Closed input gives closed output, counter-clockwise from outside.
     Raises GeometryError where the result is not edge-manifold, not oriented, or not closed though the input was.
     """
     vertices, faces = weld(vertices, faces)
     vertices, faces = largest_components(vertices, faces, components, min_area)
     closed = inspect(vertices, faces).closed
-    if method == "pymeshlab":
+    if method == "builtin":
+        vertices, faces = make_manifold(vertices, faces)
+        if close_holes:
+            vertices, faces = fill_holes(vertices, faces, close_holes)
+        vertices, faces = remesh(vertices, faces, faces_budget)
+    elif method == "pymeshlab":
         vertices, faces = _remesh_pymeshlab(vertices, faces, faces_budget, close_holes)
     elif close_holes:
-        raise GeometryError("method open3d cannot close holes", where=where, fix="set close_holes: 0, or pymeshlab")
+        raise GeometryError(
+            "method open3d cannot close holes", where=where, fix="set close_holes: 0, or method: builtin"
+        )
     else:
         vertices, faces = _decimate_open3d(vertices, faces, faces_budget)
-    vertices, faces = weld(vertices, faces)
-    vertices, faces = largest_components(vertices, faces, components, min_area)
+    if method != "builtin":
+        vertices, faces = weld(vertices, faces)
+    vertices, faces = largest_components(vertices.astype(np.float32), faces, components, min_area)
     if closed:
         faces = outward(vertices, faces)
     require_sound(vertices, faces, closed=closed, where=where)

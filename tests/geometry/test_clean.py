@@ -9,7 +9,7 @@ from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import clean_mesh, inspect, outward, require_sound, weld
 from exmesh_graph.geometry.hull import Grid, surface
 
-METHODS = ["pymeshlab", "open3d"]
+METHODS = ["builtin", "pymeshlab", "open3d"]
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 CUBE_FACES = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
@@ -98,8 +98,9 @@ def test_handles_survive(method):
     assert genus(vertices, faces) == 1
 
 
-def test_pymeshlab_gives_even_triangles():
-    vertices, faces = clean_mesh(*ball(), faces_budget=800)
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_isotropic_methods_give_even_triangles(method):
+    vertices, faces = clean_mesh(*ball(), faces_budget=800, method=method)
     edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
     assert edges.std() / edges.mean() < 0.2
 
@@ -137,17 +138,18 @@ def test_components():
     assert large[0][:, 0].max() < 0
 
 
-def test_holes_are_closed_on_request():
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_holes_are_closed_on_request(method):
     vertices, faces = ball()
     holed = faces[np.linalg.norm(vertices[faces].mean(1) - [0.8, 0, 0], axis=1) > 0.2]
-    assert inspect(*clean_mesh(vertices, holed, faces_budget=700)).open_edges > 0
-    assert inspect(*clean_mesh(vertices, holed, faces_budget=700, close_holes=200)).open_edges == 0
+    assert inspect(*clean_mesh(vertices, holed, faces_budget=700, method=method)).open_edges > 0
+    assert inspect(*clean_mesh(vertices, holed, faces_budget=700, close_holes=200, method=method)).open_edges == 0
     with pytest.raises(GeometryError, match="cannot close holes"):
         clean_mesh(vertices, holed, faces_budget=700, method="open3d", close_holes=200)
 
 
 def test_result_is_measured_not_believed(monkeypatch):
-    monkeypatch.setattr(clean, "_remesh_pymeshlab", lambda v, f, b, h: (v, f[:-1]))
+    monkeypatch.setattr(clean, "remesh", lambda v, f, b: (v, f[:-1]))
     with pytest.raises(GeometryError, match="3 open edges"):
         clean_mesh(*ball(resolution=10), faces_budget=700)
 
@@ -157,8 +159,9 @@ def test_empty_and_collapsed_input():
         clean_mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), faces_budget=100)
 
 
-def test_same_input_same_bytes():
-    first, second = (clean_mesh(*ball(resolution=16), faces_budget=300) for _ in range(2))
+@pytest.mark.parametrize("method", METHODS)
+def test_same_input_same_bytes(method):
+    first, second = (clean_mesh(*ball(resolution=16), faces_budget=300, method=method) for _ in range(2))
     assert np.array_equal(first[0], second[0])
     assert np.array_equal(first[1], second[1])
 

@@ -1,0 +1,256 @@
+"""Isotropic remeshing in numpy (after Botsch and Kobbelt 2004): split long edges, collapse short ones, even out the
+valences, relax along the surface, go back to the source surface. Every step works on many edges at once, chosen so
+that no two touch the same face.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from exmesh_graph.geometry.adjacency import (
+    Edges,
+    area_vectors,
+    edge_lengths,
+    edges_of,
+    face_areas,
+    face_normals,
+    incident_faces,
+    next_halfedge,
+    vertex_degrees,
+    vertex_normals,
+)
+from exmesh_graph.geometry.rounds import greedy_disjoint
+
+_ROUNDS = 40
+_MIN_COSINE = 0.3
+Arrays = tuple[np.ndarray, np.ndarray]
+
+
+def remesh(vertices: np.ndarray, faces: np.ndarray, budget: int, iterations: int = 6) -> Arrays:
+    """(vertices float64 [V, 3], faces int32 [F, 3]) of about equilateral triangles, F <= `budget`.
+
+    The input must be edge-manifold and consistently wound. Topology is kept (link condition); boundary vertices stay
+    where they are, so an open mesh with a long, fine boundary may end above the budget. Deterministic.
+    """
+    to_source = _projector(vertices, faces)
+    area = float(face_areas(vertices, faces).sum())
+    v, f = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
+    aim = 1.05 * budget
+    for _ in range(iterations):
+        length = np.sqrt(4 * area / (np.sqrt(3) * aim))
+        v, f = _split(v, f, 4 / 3 * length)
+        v, f = _collapse(v, f, 4 / 5 * length, 4 / 3 * length)
+        f = _flip(v, f)
+        v = to_source(_relax(v, f))
+        aim *= np.clip(0.97 * budget / len(f), 0.7, 1.4)
+    for _ in range(_ROUNDS):
+        if len(f) <= budget:
+            break
+        v, f = _collapse(v, f, np.inf, np.inf, most=(len(f) - budget + 1) // 2)
+    v = to_source(_relax(v, f))
+    return v, f.astype(np.int32)
+
+
+def _fixed(faces: np.ndarray, count: int, edges: Edges) -> np.ndarray:
+    fixed = np.zeros(count, bool)
+    fixed[edges.vertices[~edges.interior]] = True
+    return fixed
+
+
+def _split(v: np.ndarray, f: np.ndarray, longest: float) -> Arrays:
+    """Halve every edge longer than `longest`."""
+    for _ in range(_ROUNDS):
+        edges = edges_of(f)
+        length = edge_lengths(v, edges)
+        long = np.flatnonzero((length > longest) & (edges.count <= 2))
+        if len(long) == 0:
+            break
+        sides = edges.halfedges[long]
+        touched = np.where(sides >= 0, sides // 3, sides[:, :1] // 3)
+        order = np.empty(len(long), np.int64)
+        order[np.argsort(-length[long], kind="stable")] = np.arange(len(long))
+        chosen = greedy_disjoint(order, 2 * np.arange(len(long) + 1), touched.reshape(-1), len(f))
+        ends = edges.vertices[long[chosen]]
+        middle = len(v) + np.arange(len(chosen))
+        v = np.concatenate([v, v[ends].mean(1)])
+        half, new = sides[chosen].reshape(-1), np.repeat(middle, 2)
+        half, new = half[half >= 0], new[half >= 0]
+        end, opposite = f.reshape(-1)[next_halfedge(half)], f.reshape(-1)[next_halfedge(next_halfedge(half))]
+        f = f.copy()
+        f[half // 3, (half + 1) % 3] = new
+        f = np.concatenate([f, np.stack([new, end, opposite], axis=1)])
+    return v, f
+
+
+def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, most: int | None = None) -> Arrays:
+    """Collapse edges shorter than `shortest` to their middle, shortest first, unless that makes an edge longer than
+    `longest`, turns a face by more than about 70 degrees, or breaks the link condition. `most`: at most so many.
+    """
+    thorough = most is not None
+    for _ in range(_ROUNDS if most is None else 1):
+        edges = edges_of(f)
+        fixed = _fixed(f, len(v), edges)
+        length = edge_lengths(v, edges)
+        short = np.flatnonzero((length < shortest) & edges.interior & ~fixed[edges.vertices].any(1))
+        short = short[np.argsort(length[short], kind="stable")]
+        if most is not None:
+            short = short[: max(20 * most, 100)]
+        if not thorough:  # judging an edge costs a dozen faces: look only at edges that are the shortest at both ends
+            first = np.full(len(v), len(short), np.int64)
+            np.minimum.at(first, edges.vertices[short].T.reshape(-1), np.tile(np.arange(len(short)), 2))
+            short = short[(first[edges.vertices[short]] == np.arange(len(short))[:, None]).all(1)]
+        a, b = edges.vertices[short].T
+        opposite = f.reshape(-1)[next_halfedge(next_halfedge(edges.halfedges[short]))]
+        good = _link_condition(len(v), edges, a, b) & (vertex_degrees(f, len(v), edges)[opposite] > 3).all(1)
+        a, b = a[good], b[good]
+        middle = (v[a] + v[b]) / 2
+        offsets, ring, owner = _rings(f, len(v), a, b)
+        allowed = _keeps_shape(v, f, a, b, middle, ring, owner, longest)
+        keep = np.repeat(allowed, np.diff(offsets))
+        offsets = np.concatenate([[0], np.cumsum(np.diff(offsets)[allowed])])
+        a, b, middle, ring = a[allowed], b[allowed], middle[allowed], ring[keep]
+        if len(a) == 0 and thorough:
+            break
+        chosen = greedy_disjoint(np.arange(len(a)), offsets, ring, len(f))
+        chosen = chosen[:most] if most is not None else chosen
+        thorough = most is not None or len(chosen) < 0.2 * len(short)  # most of the shortest may not go: look further
+        v, target = v.copy(), np.arange(len(v))
+        v[a[chosen]] = middle[chosen]
+        target[b[chosen]] = a[chosen]
+        f = target[f]
+        f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
+        used = np.zeros(len(v), bool)
+        used[f] = True
+        v, f = v[used], (np.cumsum(used) - 1)[f]
+    return v, f
+
+
+def _link_condition(count: int, edges: Edges, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Whether the ends of each edge have exactly two neighbours in common, so that collapsing keeps the topology."""
+    ends = edges.vertices
+    ones = np.ones(2 * len(ends), np.int32)
+    near = csr_matrix((ones, (ends.T.reshape(-1), ends[:, ::-1].T.reshape(-1))), shape=(count, count))
+    return np.asarray(near[a].multiply(near[b]).sum(1)).reshape(-1) == 2
+
+
+def _rings(f: np.ndarray, count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(offsets, faces, edge of each): the faces around either end of each edge, those of both ends listed twice."""
+    start, faces = incident_faces(f, count)
+    ends = np.stack([a, b], axis=1).reshape(-1)
+    sizes = start[ends + 1] - start[ends]
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    at = np.arange(first[-1]) - np.repeat(first[:-1], sizes) + np.repeat(start[ends], sizes)
+    offsets = first[::2] if len(a) else np.zeros(1, np.int64)
+    return offsets, faces[at], np.repeat(np.arange(len(a)), np.diff(offsets))
+
+
+def _keeps_shape(
+    v: np.ndarray, f: np.ndarray, a: np.ndarray, b: np.ndarray, middle: np.ndarray, ring: np.ndarray,
+    owner: np.ndarray, longest: float,
+) -> np.ndarray:  # fmt: skip
+    corners = f[ring]
+    moved = (corners == a[owner, None]) | (corners == b[owner, None])
+    stays = moved.sum(1) == 1
+    points = np.where(moved[..., None], middle[owner, None], v[corners])
+    normal = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    before = area_vectors(v, f)[ring]
+    sides = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2)
+    size = np.linalg.norm(normal, axis=1)
+    turned = np.einsum("ni,ni->n", normal, before) < _MIN_COSINE * size * np.linalg.norm(before, axis=1)
+    sliver = size < 0.1 * sides.max(1) ** 2
+    allowed = np.ones(len(a), bool)
+    allowed[owner[stays & (turned | sliver | (sides.max(1) > longest))]] = False
+    return allowed
+
+
+def _flip(v: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Turn edges where that brings the valences of the four vertices nearer to six and keeps the surface's course."""
+    for _ in range(4):
+        edges = edges_of(f)
+        inner = np.flatnonzero(edges.interior)
+        here, there = edges.halfedges[inner].T
+        flat = f.reshape(-1)
+        a, b = flat[here], flat[next_halfedge(here)]
+        c, d = flat[next_halfedge(next_halfedge(here))], flat[next_halfedge(next_halfedge(there))]
+        excess = vertex_degrees(f, len(v), edges) - np.where(_fixed(f, len(v), edges), 4, 6)
+        gain = excess[a] + excess[b] - excess[c] - excess[d] - 2  # half the drop of the sum of squares
+        key = np.minimum(c, d) * len(v) + np.maximum(c, d)
+        exists = np.isin(key, edges.vertices[:, 0] * len(v) + edges.vertices[:, 1])
+        first, second = np.stack([a, d, c], axis=1), np.stack([d, b, c], axis=1)
+        normals = face_normals(v, f)
+        course = normals[here // 3] + normals[there // 3]
+        fair = np.ones(len(inner), bool)
+        for triangle in (first, second):
+            points = v[triangle]
+            vector = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+            size = np.linalg.norm(vector, axis=1)
+            longest = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2).max(1)
+            fair &= (np.einsum("ni,ni->n", vector, course) > 1.8 * size) & (size > 0.2 * longest**2)
+        able = np.flatnonzero((gain > 0) & ~exists & fair & (c != d))
+        able = able[np.unique(key[able], return_index=True)[1]]
+        if len(able) == 0:
+            break
+        order = np.empty(len(able), np.int64)
+        order[np.argsort(-gain[able], kind="stable")] = np.arange(len(able))
+        touched = np.stack([here[able] // 3, there[able] // 3], axis=1).reshape(-1)
+        chosen = able[greedy_disjoint(order, 2 * np.arange(len(able) + 1), touched, len(f))]
+        f = f.copy()
+        f[here[chosen] // 3], f[there[chosen] // 3] = first[chosen], second[chosen]
+    return f
+
+
+def _relax(v: np.ndarray, f: np.ndarray, steps: int = 3) -> np.ndarray:
+    """Move vertices towards the mean of their neighbours, along the surface only."""
+    edges = edges_of(f)
+    ends = edges.vertices
+    near = csr_matrix((np.ones(2 * len(ends)), (ends.T.reshape(-1), ends[:, ::-1].T.reshape(-1))), shape=(len(v),) * 2)
+    degree = np.maximum(np.asarray(near.sum(1)), 1)
+    free = ~_fixed(f, len(v), edges)[:, None]
+    for _ in range(steps):
+        move = near @ v / degree - v
+        normal = vertex_normals(v, f)
+        v = v + 0.6 * free * (move - normal * np.einsum("ni,ni->n", move, normal)[:, None])
+    return v
+
+
+def _projector(vertices: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Function that takes points [P, 3] to the nearest point of the eight triangles whose centroids are nearest."""
+    corners = np.asarray(vertices, np.float64)[faces]
+    tree = cKDTree(corners.mean(1))
+    k = min(8, len(corners))
+
+    def project(points: np.ndarray) -> np.ndarray:
+        _, near = tree.query(points, k=k)
+        candidates = corners[np.asarray(near).reshape(-1)]
+        found = closest_on_triangles(np.repeat(points, k, axis=0), candidates).reshape(len(points), k, 3)
+        best = ((found - points[:, None]) ** 2).sum(2).argmin(1)
+        return found[np.arange(len(points)), best]
+
+    return project
+
+
+def closest_on_triangles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Nearest point [N, 3] of each triangle [N, 3, 3] to its point [N, 3]."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normal = np.cross(b - a, c - a)
+    area = np.einsum("ni,ni->n", normal, normal)
+    to = points - a
+    s = np.einsum("ni,ni->n", np.cross(to, c - a), normal)
+    t = np.einsum("ni,ni->n", np.cross(b - a, to), normal)
+    inside = (s >= 0) & (t >= 0) & (s + t <= area) & (area > 0)
+    safe = np.where(area > 0, area, 1)[:, None]
+    best = points - normal * np.einsum("ni,ni->n", to, normal)[:, None] / safe
+    distance = np.where(inside, ((best - points) ** 2).sum(1), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        along = end - start
+        length = np.einsum("ni,ni->n", along, along)
+        u = np.clip(np.einsum("ni,ni->n", points - start, along) / np.where(length > 0, length, 1), 0, 1)
+        foot = start + u[:, None] * along
+        squared = ((foot - points) ** 2).sum(1)
+        nearer = squared < distance
+        best, distance = np.where(nearer[:, None], foot, best), np.where(nearer, squared, distance)
+    return best

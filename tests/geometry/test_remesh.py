@@ -1,0 +1,102 @@
+"""The remesher and the repairs: topology kept, budget met, surface kept, defects mended."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exmesh_graph.geometry.adjacency import euler_characteristic, is_closed, is_vertex_manifold, is_winding_consistent
+from exmesh_graph.geometry.clean import inspect
+from exmesh_graph.geometry.remesh import closest_on_triangles, remesh
+from exmesh_graph.geometry.repair import drop_crowding_faces, fill_holes, make_manifold, orient
+from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
+from exmesh_graph.metrics.distance import distance_to_mesh, squared_distance
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10**6), budget=st.sampled_from([120, 400, 3000]))
+def test_noisy_spheres_keep_their_topology(seed, budget):
+    rng = np.random.default_rng(seed)
+    vertices, faces = icosphere(3)
+    vertices = vertices * (1 + 0.03 * rng.normal(size=(len(vertices), 1))) * rng.uniform(0.3, 2, 3)
+    v, f = remesh(vertices, faces, budget)
+    assert len(f) <= budget
+    assert is_closed(f)
+    assert is_vertex_manifold(f)
+    assert is_winding_consistent(f)
+    assert euler_characteristic(f) == 2
+    found = inspect(v, f)
+    assert found.duplicate_faces == found.flat_faces == found.unreferenced == 0
+    assert distance_to_mesh(v, vertices, faces).max() < 1e-6
+
+
+@pytest.mark.parametrize("budget", [300, 5000])
+def test_torus(budget):
+    v, f = remesh(*torus(40, 20), budget)
+    assert 0.8 * budget <= len(f) <= budget
+    assert euler_characteristic(f) == 0
+    edges = np.linalg.norm(v[f] - v[np.roll(f, 1, axis=1)], axis=2)
+    assert edges.std() / edges.mean() < 0.25
+
+
+def test_open_meshes_keep_their_boundary():
+    vertices, faces = grid(12, 12)
+    v, f = remesh(vertices, faces, 200)
+    assert euler_characteristic(f) == 1
+    assert v.min(0) == pytest.approx(vertices.min(0))
+    assert v.max(0) == pytest.approx(vertices.max(0))
+
+
+def test_nothing_to_collapse():
+    _, f = remesh(*tetrahedron(), 4)
+    assert is_closed(f)
+    assert len(f) >= 4
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_closest_point_is_as_near_as_the_distance_says(seed):
+    rng = np.random.default_rng(seed)
+    points, corners = rng.normal(size=(20, 3)), rng.normal(size=(20, 3, 3))
+    found = closest_on_triangles(points, corners)
+    assert ((found - points) ** 2).sum(1) == pytest.approx(squared_distance(points, corners), abs=1e-12)
+    assert squared_distance(found, corners) == pytest.approx(0, abs=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_shuffled_windings_are_made_alike(seed):
+    rng = np.random.default_rng(seed)
+    _, faces = torus(9, 7)
+    flip = rng.random(len(faces)) < 0.5
+    shuffled = np.where(flip[:, None], faces[:, ::-1], faces)
+    assert not is_winding_consistent(shuffled)
+    assert is_winding_consistent(orient(shuffled))
+
+
+def test_crowded_edges_keep_their_two_largest_faces():
+    vertices, faces = icosphere(1)
+    fin = np.vstack([vertices, vertices[faces[0, 0]] * 1.01])
+    finned = np.vstack([faces, [faces[0, 0], faces[0, 1], len(vertices)]])
+    assert np.array_equal(drop_crowding_faces(fin, finned), faces)
+
+
+def test_pinched_vertices_are_doubled():
+    vertices, faces = tetrahedron()
+    both = np.vstack([vertices, 2 * vertices[0] - vertices[1:]])
+    mirrored = np.where(faces == 0, 0, faces + 3)[:, ::-1]
+    pinched = np.vstack([faces, mirrored])
+    assert not is_vertex_manifold(pinched)
+    v, f = make_manifold(both, pinched)
+    assert is_vertex_manifold(f)
+    assert len(v) == 8
+
+
+def test_small_holes_are_closed_and_large_ones_left():
+    vertices, faces = icosphere(2)
+    star = np.flatnonzero((faces == 0).any(1))
+    _, f = fill_holes(vertices, np.delete(faces, star, axis=0), len(star))
+    assert is_closed(f)
+    assert is_winding_consistent(f)
+    _, still = fill_holes(vertices, np.delete(faces, star, axis=0), len(star) - 1)
+    assert not is_closed(still)
