@@ -139,7 +139,7 @@ def test_merge_drops_what_no_view_shows():
     got = topology.merge(FakeContext(), state, ring_of_views(), p=topology.MergeParams(area_quantile=0.4)).state
     check_state(got)
     inner = np.linalg.norm(got.vertices[got.faces].mean(axis=1), axis=1) < 0.5
-    assert inner.sum() < 0.4 * len(g)
+    assert inner.sum() < 0.6 * len(g)
     assert (~inner).sum() >= 0.95 * len(f)  # the poles, which the ring of cameras sees at a flat angle, lose a few
     assert got.facets() == {"manifold": True, "closed": True}
 
