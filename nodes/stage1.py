@@ -42,14 +42,14 @@ class RefineParams(Params):
         0, ge=0, doc="Length of the whole Stage I, over which learning rates decay; 0 = up to this round's end."
     )
     vertex_lr: float = param(
-        0.01,
+        0.02,
         ge=0,
         le=1,
         unit="mean edge lengths",
         doc="Length of a vertex's step at the start (mean edge of the round's mesh).",
     )
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
-    decay: float = param(0.1, gt=0, le=1, doc="Both learning rates end at this share of their start.")
+    decay: float = param(0.05, gt=0, le=1, doc="Both learning rates end at this share of their start.")
     ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
     silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
     silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")

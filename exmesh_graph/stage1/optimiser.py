@@ -41,12 +41,17 @@ def texture_step(
     step: int,
     rate: float,
     betas: tuple[float, float] = TEXTURE_BETAS,
+    epsilon: float = EPSILON,
 ) -> None:
-    """Adam on texels, then projection to [0, 1]: in place. Clamping after the step leaves no dead gradient."""
+    """Adam on texels, then projection to [0, 1]: in place. Clamping after the step leaves no dead gradient.
+
+    `epsilon` is the gradient below which steps shorten: a texel that bilinear lookups merely graze would otherwise
+    run about at full speed on a trace of a gradient, and stand out as a speck of wrong colour.
+    """
     b1, b2 = betas
     first.lerp_(gradient, 1 - b1)
     second.mul_(b2).addcmul_(gradient, gradient, value=1 - b2)
-    scale = (second / (1 - b2**step)).sqrt_().add_(EPSILON)
+    scale = (second / (1 - b2**step)).sqrt_().add_(epsilon)
     texture.addcdiv_(first, scale, value=-rate / (1 - b1**step)).clamp_(0, 1)
 
 

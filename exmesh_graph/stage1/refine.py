@@ -35,6 +35,9 @@ from exmesh_graph.types import DepthMaps, Stage1State, Views
 
 Progress = Callable[..., None]
 
+GRAZED = 0.05
+"""A texel whose gradient stays below this share of a full pixel's is only grazed by lookups, not seen."""
+
 
 @dataclass(frozen=True)
 class RefineSettings:
@@ -42,9 +45,9 @@ class RefineSettings:
 
     iterations: int = 500
     total_iterations: int = 0
-    vertex_lr: float = 0.01
+    vertex_lr: float = 0.02
     texture_lr: float = 0.02
-    decay: float = 0.1
+    decay: float = 0.05
     ssim_weight: float = 0.2
     silhouette: Literal["l1", "bce"] = "l1"
     silhouette_weight: float = 5.0
@@ -114,6 +117,8 @@ class _Loop:
         self.per_area = 1 / vertex_areas(vertices, self.surface.faces)[:, None]
         # the running mean that L_b measures from starts anew with every call, hence after every change of topology
         self.reference = vertices.clone()
+        # what one pixel's L1 puts on the texel it shows
+        self.pixel_gradient = 1 / (3 * targets.height * targets.width)
         self.touched = torch.zeros(self.surface.texture.shape[:2], dtype=torch.bool, device=device)
         self.gains = initial_gains(self.surface, targets) if settings.gains else None
 
@@ -161,7 +166,7 @@ class _Loop:
 
         # paper eq. 1
         self.gradient_ema.lerp_(norm, 1 - settings.gradient_decay)
-        self.touched |= (texture_grad != 0).any(dim=-1)
+        self.touched |= (texture_grad.abs() > GRAZED * self.pixel_gradient).any(dim=-1)
         total = settings.total_iterations or (self.state.iteration + settings.iterations)
         vertex_rate = decayed(settings.vertex_lr, settings.decay, iteration, total) * self.smoother.mean_edge
         texture_rate = decayed(settings.texture_lr, settings.decay, iteration, total)
@@ -180,6 +185,7 @@ class _Loop:
             self.texture_v,
             self.state.texture_steps + k + 1,
             texture_rate,
+            epsilon=GRAZED * self.pixel_gradient,
         )
         if settings.deviation_weight > 0:
             self.reference.lerp_(surface.vertices.detach(), 1 - REFERENCE_DECAY)
