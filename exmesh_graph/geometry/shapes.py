@@ -9,11 +9,9 @@ from exmesh_graph.geometry.adjacency import edges_of
 
 def icosphere(levels: int, radius: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """A sphere of 20 * 4**levels faces about the origin."""
-    golden = (1.0 + 5.0**0.5) / 2.0
-    one, phi, zero = np.float64(1.0), golden, 0.0
-    points = [(a * one, b * phi, zero) for b in (1, -1) for a in (-1, 1)]
-    points += [(zero, a * one, b * phi) for b in (1, -1) for a in (-1, 1)]
-    points += [(b * phi, zero, a * one) for b in (1, -1) for a in (-1, 1)]
+    phi = (1.0 + 5.0**0.5) / 2.0
+    signs = [(a, b * phi) for b in (1.0, -1.0) for a in (-1.0, 1.0)]
+    points = [(a, b, 0.0) for a, b in signs] + [(0.0, a, b) for a, b in signs] + [(b, 0.0, a) for a, b in signs]
     vertices = np.array(points)
     # Faces of the icosahedron: the triples of vertices at mutual distance 2, turned outwards.
     near = np.abs(np.linalg.norm(vertices[:, None] - vertices[None], axis=2) - 2.0) < 1e-9
