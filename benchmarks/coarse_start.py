@@ -30,8 +30,8 @@ def main() -> None:
         error = chamfer(vertices, faces, truth.mesh_vertices, truth.mesh_faces).scaled(1000 / radius)
         edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
         print(
-            f"{name:22s} {len(faces):7d} faces {seconds:6.2f} s   chamfer {error['chamfer']:6.2f}  p95 {error['p95']:6.2f}"
-            f"  max {error['max']:6.1f}   edge spread {edges.std() / edges.mean():.2f}"
+            f"{name:22s} {len(faces):7d} faces {seconds:6.2f} s   chamfer {error['chamfer']:6.2f}"
+            f"  p95 {error['p95']:6.2f}  max {error['max']:6.1f}   edge spread {edges.std() / edges.mean():.2f}"
         )
 
     print("distances in thousandths of the true mesh's bounding radius")
