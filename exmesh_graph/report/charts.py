@@ -67,7 +67,10 @@ def line_chart(
     if floor is not None:
         py = place(x_low, floor)[1]
         parts.append(f'<line class="floor" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
-        parts.append(f'<text class="tick" x="{right}" y="{py - 4:.1f}" text-anchor="end">uninformed guess</text>')
+        parts.append(
+            f'<text class="tick" x="{right}" y="{py - 4:.1f}" text-anchor="end">'
+            f"uninformed guess {number(float(floor))}</text>"
+        )
     for index, (name, x_values, y_values) in enumerate(curves):
         placed = [place(x, y) for x, y in zip(x_values, y_values, strict=True)]
         path = " ".join(f"{px:.1f},{py:.1f}" for px, py in placed)
@@ -79,6 +82,8 @@ def line_chart(
                     f'<circle class="point c{index % 4}" cx="{px:.1f}" cy="{py:.1f}" r="4">'
                     f"<title>{escape(tip)}</title></circle>"
                 )
+                if y == floor:
+                    continue  # the dashed line says it already
                 anchor = "start" if px < (left + right) / 2 else "end"
                 parts.append(
                     f'<text class="tick" x="{px:.1f}" y="{py - 8:.1f}" text-anchor="{anchor}">{number(float(y))}</text>'

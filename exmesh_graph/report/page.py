@@ -99,9 +99,17 @@ def _error_charts(figures: list[Figure]) -> list[str]:
             xs, ys = [0.0, *xs], [floor, *ys]
         elif len(members) < 2:
             continue
-        unit = f", {members[0].unit}" if members[0].unit else ""
+        title = f"{series}, {members[0].unit}" if members[0].unit else series
         charts.append(
-            line_chart([(series, xs, ys)], title=series + unit, x_label="seconds spent", floor=floor, points=True)
+            line_chart(
+                [(series, xs, ys)],
+                title=title,
+                x_label="seconds spent",
+                floor=floor,
+                points=True,
+                width=250,
+                height=176,
+            )
         )
     return charts
 
@@ -128,7 +136,7 @@ def _galleries(report: Report) -> list[tuple[str, list[Any]]]:
     groups: dict[str, list[Any]] = {}
     for picture in report.pictures:
         groups.setdefault(picture.node, []).append(picture)
-    return list(groups.items())
+    return list(reversed(groups.items()))  # the finished asset before its stages
 
 
 def _rows(values: Any, prefix: str = "") -> Any:
