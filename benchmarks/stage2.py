@@ -29,9 +29,9 @@ from exmesh_graph.types import Carrier, Mesh
 QUICK = FitSettings(
     texture_size=512,
     environment_height=64,
-    iterations=500,
-    material_rate=0.2,
-    environment_rate=0.8,
+    iterations=400,
+    material_rate=0.3,
+    environment_rate=0.6,
     ssim_weight=0.0,
     material_weight=0.01,
     environment_weight=0.002,
