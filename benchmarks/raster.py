@@ -1,4 +1,4 @@
-"""What an iteration of Stage I costs, part by part: median milliseconds on this machine, one torch thread.
+"""What an iteration of Stage I costs, part by part: median CPU milliseconds, one thread.
 
     python benchmarks/raster.py [--size 256] [--faces 5120 20480 81920] [--texels 512]
 
@@ -39,7 +39,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     columns = {count: measure(count, options.size, options.texels, options.repeats) for count in options.faces}
-    print(f"{options.size} x {options.size} pixels, {options.texels}^2 texels; median ms")
+    print(f"{options.size} x {options.size} pixels, {options.texels}^2 texels; median CPU ms")
     print(f"{'faces':36s}" + "".join(f"{count:>10d}" for count in columns))
     for name in next(iter(columns.values())):
         print(f"{name:36s}" + "".join(f"{column[name]:10.2f}" for column in columns.values()))
@@ -102,9 +102,9 @@ def clock(work: Callable[[], object], repeats: int) -> float:
     work()
     seconds = []
     for _ in range(repeats):
-        began = time.perf_counter()
+        began = time.process_time()
         work()
-        seconds.append(time.perf_counter() - began)
+        seconds.append(time.process_time() - began)
     return 1000 * statistics.median(seconds)
 
 
