@@ -124,12 +124,21 @@ def _headline(folder: Path) -> dict[str, Any]:
 
 
 def _figure(value: Any) -> str:
-    """`31.2 dB (after 40 s)` from a plain number or from {value, unit, after_seconds, ...}."""
-    if isinstance(value, dict):
-        unit, after = value.get("unit") or "", value.get("after_seconds")
-        tail = f" (after {clock(float(after))})" if after is not None else ""
-        return f"{_figure(value.get('value'))} {unit}".rstrip() + tail
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    """`31.2 dB (floor 20.1, after 40 s)` from a plain value or from {value, unit, floor, after_seconds, ...}.
+
+    The floor is what an uninformed guess scores; the seconds are those spent until the figure was reached.
+    """
+    if not isinstance(value, dict):
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        return f"{value:.4g}" if isinstance(value, float) else str(value)
+    notes = []
+    if value.get("floor") is not None:
+        notes.append(f"floor {_figure(value['floor'])}")
+    if value.get("after_seconds") is not None:
+        notes.append(f"after {clock(float(value['after_seconds']))}")
+    tail = f" ({', '.join(notes)})" if notes else ""
+    return f"{_figure(value.get('value'))} {value.get('unit') or ''}".rstrip() + tail
 
 
 def _show_failure(failure: NodeFailed, folder: Path) -> None:
