@@ -61,7 +61,7 @@ def test_asset_and_report_come_out(finished: Path) -> None:
 
 def test_the_asset_beats_an_uninformed_guess(finished: Path) -> None:
     headline = json.loads((finished / "runs" / "latest" / "report.json").read_text())["headline"]
-    for label in ("held-out PSNR", "relit PSNR"):
+    for label in ("Held-out PSNR", "Relit PSNR"):
         assert headline[label]["value"] > headline[label]["floor"] + 1.0, headline
 
 
