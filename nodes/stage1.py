@@ -30,7 +30,7 @@ class InitOut(NamedTuple):
 def init(ctx: Context, carrier: Carrier, views: Train, *, p: InitParams) -> InitOut:
     """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero."""
     from exmesh_graph.stage1.init import initial_state
-    from exmesh_graph.stage1.threads import pick_device, torch_threads
+    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     with torch_threads(p.threads):
         return InitOut(initial_state(carrier, views, texture=p.texture, device=pick_device(p.device)))
@@ -80,7 +80,7 @@ def refine(
     """Move vertices and texels against the photographs on a fixed topology."""
     from exmesh_graph.stage1.refine import RefineSettings
     from exmesh_graph.stage1.refine import refine as run
-    from exmesh_graph.stage1.threads import pick_device, torch_threads
+    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     if not views.has_masks:
         ctx.warn("the views have no masks: the outline follows from colour alone")

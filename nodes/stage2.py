@@ -47,9 +47,9 @@ def fit(
     p: FitParams,
 ) -> FitOut:
     """Recover base colour, roughness and environment from the training views (paper, section 5)."""
-    from exmesh_graph.stage1.threads import torch_threads
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.settings import FitSettings
+    from exmesh_graph.torch_setup import torch_threads
 
     def progress(step: int, total: int, figures: dict[str, float]) -> None:
         ctx.progress(step, total, **figures)

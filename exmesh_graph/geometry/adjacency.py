@@ -206,8 +206,9 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """float64 [V, 3], area-weighted unit normals; zero for unused vertices."""
+def area_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [V, 3], unit normals at the vertices, faces weighted by area: the direction of the volume's gradient,
+    which is what moving a vertex along the surface needs. Zero for unused vertices."""
     vectors = area_vectors(vertices, faces)
     total = np.stack(
         [
@@ -218,6 +219,25 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
+
+
+def angle_weighted_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [V, 3], unit normals at the vertices, faces weighted by the corner's angle: what shading uses.
+
+    (Thuermer and Wuethrich 1998: independent of how a flat region is triangulated.) Zero where no face has area.
+    """
+    points = np.asarray(vertices, np.float64)
+    normals = face_normals(vertices, faces)
+    total = np.zeros_like(points)
+    for corner in range(3):
+        origin = points[faces[:, corner]]
+        one = points[faces[:, (corner + 1) % 3]] - origin
+        two = points[faces[:, (corner + 2) % 3]] - origin
+        angle = np.arctan2(np.linalg.norm(np.cross(one, two), axis=1), (one * two).sum(axis=1))
+        for axis in range(3):
+            total[:, axis] += np.bincount(faces[:, corner], weights=normals[:, axis] * angle, minlength=len(points))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
 
 
 def edge_lengths(vertices: np.ndarray, edges: Edges) -> np.ndarray:

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from exmesh_graph.geometry.adjacency import (
     Edges,
     area_vectors,
+    area_weighted_normals,
     edge_lengths,
     edges_of,
     face_areas,
@@ -21,7 +22,6 @@ from exmesh_graph.geometry.adjacency import (
     incident_faces,
     next_halfedge,
     vertex_degrees,
-    vertex_normals,
 )
 from exmesh_graph.geometry.rounds import greedy_disjoint
 
@@ -212,7 +212,7 @@ def _relax(v: np.ndarray, f: np.ndarray, steps: int = 3) -> np.ndarray:
     free = ~_fixed(f, len(v), edges)[:, None]
     for _ in range(steps):
         move = near @ v / degree - v
-        normal = vertex_normals(v, f)
+        normal = area_weighted_normals(v, f)
         v = v + 0.6 * free * (move - normal * np.einsum("ni,ni->n", move, normal)[:, None])
     return v
 

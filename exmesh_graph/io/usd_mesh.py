@@ -16,9 +16,9 @@ def scene_geometry(asset: Asset, frame: Frame | None) -> tuple[np.ndarray, np.nd
     Without a frame the points stay in normalised units. An unknown scale is exported as one metre per unit and
     says so in the report.
     """
-    from exmesh_graph.shading.lattice import vertex_normals  # the very normals that Stage II shaded with
+    from exmesh_graph.geometry.adjacency import angle_weighted_normals  # the very normals that Stage II shaded with
 
-    normals = np.asarray(vertex_normals(asset.vertices, asset.faces), np.float64)
+    normals = angle_weighted_normals(asset.vertices, asset.faces)
     normals[~normals.any(axis=1)] = [0.0, 1.0, 0.0]  # vertices without any area around them still need a unit normal
     points, rotation = asset.vertices.astype(np.float64), np.eye(3)
     report: dict[str, Any] = {

@@ -10,32 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-
-def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit geometric normals, float64 [F, 3]; 0 for faces without area."""
-    a, b, c = (np.asarray(vertices, np.float64)[faces[:, i]] for i in range(3))
-    cross = np.cross(b - a, c - a)
-    length = np.linalg.norm(cross, axis=1, keepdims=True)
-    return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
-
-
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals at the vertices, float64 [V, 3]: face normals weighted by the corner's angle.
-
-    (Thuermer and Wuethrich 1998: independent of how a flat region is triangulated.) 0 where no face has area.
-    """
-    points = np.asarray(vertices, np.float64)
-    normals = face_normals(vertices, faces)
-    total = np.zeros_like(points)
-    for corner in range(3):
-        origin = points[faces[:, corner]]
-        one = points[faces[:, (corner + 1) % 3]] - origin
-        two = points[faces[:, (corner + 2) % 3]] - origin
-        angle = np.arctan2(np.linalg.norm(np.cross(one, two), axis=1), (one * two).sum(axis=1))
-        for axis in range(3):
-            total[:, axis] += np.bincount(faces[:, corner], weights=normals[:, axis] * angle, minlength=len(points))
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
+from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
 
 
 @dataclass(frozen=True)
@@ -63,7 +38,7 @@ def build_lattice(vertices: np.ndarray, faces: np.ndarray, subdivision: int) -> 
     used, face_points = np.unique(identity, return_inverse=True)
     face_points = face_points.reshape(identity.shape)
 
-    smooth = vertex_normals(vertices, faces)
+    smooth = angle_weighted_normals(vertices, faces)
     flat = face_normals(vertices, faces)
     interpolated = np.einsum("lc,fcx->flx", weights / n, smooth[faces])
     facing = np.einsum("flx,fx->fl", interpolated, flat)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from exmesh_graph.shading.lattice import face_normals, vertex_normals
+from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
 from exmesh_graph.types import Carrier
 
 #: A smooth normal may turn away from the camera near a silhouette; shading then sees it at this cosine.
@@ -45,7 +45,7 @@ class CarrierGeometry:
         self.faces = torch.from_numpy(carrier.faces.astype(np.int64)).to(device)
         self.uvs = torch.from_numpy(carrier.uvs).to(device)
         self.uv_faces = torch.from_numpy(carrier.uv_faces.astype(np.int64)).to(device)
-        smooth = vertex_normals(carrier.vertices, carrier.faces)
+        smooth = angle_weighted_normals(carrier.vertices, carrier.faces)
         flat = face_normals(carrier.vertices, carrier.faces)
         self.vertex_normals = torch.from_numpy(smooth.astype(np.float32)).to(device)
         self.face_normals = torch.from_numpy(flat.astype(np.float32)).to(device)

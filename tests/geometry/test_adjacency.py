@@ -90,7 +90,8 @@ def test_figures_of_the_sphere():
     assert adj.face_areas(vertices, faces).sum() == pytest.approx(16 * np.pi, rel=5e-3)
     assert adj.signed_volume(vertices + np.float32(100), faces) == pytest.approx(32 / 3 * np.pi, rel=5e-3)
     outward = vertices / 2.0
-    assert np.einsum("ij,ij->i", adj.vertex_normals(vertices, faces), outward).min() > 0.999
+    for normals in (adj.area_weighted_normals, adj.angle_weighted_normals):
+        assert np.einsum("ij,ij->i", normals(vertices, faces), outward).min() > 0.999
     assert np.einsum("ij,ij->i", adj.face_normals(vertices, faces), outward[faces].mean(axis=1)).min() > 0.99
 
 
@@ -128,3 +129,11 @@ def test_edge_lengths():
     vertices, faces = grid(1, 1)
     edges = adj.edges_of(faces)
     assert sorted(adj.edge_lengths(vertices, edges)) == pytest.approx([1, 1, 1, 1, 2**0.5])
+
+
+def test_weighting_by_angle_does_not_see_how_a_flat_side_is_cut():
+    """A cube's corner: three sides of 90 degrees each, two of them cut through the corner and one not."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1]], np.float32)
+    faces = np.array([[0, 2, 4], [0, 4, 1], [0, 1, 5], [0, 5, 3], [0, 3, 2], [3, 6, 2]])
+    np.testing.assert_allclose(adj.angle_weighted_normals(vertices, faces)[0], -np.ones(3) / np.sqrt(3), atol=1e-12)
+    assert np.ptp(adj.area_weighted_normals(vertices, faces)[0]) > 0.1  # area does

@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
 from exmesh_graph.rays import make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
-from exmesh_graph.shading.lattice import build_lattice, face_normals, locate, vertex_normals
+from exmesh_graph.shading.lattice import build_lattice, locate
 from exmesh_graph.shading.transport import (
     LightTransport,
     check_fits,
@@ -77,7 +78,7 @@ def test_lattice_points_are_shared(n):
 
 def test_normals_of_a_sphere_and_degenerate_faces():
     vertices, faces = _sphere(24)
-    np.testing.assert_allclose(vertex_normals(vertices, faces), vertices / 0.8, atol=0.02)
+    np.testing.assert_allclose(angle_weighted_normals(vertices, faces), vertices / 0.8, atol=0.02)
     flat = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], float)
     assert (face_normals(flat, np.array([[0, 1, 2]])) == 0).all()
 

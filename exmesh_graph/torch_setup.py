@@ -1,4 +1,4 @@
-"""How many torch threads a solver uses, set for the length of a block only."""
+"""Where and how wide torch runs: the device a user names, and CPU threads for the length of a block only."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from exmesh_graph.errors import MissingLibraryError
 def torch_threads(count: int) -> Iterator[None]:
     """Run the block with `count` torch CPU threads (0 = leave as it is), then restore the caller's setting.
 
-    Stage I's tensors are small: one thread is as fast as two on most of its operations, and leaves the second core
-    to other nodes of the graph (docs/stage1.md).
+    The solvers' tensors are small: one thread is as fast as two on most of their operations, and leaves the second
+    core to other nodes of the graph (docs/stage1.md).
     """
     before = torch.get_num_threads()
     if count > 0:
