@@ -11,6 +11,8 @@ from exmesh_graph.types import DepthMaps, Frame, SceneTruth, Views
 
 Up = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+_PICTURES = ("OpenImageIO", "scipy", "scikit-image")  # the last two: normalisation, which finds the object
+
 Train = Annotated[Views, facets(split="train")]
 Test = Annotated[Views, facets(split="test")]
 
@@ -56,7 +58,7 @@ def _blender_sources(p: BlenderParams) -> Mapping[str, Path]:
     return blender_files(p.path, _blender_options(p))
 
 
-@node("data.blender", version="1", sources=_blender_sources)
+@node("data.blender", version="1", libraries=_PICTURES, sources=_blender_sources)
 def blender(ctx: Context, *, p: BlenderParams) -> BlenderOut:
     """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes."""
     from exmesh_graph.io.blender import load_blender
@@ -108,7 +110,7 @@ def _middlebury_sources(p: MiddleburyParams) -> Mapping[str, Path]:
     return relative_names(p.path, [find_par(p.path), *files])
 
 
-@node("data.middlebury", version="1", sources=_middlebury_sources)
+@node("data.middlebury", version="1", libraries=_PICTURES, sources=_middlebury_sources)
 def middlebury(ctx: Context, *, p: MiddleburyParams) -> ViewsOut:
     """Photographs in the Middlebury multi-view layout (templeRing and others)."""
     from exmesh_graph.io.middlebury import load_middlebury
@@ -150,7 +152,7 @@ def _idr_sources(p: IdrParams) -> Mapping[str, Path]:
     return relative_names(p.path, [camera_file(p.path), *files])
 
 
-@node("data.idr", version="1", sources=_idr_sources)
+@node("data.idr", version="1", libraries=_PICTURES, sources=_idr_sources)
 def idr(ctx: Context, *, p: IdrParams) -> ViewsOut:
     """Photographs in the IDR / NeuS layout (DTU and others), with masks or without."""
     from exmesh_graph.io.idr import load_idr
@@ -161,7 +163,11 @@ def idr(ctx: Context, *, p: IdrParams) -> ViewsOut:
 
 class DepthFilesParams(Params):
     folder: Path = param(doc="Folder with one depth map (EXR, NPY or 16-bit PNG) for each view.")
-    pattern: str = param("{name}", doc="File name of a view's map, with {name} or {stem}; the ending may be left out.")
+    pattern: str = param(
+        "{name}",
+        pattern=r"^[^/\\{}]*\{(name|stem)\}[^/\\{}]*$",  # a file of `folder`: only their contents are in the key
+        doc="File name in `folder` of a view's map, with {name} or {stem}; the ending may be left out.",
+    )
     scale: float = param(
         1.0, gt=0, doc="File values times this give the stated units (0.001 for millimetres as integers)."
     )
@@ -180,7 +186,7 @@ def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
     return {file.name: file for file in depth_files(p.folder)}
 
 
-@node("prior.depth_files", version="1", sources=_depth_sources)
+@node("prior.depth_files", version="1", libraries=_PICTURES, sources=_depth_sources)
 def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *, p: DepthFilesParams) -> DepthOut:
     """Depth along the camera's axis, one file for each view."""
     from exmesh_graph.errors import DataError

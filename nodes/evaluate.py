@@ -16,7 +16,7 @@ class MeshOut(NamedTuple):
     metrics: Metrics
 
 
-@node("evaluate.mesh", version="1", libraries=("open3d",))
+@node("evaluate.mesh", version="1", libraries=("scipy",))
 def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshParams) -> MeshOut:
     """Chamfer distance to the true surface, whether the mesh is closed and manifold, its size."""
     from exmesh_graph.report.scores_mesh import score_mesh
@@ -34,7 +34,7 @@ class ScoredOut(NamedTuple):
     gallery: Gallery
 
 
-@node("evaluate.stage1", version="1", libraries=("warp-lang",))
+@node("evaluate.stage1", version="1", libraries=("torch", "warp-lang", "scipy", "OpenImageIO"))
 def stage1(ctx: Context, carrier: Carrier, views: TestViews, *, p: Stage1Params) -> ScoredOut:
     """Held-out PSNR and SSIM of the mesh with its Stage I texture; pictures of its geometry."""
     from exmesh_graph.report.galleries import carrier_gallery
@@ -54,7 +54,7 @@ class AssetParams(Params):
     specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
 
 
-@node("evaluate.asset", version="1", libraries=("warp-lang", "embreex"))
+@node("evaluate.asset", version="1", libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO"))
 def asset(
     ctx: Context,
     asset: Asset,

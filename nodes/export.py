@@ -19,7 +19,7 @@ class UsdOut(NamedTuple):
     files: UsdAsset
 
 
-@node("export.usd", version="1", libraries=("usd-core", "OpenImageIO"))
+@node("export.usd", version="1", libraries=("usd-core", "OpenImageIO", "scipy"))
 def usd(ctx: Context, asset: Asset, frame: Frame | None = None, *, p: UsdParams) -> UsdOut:
     """Write mesh, maps and light as USD (asset.usdz, asset.usdc, scene.usda, textures); validated."""
     from exmesh_graph.io.usd import validate_usd, write_usd

@@ -34,7 +34,7 @@ class HullParams(Params):
     chunk: int = param(1 << 18, ge=1 << 12, unit="points", doc="Points handled at once; bounds memory.", tuning=True)
 
 
-@node("init.visual_hull", version="1", libraries=("scikit-image",))
+@node("init.visual_hull", version="1", libraries=("scipy", "scikit-image"))
 def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullParams) -> ClosedMeshOut:
     """The largest closed shape that agrees with the masks."""
     from exmesh_graph.geometry.clean import require_sound, taubin
@@ -57,7 +57,7 @@ class TsdfParams(Params):
     min_weight: float = param(1.0, ge=1, unit="views", doc="Views that must have seen a voxel.")
 
 
-@node("init.tsdf", version="1", libraries=("open3d",))
+@node("init.tsdf", version="1", libraries=("open3d", "scipy"))
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
     """Fuse depth maps into one surface (truncated signed distance, Open3D)."""
     from exmesh_graph.geometry.tsdf import fuse
@@ -78,7 +78,7 @@ class CleanParams(Params):
     close_holes: int = param(0, ge=0, unit="edges", doc="Fill holes of at most so many edges (not open3d); 0 = none.")
 
 
-@node("init.clean", version="1", libraries=("pymeshlab", "open3d"))
+@node("init.clean", version="1", libraries=("scipy", "pymeshlab", "open3d"))
 def clean(ctx: Context, mesh: Mesh, *, p: CleanParams) -> ManifoldMeshOut:
     """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed."""
     from exmesh_graph.geometry.clean import clean_mesh
@@ -105,7 +105,7 @@ def _mesh_file_sources(p: MeshFileParams) -> Mapping[str, Path]:
     return {p.path.name: p.path}
 
 
-@node("init.mesh_file", version="1", sources=_mesh_file_sources)
+@node("init.mesh_file", version="1", libraries=("scipy", "scikit-image"), sources=_mesh_file_sources)
 def mesh_file(ctx: Context, frame: Frame | None = None, *, p: MeshFileParams) -> MeshOut:
     """A mesh from an OBJ or PLY file."""
     import numpy as np

@@ -10,8 +10,7 @@ from exmesh_graph.types import Carrier, DepthMaps, Metrics, Stage1State, Views
 Train = Annotated[Views, facets(split="train")]
 Device = Literal["auto", "cpu", "cuda"]
 
-_LIBRARIES = ("torch", "warp-lang")
-_KERNELS = ("exmesh_graph.raster.kernels",)
+_LIBRARIES = ("torch", "warp-lang", "scipy")
 
 
 class InitParams(Params):
@@ -26,7 +25,7 @@ class InitOut(NamedTuple):
     state: Stage1State
 
 
-@node("stage1.init", version="1", libraries=_LIBRARIES, code=_KERNELS)
+@node("stage1.init", version="1", libraries=_LIBRARIES)
 def init(ctx: Context, carrier: Carrier, views: Train, *, p: InitParams) -> InitOut:
     """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero."""
     from exmesh_graph.stage1.init import initial_state
@@ -73,7 +72,7 @@ class RefineOut(NamedTuple):
     history: Metrics
 
 
-@node("stage1.refine", version="1", libraries=_LIBRARIES, code=_KERNELS)
+@node("stage1.refine", version="1", libraries=_LIBRARIES)
 def refine(
     ctx: Context, state: Stage1State, views: Train, depths: DepthMaps | None = None, *, p: RefineParams
 ) -> RefineOut:

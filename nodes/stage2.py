@@ -37,7 +37,7 @@ class FitOut(NamedTuple):
     history: Metrics
 
 
-@node("stage2.fit", version="1", libraries=("torch", "embreex", "warp-lang"))
+@node("stage2.fit", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"))
 def fit(
     ctx: Context,
     carrier: Carrier,

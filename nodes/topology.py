@@ -39,7 +39,7 @@ class StateOut(NamedTuple):
     state: Stage1State
 
 
-@node("mesh.split", version="1")
+@node("mesh.split", version="1", libraries=("scipy",))
 def split(ctx: Context, state: Stage1State, *, p: SplitParams) -> StateOut:
     """Split faces that are large, curved or far from their images; UVs, moments and gradients follow."""
     from exmesh_graph.geometry.split import SplitSettings
@@ -71,7 +71,7 @@ def split(ctx: Context, state: Stage1State, *, p: SplitParams) -> StateOut:
     return StateOut(_carry(state, done))
 
 
-@node("mesh.merge", version="1", libraries=("warp-lang",), code=("exmesh_graph.raster.rasterize",))
+@node("mesh.merge", version="1", libraries=("torch", "warp-lang", "scipy"))
 def merge(
     ctx: Context,
     state: Stage1State,

@@ -36,7 +36,7 @@ class StateOut(NamedTuple):
     state: Stage1State
 
 
-@node("uv.xatlas_unwrap", version="1", libraries=("xatlas",))
+@node("uv.xatlas_unwrap", version="1", libraries=("xatlas", "torch", "warp-lang", "scipy"))
 def xatlas_unwrap(ctx: Context, mesh: Mesh, *, p: UnwrapParams) -> CarrierOut:
     """Unwrap a mesh into an atlas and give it a grey texture."""
     import numpy as np
@@ -48,7 +48,7 @@ def xatlas_unwrap(ctx: Context, mesh: Mesh, *, p: UnwrapParams) -> CarrierOut:
     return CarrierOut(Carrier(mesh.vertices, mesh.faces, uvs, uv_faces, texture))
 
 
-@node("uv.maintain", version="1")
+@node("uv.maintain", version="1", libraries=("scipy",))
 def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut:
     """Check the atlas, drop unused UVs and spread the texture beyond its charts."""
     from dataclasses import replace
@@ -77,7 +77,7 @@ def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut
     return StateOut(replace(state, uvs=uvs, uv_faces=uv_faces, texture=texture))
 
 
-@node("uv.xatlas_regen", version="1", libraries=("xatlas",))
+@node("uv.xatlas_regen", version="1", libraries=("xatlas", "torch", "warp-lang", "scipy"))
 def xatlas_regen(ctx: Context, state: Stage1State, *, p: RegenParams) -> StateOut:
     """Make a new atlas and move texture and texture moments over, texel by texel."""
     from dataclasses import replace

@@ -1,0 +1,68 @@
+"""Every installed library that a node's code imports, also late, is declared: another version is another result."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from exmesh_graph.graph.fingerprint import fingerprint
+from exmesh_graph.graph.packs import load_packs
+
+BUILTIN = {name: d for name, d in load_packs().types.items() if d.function.__module__.startswith("exmesh_nodes.")}
+ROOT = Path(__file__).parent.parent.parent
+# numpy: under every node, its results are pinned by IEEE arithmetic but for sums; safetensors: bytes are hashed anyway
+LEFT_OUT = {"numpy", "safetensors", "pydantic"}
+LATE = {"import_open3d": "open3d", "import_pymeshlab": "pymeshlab"}  # by a computed name, in exmesh_graph.io.native
+UNUSED = {  # imported by a module of the node's code, but by no function that the node calls
+    "evaluate.mesh": {"pymeshlab", "open3d", "embreex", "torch", "warp-lang", "OpenImageIO"},
+    "evaluate.stage1": {"pymeshlab", "open3d", "embreex"},
+    "evaluate.asset": {"pymeshlab", "open3d"},
+    "init.tsdf": {"pymeshlab"},
+    "init.visual_hull": {"open3d", "pymeshlab"},
+    "transport.bounce": {"embreex"},
+}
+
+
+OWN = metadata.packages_distributions() | {"xatlas": ["xatlas"]}  # its wheel does not list its module
+
+
+def libraries_of(node_type: str) -> set[str]:
+    """Distributions that the modules of the node's fingerprint import."""
+    found: set[str] = set()
+    for module in fingerprint(BUILTIN[node_type]).modules:
+        top, _, rest = module.partition(".")
+        base = ROOT / ("nodes" if top == "exmesh_nodes" else top)
+        path = base.joinpath(*rest.split(".")) if rest else base
+        path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        if top == "exmesh_nodes" or module == "exmesh_graph.io.native":
+            continue
+        for name in imports_of(path):
+            if name in LATE.values():
+                found.add(name)
+            elif name not in sys.stdlib_module_names and name not in ("exmesh_graph", "exmesh_nodes"):
+                found.add(OWN[name][0])
+    return found - LEFT_OUT
+
+
+@functools.cache
+def imports_of(path: Path) -> set[str]:
+    """Names of the packages that a file imports."""
+    found: set[str] = set()
+    for item in ast.walk(ast.parse(path.read_text())):
+        if isinstance(item, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in item.names}
+        elif isinstance(item, ast.ImportFrom) and not item.level:
+            found.add((item.module or "").partition(".")[0])
+            found |= {LATE[alias.name] for alias in item.names if alias.name in LATE}
+    return found
+
+
+@pytest.mark.parametrize("node_type", BUILTIN)
+def test_the_key_holds_the_versions_of_all_libraries(node_type: str) -> None:
+    declared, imported = set(BUILTIN[node_type].libraries), libraries_of(node_type)
+    assert imported - UNUSED.get(node_type, set()) == declared
