@@ -98,10 +98,10 @@ def why(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Say why a node is a hit or must run: its key, and what differs from the nearest earlier record."""
-    from exmesh_graph.cli.show import show_why
+    from exmesh_graph.cli.show import read_run, show_why
 
     if graph is None:
-        record = _read_run(runs / "latest")
+        record = read_run(runs / "latest")
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
     checked, _ = _checked(graph, set_)
     name = _names(checked, [node])[0]
@@ -129,10 +129,11 @@ def report(
 ) -> None:
     """Build a run's report again."""
     from exmesh_graph.cli.running import make_report
+    from exmesh_graph.cli.show import read_run
     from exmesh_graph.graph.packs import load_packs
 
     load_packs()
-    record = _read_run(run)
+    record = read_run(run)
     folder = run.resolve()
     make_report(folder, record, _store(store))
     typer.echo(str(folder / "report.html"))
@@ -142,6 +143,8 @@ def report(
 def verify(store: StoreFolder = None) -> None:
     """Read the whole store and check every byte; what is broken goes to quarantine and is made again."""
     opened = _store(store)
+    if not opened.root.is_dir():
+        raise ExmeshError("there is no store here", where=str(opened.root), fix="name its folder with --store")
     objects, actions = opened.count()
     broken = 0
     for what, reason in opened.verify():
@@ -167,6 +170,9 @@ def run_app() -> None:
     except ExmeshError as error:
         typer.echo(str(error), err=True)
         sys.exit(2 if error.code == "graph" else 1)
+    except BrokenPipeError:  # the reader of a pipe is gone (exmesh nodes | head)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except OSError as error:  # a full disk, a folder that may not be written
         typer.echo(f"error: {error}", err=True)
         sys.exit(1)
@@ -204,18 +210,9 @@ def _names(checked: Checked, names: list[str] | None) -> list[str]:
 
     for name in names or []:
         if name not in checked.nodes:
-            close = ", ".join(nearest(name, checked.nodes))
-            raise GraphError(f"the graph has no node {name!r}", expected=close)
+            close = nearest(name, checked.nodes) or list(checked.nodes)
+            raise GraphError(f"the graph has no node {name!r}", where="command line", expected=", ".join(close[:8]))
     return list(names or [])
-
-
-def _read_run(run: Path) -> dict[str, Any]:
-    import json
-
-    path = run / "run.json"
-    if not path.is_file():
-        raise ExmeshError(f"{run} is no run folder", fix="exmesh status lists the runs")
-    return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _command(graph: Path, sets: list[str] | None, store: Path | None, runs: Path) -> str:

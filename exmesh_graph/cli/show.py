@@ -111,6 +111,19 @@ def show_why(graph: Checked, name: str, store: Store) -> None:
     typer.echo("    code: " + ", ".join(fingerprint(bound.definition).parts))
 
 
+def read_run(folder: Path) -> dict[str, Any]:
+    """The record of a run folder. Raises ExmeshError where there is none, or none that can be read."""
+    path = folder / "run.json"
+    if not path.is_file():
+        raise ExmeshError(f"{folder} is no run folder", fix="exmesh status lists the runs")
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        return {**record, "state": record["state"], "nodes": record["nodes"], "started": record["started"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        what = f"run.json cannot be read: {type(error).__name__}: {error}"
+        raise ExmeshError(what, where=str(path), fix="run the graph again: what is in the store is kept") from error
+
+
 def show_status(runs: Path, last: int) -> None:
     """The last runs, newest first."""
     found = sorted((path for path in runs.glob("*/run.json") if not path.parent.is_symlink()), reverse=True)
@@ -118,14 +131,20 @@ def show_status(runs: Path, last: int) -> None:
         typer.echo(f"no runs in {runs}")
         return
     for path in found[:last]:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        state = record["state"]
+        try:
+            record = read_run(path.parent)
+        except ExmeshError as error:
+            typer.echo(f"{'unreadable':<12}{path.parent.name}  {error.what}")
+            continue
+        state, end = record["state"], time.time()
         if state == "unfinished":
             state = "running" if is_alive(path.parent) else "killed"
+        if state == "killed":  # the last sign of life
+            end = (path.parent / "events.jsonl").stat().st_mtime
         rows = record["nodes"]
         ready = sum(row["state"] in ("hit", "done") for row in rows)
         hits = sum(row["state"] == "hit" for row in rows)
-        spent = clock(record["seconds"] if "seconds" in record else time.time() - record["started"])
+        spent = clock(record["seconds"] if "seconds" in record else max(0.0, end - record["started"]))
         typer.echo(f"{state:<12}{record['id']}  {ready}/{len(rows)} nodes, {hits} hits, {spent}")
         busy = [row["name"] for row in rows if row["state"] in ("running", "failed", "interrupted")]
         if busy and state != "done":

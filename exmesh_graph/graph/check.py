@@ -148,7 +148,8 @@ class _Check:
         model = self._params(spec, found, params)
         definition = self.packs.types[spec.type]
         self._libraries(spec, definition)
-        sources = {} if model is None else self._sources(spec, definition, model)
+        paths = [params[key].where for key in found.path_fields() & set(params)]
+        sources = {} if model is None else self._sources(spec, definition, model, paths[0] if paths else spec.where)
         return Bound(spec.name, definition, found, model or Params(), links, sources, spec.seed, spec.where)
 
     def _unknown(self, spec: NodeSpec, found: Signature, key: str, value: Value) -> None:
@@ -178,7 +179,7 @@ class _Check:
                 nearest=self._suitable(port, spec.name),
             )  # fmt: skip
             return None
-        source = self._source(link, value.where, end)
+        source = self._source(link, value.where, end, self._suitable(port, spec.name))
         if source is None:
             return None
         wire = f"{link.node}.{link.port} ({self.graph.nodes[link.node].where}) -> {end}"
@@ -203,9 +204,9 @@ class _Check:
                     )  # fmt: skip
         return link
 
-    def _source(self, link: Link, where: Where, end: str) -> Port | None:
+    def _source(self, link: Link, where: Where, end: str, suitable: list[str]) -> Port | None:
         if link.node not in self.graph.nodes:
-            names = [f"@{name}.{link.port}" for name in nearest(link.node, self.graph.nodes)]
+            names = [f"@{name}.{link.port}" for name in nearest(link.node, self.graph.nodes)] or suitable
             self.problems.add(
                 "unknown-node", where, f"{link}: there is no node {link.node!r}",
                 wire=f"{link.node}.{link.port} (nowhere) -> {end}", nearest=names,
@@ -246,14 +247,18 @@ class _Check:
             if isinstance(value.value, Link | Broken):
                 self.problems.add("link", value.where, f"{spec.name}: {key} is a parameter, not an input port")
                 failed = True
+            elif isinstance(value.value, bool) and found.params.model_fields[key].annotation in (int, float):
+                message = "Input should be a number, not true or false"  # pydantic would take true for 1
+                self._bad_value(spec, found, given, {"loc": (key,), "type": "number", "msg": message})
+                failed = True
             raw[key] = value.value
         if failed:
             return None
         try:
             model = found.params.model_validate(raw)
         except ValidationError as error:
-            for item in error.errors(include_url=False):
-                self._bad_value(spec, found, given, item)
+            for details in error.errors(include_url=False):
+                self._bad_value(spec, found, given, details)
             return None
         moved = {}
         for key in found.path_fields() & set(given):
@@ -286,33 +291,36 @@ class _Check:
                     fix=f"pip install {library}",
                 )  # fmt: skip
 
-    def _sources(self, spec: NodeSpec, definition: NodeDef, model: Params) -> Mapping[str, Path]:
+    def _sources(self, spec: NodeSpec, definition: NodeDef, model: Params, where: Where) -> Mapping[str, Path]:
         if definition.sources is None:
             return {}
         try:
             files = {str(name): Path(path) for name, path in definition.sources(model).items()}
         except ExmeshError as error:
             self.problems.add(
-                "source", spec.where, f"{spec.name}: {error.what}", found=error.where,
+                "source", where, f"{spec.name}: {error.what}", found=error.where,
                 expected=error.expected, fix=error.fix,
             )  # fmt: skip
             return {}
-        except OSError as error:
-            self.problems.add("source", spec.where, f"{spec.name}: {error}")
+        except Exception as error:  # an unreadable folder, or data that the listing was not made for
+            self.problems.add(
+                "source", where, f"{spec.name}: its source files cannot be listed: {type(error).__name__}: {error}",
+                fix="mend the data; if it is right, this is a fault of the node",
+            )  # fmt: skip
             return {}
         for name, path in files.items():
             if PurePath(name).is_absolute():
                 what = f"{spec.type}: the source name {name!r} is an absolute path; keys must not hold any"
                 self.problems.add("declaration", spec.where, what)
             elif not path.is_file():
-                self.problems.add("source", spec.where, f"{spec.name}: no such file: {path}")
+                self.problems.add("source", where, f"{spec.name}: no such file: {path}")
         return files
 
     def _outputs(self) -> dict[str, Link]:
         result = {}
         for name, value in self.graph.outputs.items():
             if isinstance(value.value, Link):
-                if self._source(value.value, value.where, f"outputs.{name} ({value.where})") is not None:
+                if self._source(value.value, value.where, f"outputs.{name} ({value.where})", []) is not None:
                     result[name] = value.value
             elif value.value is not None and not isinstance(value.value, Broken):
                 what = f"outputs.{name} must be a link"

@@ -92,9 +92,10 @@ class SourceDigests:
         return self.known[key]
 
     def save(self) -> None:
-        """Keep the memo for the next process."""
+        """Keep the memo for the next process; in a store that cannot be written the files are read again then."""
         if self.changed and self.memo is not None and self.work is not None:
-            write_durably(self.memo, seal_text({"digests": self.known}), self.work)
+            with contextlib.suppress(OSError):
+                write_durably(self.memo, seal_text({"digests": self.known}), self.work)
             self.changed = False
 
 

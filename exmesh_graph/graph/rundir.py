@@ -6,12 +6,13 @@ A published artifact is a copy, so that editing it cannot touch the store. A Fil
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ class RunFolder:
     """A new folder below `runs`; `latest` points to it."""
 
     def __init__(self, runs: Path, graph_name: str) -> None:
+        with _writing(runs):
+            self._open(runs, graph_name)
+
+    def _open(self, runs: Path, graph_name: str) -> None:
         runs.mkdir(parents=True, exist_ok=True)
         stem = time.strftime("%Y%m%d-%H%M%S") + "-" + "".join(c if c.isalnum() else "-" for c in graph_name)
         for number in range(1, 1000):
@@ -45,14 +50,16 @@ class RunFolder:
 
     def event(self, event: Mapping[str, Any]) -> None:
         """Append one line to events.jsonl."""
-        self._events.write(json.dumps(event, default=str) + "\n")
-        self._events.flush()
+        with _writing(self.path):
+            self._events.write(json.dumps(event, default=str) + "\n")
+            self._events.flush()
 
     def write(self, name: str, value: Mapping[str, Any], indent: int | None = 1) -> None:
         """Replace a JSON file of the run."""
         draft = self.path / f".{name}.draft"
-        draft.write_text(json.dumps(value, indent=indent, default=str) + "\n", encoding="utf-8")
-        os.replace(draft, self.path / name)
+        with _writing(self.path):
+            draft.write_text(json.dumps(value, indent=indent, default=str) + "\n", encoding="utf-8")
+            os.replace(draft, self.path / name)
 
     def publish(self, name: str, stored: Stored, store: Store) -> Path:
         """Copy an artifact into the run's folder; returns the path a user opens."""
@@ -65,12 +72,26 @@ class RunFolder:
         taken = names & ({path.name for path in self.path.iterdir()} | set(OWN_FILES))
         if taken:
             raise StoreError(f"the output {name} would overwrite {', '.join(sorted(taken))} in {self.path}")
-        shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
+        with _writing(target):
+            shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
         return target / main if main else target
 
     def close(self) -> None:
         """Let go of the events file."""
-        self._events.close()
+        with contextlib.suppress(OSError):  # what could not be written was reported by then
+            self._events.close()
+
+
+@contextlib.contextmanager
+def _writing(place: Path) -> Iterator[None]:
+    """Name the run folder where the disk is full, read-only or gone."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(
+            f"the run folder cannot be written: {error.strerror or error}", where=str(place),
+            fix="make room there or allow writing, or take another folder with --runs; then run the same again",
+        ) from error  # fmt: skip
 
 
 def is_alive(run: Path) -> bool:

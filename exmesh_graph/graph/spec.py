@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.problems import Problems, Where, fail, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, nearest
 from exmesh_graph.graph.yamlfile import Map, load_yaml, parse_yaml
 
 TOP_KEYS = ("name", "doc", "extends", "params", "seed", "nodes", "outputs")
@@ -77,11 +77,12 @@ def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
         elif "." in override.target:
             continue
         else:
-            names = nearest(override.target, [*scope, "seed"])
-            problems.add("set", Where(None), f"the graph has no parameter {override.target!r}", nearest=names)
+            _unknown_target(override.target, scope, nodes, problems)
         override.used = True
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**31:
-        problems.add("seed", merged.lines.get("seed", root), f"seed must be a whole number >= 0, not {seed!r}")
+        given = any(override.target == "seed" for override in sets)
+        where = Where(None) if given else merged.lines.get("seed", root)
+        problems.add("seed", where, f"seed must be a whole number from 0 to {2**31 - 1}, not {seed!r}")
         seed = 0
     name = str(merged.get("name", path.stem))
     outputs = _mapping(merged, "outputs", problems)
@@ -182,33 +183,70 @@ def _merge_entry(base: Map, child: Map, problems: Problems) -> Map:
     result = base.copy()
     for key, value in child.items():
         old = base.get(key)
+        if key in ("every", "at") and value is None:
+            _remove(result, key, child.lines[key], problems)
+            continue
         if isinstance(value, Map) and isinstance(old, Map):
             if key == "nodes":
                 value = _merge_nodes(old, value, problems)
             elif key in ("every", "at"):
-                value = _merge_plain(old, value, inner=True)
+                value = _merge_rounds(old, value, problems)
             elif key in ("carry", "next"):
                 value = _merge_plain(old, value)
         result.put(key, value, child.lines[key])
     return result
 
 
-def _merge_plain(base: Map, child: Map, inner: bool = False) -> Map:
-    """`child` over `base`; with `inner`, entries that are settings of a round are merged in turn."""
+def _merge_rounds(base: Map, child: Map, problems: Problems) -> Map:
+    """The settings of single rounds: merged round by round, `null` removes a round's."""
+    result = base.copy()
+    for number, value in child.items():
+        old = base.get(number)
+        if value is None:
+            _remove(result, number, child.lines[number], problems)
+            continue
+        if isinstance(value, Map) and isinstance(old, Map) and "type" not in value:
+            value = _merge_plain(old, value)
+        result.put(number, value, child.lines[number])
+    return result
+
+
+def _merge_plain(base: Map, child: Map) -> Map:
     result = base.copy()
     for key, value in child.items():
-        old = base.get(key)
-        if inner and isinstance(value, Map) and isinstance(old, Map) and "type" not in value:
-            value = _merge_plain(old, value)
         result.put(key, value, child.lines[key])
     return result
 
 
+def _remove(result: Map, key: Any, where: Where, problems: Problems) -> None:
+    if key not in result:
+        problems.add("extends", where, f"cannot remove {key!r}: the base has no such entry here")
+    result.pop(key, None)
+
+
 def _override(text: str) -> Override:
+    expected = "--set name=value or --set node.param=value"
     target, equals, value = text.partition("=")
     if not equals or not target.strip():
-        fail("set", Where(None), f"cannot read --set {text!r}", expected="--set name=value or --set node.param=value")
-    return Override(target.strip(), value if value.startswith("@") else parse_yaml(value, None))
+        fail("set", Where(None), f"cannot read --set {text!r}", expected=expected)
+    if value.startswith("@"):
+        return Override(target.strip(), value)
+    try:
+        return Override(target.strip(), parse_yaml(value, None))
+    except GraphErrors as error:
+        fail("set", Where(None), f"cannot read the value of --set {text!r}: {error.problems[0].what}",
+             expected=f"{expected}, the value as in a graph file; quote it where it holds signs of YAML")  # fmt: skip
+
+
+def _unknown_target(target: str, params: Mapping[str, Value], nodes: Map, problems: Problems) -> None:
+    """`--set target=...` where `target` is no graph parameter."""
+    expected = ", ".join([*params, "seed"])
+    fix = ""
+    if target in nodes:
+        what = "repeat" if isinstance(nodes[target], Map) and "repeat" in nodes[target] else "PARAMETER"
+        fix = f"a node's parameter is set by --set {target}.{what}=VALUE"
+    problems.add("set", Where(None), f"the graph has no parameter {target!r}", expected=expected,
+                 nearest=nearest(target, [*params, "seed"]), fix=fix)  # fmt: skip
 
 
 def _resolve_params(raw: Mapping[str, Value], problems: Problems) -> dict[str, Value]:

@@ -12,6 +12,7 @@ reading moves the thing to quarantine and counts as a miss; nothing doubtful is 
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import time
@@ -26,6 +27,7 @@ from exmesh_graph.graph.keys import ABSENT, digest_of, key_of
 from exmesh_graph.types import Artifact
 
 FORMAT = 1
+_DENIED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,8 @@ class Store:
 
     def __init__(self, root: Path) -> None:
         self.root = root.absolute()
+        if self.root.exists() and not self.root.is_dir():
+            raise StoreError("the store is not a folder", where=str(self.root), fix="name a folder with --store")
         self.work = self.root / "work"
         self.notes: list[str] = []
         self.sources = files.SourceDigests(self.root / "sources.json", self.work)
@@ -62,7 +66,9 @@ class Store:
     @contextlib.contextmanager
     def attempt(self) -> Iterator[Path]:
         """A work folder on the store's file system, removed afterwards."""
-        with files.own_folder(self.work) as folder:
+        with contextlib.ExitStack() as stack:
+            with self._writing():
+                folder = stack.enter_context(files.own_folder(self.work))
             yield folder
 
     def sweep(self) -> None:
@@ -70,7 +76,11 @@ class Store:
         files.sweep_abandoned(self.work)
 
     def put(self, value: Artifact, attempt: Path) -> Stored:
-        """Write an artifact and return where it is. Equal bytes are kept once."""
+        """Write an artifact and return where it is. Equal bytes are kept once. Raises StoreError on a full disk."""
+        with self._writing():
+            return self._put(value, attempt)
+
+    def _put(self, value: Artifact, attempt: Path) -> Stored:
         draft = attempt / f"object-{time.monotonic_ns()}"
         data = draft / "data"
         data.mkdir(parents=True)
@@ -102,6 +112,21 @@ class Store:
             if not self.holds(digest):
                 raise
             files.remove_tree(draft)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Name the store where the disk is full or read-only; safetensors wraps the system's error in its own."""
+        try:
+            yield
+        except Exception as error:
+            denied = isinstance(error, OSError) and error.errno in _DENIED
+            if not denied and type(error).__name__ != "SafetensorError":
+                raise
+            reason = getattr(error, "strerror", None) or str(error)
+            raise StoreError(
+                f"the store cannot be written: {reason}", where=str(self.root),
+                fix="make room there or allow writing, or take another folder with --store; then run the same again",
+            ) from error  # fmt: skip
 
     def holds(self, digest: str) -> bool:
         """Whether the object is there, with all its files at their sizes."""
@@ -160,7 +185,8 @@ class Store:
         key = key_of(preimage)
         table = {port: asdict(stored) for port, stored in outputs.items()}
         record = {"format": FORMAT, "key": key, "preimage": dict(preimage), "outputs": table, **info}
-        files.write_durably(self._action(key), files.seal_text(record), self.work)
+        with self._writing():
+            files.write_durably(self._action(key), files.seal_text(record), self.work)
         return key
 
     def look_up(self, key: str) -> Action | None:
@@ -218,11 +244,17 @@ class Store:
     def _quarantine(self, path: Path, reason: str) -> None:
         if not path.exists():
             return
-        self.notes.append(f"{path.relative_to(self.root)} moved to quarantine: {reason}")
+        name = path.relative_to(self.root)
         home = self.root / "quarantine"
-        home.mkdir(parents=True, exist_ok=True)
-        with contextlib.suppress(FileNotFoundError):
+        try:
+            home.mkdir(parents=True, exist_ok=True)
             os.rename(path, home / f"{path.name}.{time.time_ns()}")
+        except FileNotFoundError:  # another process was quicker
+            self.notes.append(f"{name} moved to quarantine: {reason}")
+        except OSError as error:  # a store that may only be read: still a miss
+            self.notes.append(f"{name} is not used and could not be moved to quarantine ({error.strerror}): {reason}")
+        else:
+            self.notes.append(f"{name} moved to quarantine: {reason}")
 
     def _object(self, digest: str) -> Path:
         return self.root / "objects" / digest[:2] / digest

@@ -14,6 +14,11 @@ from exmesh_graph.graph.problems import Where, fail
 
 MAX_VALUES = 100_000
 _TAG = "tag:yaml.org,2002:"
+_HINTS = {
+    "'@'": 'links are quoted: "@node.port"',
+    "'\\t'": "indent with blanks, not with tabs",
+    "mapping values": "a line above may lack its colon, its quotes or its closing bracket",
+}
 
 
 class Map(dict[Any, Any]):
@@ -64,7 +69,7 @@ def parse_yaml(text: str, file: Path | None) -> Any:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
         words = str(error.problem or error.context)
-        fix = 'links are quoted: "@node.port"' if "'@'" in words else ""
+        fix = next((hint for sign, hint in _HINTS.items() if sign in words), "")
         fail("yaml", Where(file, line), f"not YAML: {words}", fix=fix)
     except YAMLError as error:
         fail("yaml", Where(file, 1), f"not YAML: {error}")

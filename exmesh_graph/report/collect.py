@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -182,7 +181,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         curves=curves,
         pictures=pictures,
         state=str(record.get("state") or ""),
-        machine={str(key): str(value) for key, value in (record.get("machine") or _machine()).items()},
+        machine={str(key): str(value) for key, value in (record.get("machine") or {}).items()},
         versions=_versions(),
     )
     report.headline.append(
@@ -256,17 +255,6 @@ def _pictures(root: Path, node: str) -> Iterator[Picture]:
 
 def _number(value: Any) -> float | None:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def _machine() -> dict[str, str]:
-    """What timings depend on; neither host nor user names."""
-    model = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
-        model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {"processor": model, "cores": str(cores), "system": f"{platform.system()} {platform.machine()}"}
 
 
 def _versions() -> dict[str, str]:
