@@ -23,7 +23,7 @@ def direction_of(u: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
 
 
 def uv_of(direction: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Image coordinates (u, v) of unit directions [..., 3]; u in (0, 1] with the seam at -Z."""
+    """Image coordinates (u, v) of unit directions [..., 3]; u in [0, 1] with the seam at -Z."""
     x, y, z = direction.unbind(-1)
     u = 0.5 - torch.atan2(x, z) / (2 * math.pi)
     v = torch.atan2((x * x + z * z).sqrt(), y) / math.pi

@@ -142,8 +142,8 @@ def check_fits(light: Transport, vertices: np.ndarray, faces: np.ndarray) -> Non
     )
     if not same:
         raise GeometryError(
-            "the light transport was traced on another mesh than the carrier",
-            expected="transport.direct on the very mesh that stage2.fit receives",
+            "the light transport was traced on another mesh than the one it is used with",
+            expected=f"{len(faces)} faces with the same corners; it has {len(light.face_points)} faces",
             fix="wire the same output into transport.direct's `mesh` and stage2.fit's `carrier`",
         )
 

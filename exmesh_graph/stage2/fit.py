@@ -31,6 +31,11 @@ from exmesh_graph.types import Asset, Carrier, Transport, Views
 
 Progress = Callable[[int, int, dict[str, float]], None]
 
+#: Bilinear weight over all pixels of all views from which a texel counts as seen: one pixel's worth, or this share of
+#: the median texel's where maps are finer than pixels. Adam moves a texel that the corner of one footprint touches as
+#: fast as any other: such texels, most of them on the borders of charts, end up anywhere.
+SEEN_WEIGHT, SEEN_SHARE = 1.0, 0.1
+
 
 @dataclass
 class Light:
@@ -217,9 +222,10 @@ def _psnr(predicted: torch.Tensor, buffer: ViewBuffer) -> float:
 
 @torch.no_grad()
 def _asset(carrier: Carrier, model: Model) -> Asset:
-    seen_rows = torch.zeros(len(model.texels), dtype=torch.bool, device=model.texels.device)
+    evidence = torch.zeros(len(model.texels), device=model.texels.device)
     for buffer in model.buffers:
-        seen_rows[buffer.texel[buffer.texel_weight > 0]] = True
+        evidence.index_add_(0, buffer.texel.reshape(-1), buffer.texel_weight.reshape(-1))
+    seen_rows = evidence >= min(SEEN_WEIGHT, SEEN_SHARE * float(evidence[evidence > 0].median()))
     count = model.size * model.size
     maps = model.maps()
     values = torch.zeros(count, maps.shape[1], device=maps.device)

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.sampling import Pyramid
-from exmesh_graph.shading.transport import LightTransport, choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.shading.transport import LightTransport, check_fits, choose_subdivision, trace_transport, with_bounces
 from exmesh_graph.stage2.reflect import traced_specular
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
 from exmesh_graph.types import Asset, Transport
@@ -67,11 +68,16 @@ def render_views(
     """Render an asset.
 
     intrinsics [N, 3, 3] and camera_to_world [N, 4, 4] as types.Views; environment [h, w, 3] canonical lat-long, None
-    for the asset's own. Diffuse light by `transport` (traced here when None) with `bounces` interreflections; specular
-    by `specular_samples` GGX rays for each of the supersampling^2 samples of a pixel, with the mesh mirrored in itself.
-    Coverage is antialiased by the same samples.
+    for the asset's own. Diffuse light by `transport`, which brings its own number of interreflections; where it is
+    None, one with `bounces` is traced here. Specular by `specular_samples` GGX rays for each of the supersampling^2
+    samples of a pixel, with the mesh mirrored in itself. Coverage is antialiased by the same samples.
+
+    Raises GeometryError for a transport of another mesh, DataError for an asset with a normal map (not rendered yet).
     """
+    if asset.normal is not None:
+        raise DataError("the asset has a normal map, which this renderer does not read", expected="asset.normal = None")
     light = transport or render_transport(asset, bounces)
+    check_fits(light, asset.vertices, asset.faces)
     scene = _Scene(asset, light, asset.environment if environment is None else environment, device)
     generator = torch.Generator().manual_seed(seed)
     results = []

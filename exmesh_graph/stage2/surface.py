@@ -19,7 +19,7 @@ class SurfaceSamples:
     """N points seen by a camera (float32 tensors; unit vectors).
 
     position, normal (interpolated), flat (geometric), view, reflected [N, 3]; n_v [N]; uv [N, 2];
-    face int64 [N], bary [N, 3]; tangent, bitangent [N, 3]: the directions of growing u and v, orthogonal to `normal`
+    face int64 [N], bary [N, 3]
     """
 
     position: torch.Tensor

@@ -30,7 +30,7 @@ class Asset(Carrier):
     roughness    float32 [R, R]
     normal       float32 [R, R, 3], unit tangent-space normals (+Y up), or None when not modelled
     metallic     float32 [R, R], or None when not modelled
-    seen         bool [R, R], texels that at least one training view saw
+    seen         bool [R, R], texels that the training views saw well enough to be fitted; the others are filled
     environment  float32 [H, W, 3], as EnvMap.radiance
     """
 

@@ -65,6 +65,14 @@ def test_resample_keeps_energy_of_a_sun(size):
     assert new_flux == pytest.approx(old_flux, rel=0.05)
 
 
+@pytest.mark.parametrize("size", [(32, 64), (25, 50), (100, 200)])
+def test_resample_keeps_everything_in_its_place(size):
+    source, target = envmap.texel_directions(50, 100), envmap.texel_directions(*size)
+    axes = np.array([[0.5, 0.1, 0.0], [0.0, 0.4, 0.2], [0.1, 0.0, 0.6]])
+    new = envmap.resample((1 + source @ axes).astype(np.float32), *size)
+    np.testing.assert_allclose(new, 1 + target @ axes, atol=0.02)
+
+
 def test_rotation_about_the_pole_is_a_column_shift():
     image = np.random.default_rng(0).uniform(size=(6, 12, 3)).astype(np.float32)
     c, s = math.cos(math.pi / 6), math.sin(math.pi / 6)

@@ -10,7 +10,13 @@ from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.directions import fibonacci_sphere
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.sampling import Pyramid, hammersley, sample_specular
-from exmesh_graph.shading.specular import LEVELS, PrefilteredStack, directional_albedo, reflectance_table
+from exmesh_graph.shading.specular import (
+    LEVELS,
+    PrefilteredStack,
+    directional_albedo,
+    mean_visibility,
+    reflectance_table,
+)
 
 
 def _sky(height, seed=0):
@@ -142,3 +148,50 @@ def test_gather_rows_equals_plain_indexing():
     index = torch.randint(0, 11, (7, 4), generator=generator)
     torch.testing.assert_close(gather_rows(table, index, weight), (table[index] * weight[..., None]).sum(1))
     assert torch.autograd.gradcheck(lambda t, w: gather_rows(t, index, w), (table, weight))
+
+
+def test_stack_lookup_wraps_in_longitude_and_stops_at_the_poles():
+    stack, sky = PrefilteredStack(16, 32), _sky(16, 3)
+    rows = stack.build(sky)
+    u = torch.tensor([0.0, 0.001, 0.999, 1.0, 0.4, 0.4])
+    v = torch.tensor([0.3, 0.5, 0.5, 0.7, 0.0, 1.0])
+    index, weight = stack.locate(u, v, torch.zeros(6))
+    expected = gather_rows(sky.reshape(-1, 3), *envmap.bilinear(16, 32, u, v))
+    torch.testing.assert_close(gather_rows(rows, index, weight), expected)
+
+
+def test_pooled_skies_keep_their_energy():
+    """Coarser levels weight rows by solid angle: a bright pole must not gain."""
+    sky = torch.zeros(32, 64, 3)
+    sky[0], sky[9, 5] = 100.0, 1e4
+    row = torch.from_numpy(envmap.solid_angles(32, 64)).float()[:, None, None]
+    flux = float((sky * row).sum())
+    for level in Pyramid(sky).levels:
+        angle = torch.from_numpy(envmap.solid_angles(*level.shape[:2])).float()[:, None, None]
+        assert float((level * angle).sum()) == pytest.approx(flux, rel=1e-4)
+    stack = PrefilteredStack(32, 64)
+    sizes = list(zip(stack.heights.tolist(), stack.widths.tolist(), strict=True))
+    assert min(sizes) < (32, 64)
+    for (height, width), level in zip(sizes, stack.build(sky).split([h * w for h, w in sizes]), strict=True):
+        angle = torch.from_numpy(envmap.solid_angles(height, width)).float()[:, None]
+        # the lobe is normalised where it is looked up, so a polar source gains or loses a little by the grid
+        assert float((level.reshape(height, width, 3) * angle[..., None]).sum()) == pytest.approx(flux, rel=0.03)
+
+
+def test_pyramid_averages_over_the_solid_angle_asked_for():
+    """A texel's own solid angle reads the map, 4^n times it the map halved n times."""
+    sky = torch.rand(32, 64, 3, generator=torch.Generator().manual_seed(0))
+    pyramid = Pyramid(sky)
+    d = torch.from_numpy(fibonacci_sphere(50)).float()
+    for level in range(3):
+        found = pyramid.lookup(d, torch.full((50,), 4.0**level * 4 * math.pi / (32 * 64)))
+        torch.testing.assert_close(found, envmap.lookup(pyramid.levels[level], d), rtol=1e-4, atol=1e-5)
+
+
+def test_visible_share_of_a_lobe():
+    d = torch.from_numpy(fibonacci_sphere(256)).float()
+    visible = (d[:, 1] > 0).float()[None].expand(3, -1)  # an open floor: everything above the horizon
+    axes = torch.tensor([[0.0, 1, 0], [0, -1, 0], [1, 0, 0]])
+    for roughness in (0.2, 0.5):
+        share = mean_visibility(visible, d, axes, roughness)
+        np.testing.assert_allclose(share.numpy(), [1, 0, 0.5], atol=0.15)

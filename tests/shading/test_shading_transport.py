@@ -134,6 +134,19 @@ def test_irradiance_equals_brute_force_quadrature():
         np.testing.assert_allclose(fast[p], slow, rtol=0.06, atol=0.01)
 
 
+def test_secondary_hits_lie_on_their_rays():
+    vertices, faces = _corner()
+    light = trace_transport(vertices, faces, 200, subdivision=2)
+    bary = np.concatenate([1 - light.hit_bary.sum(1, keepdims=True), light.hit_bary], axis=1)
+    hit = np.einsum("bc,bcx->bx", bary, vertices[faces[light.hit_face]])
+    ray = hit - light.points[light.hit_point]
+    direction = light.directions[light.hit_direction]
+    across = np.linalg.norm(np.cross(ray, direction), axis=1)
+    assert len(hit) > 300
+    assert np.percentile(across, 99) < 0.03  # origins stand up to 2 % of a face inside of their points
+    assert (ray * direction).sum(1).min() > -0.03
+
+
 def test_form_factor_of_a_corner():
     """A point on the floor receives from an infinite-looking wall the share (1 - cos) / 2; one bounce adds it."""
     vertices, faces = _corner()

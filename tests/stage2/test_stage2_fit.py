@@ -212,3 +212,21 @@ def test_unseen_texels_come_from_the_surface_around_them(carrier):
     np.testing.assert_array_equal(filled[seen], maps[seen])
     nothing = complete_maps(maps, np.zeros_like(seen), carrier)
     np.testing.assert_array_equal(nothing, maps)
+
+
+def test_texels_that_a_footprints_corner_touched_are_filled_from_their_neighbours(carrier, train_views, transport):
+    """Adam moves barely touched texels as fast as all others; what they end at must not reach the asset."""
+    from exmesh_graph.stage2 import fit as module
+
+    model = Model(carrier, train_views, transport, dataclasses.replace(QUICK, texture_size=64), "cpu")
+    weight = torch.zeros(len(model.texels))
+    for buffer in model.buffers:
+        weight.index_add_(0, buffer.texel.reshape(-1), buffer.texel_weight.reshape(-1))
+    faint = (weight > 0) & (weight < 0.02)
+    assert int(faint.sum()) > 3
+    with torch.no_grad():
+        model.material.fill_(0)
+        model.material[faint] = 9
+    asset = module._asset(carrier, model)
+    np.testing.assert_allclose(asset.base_color, 0.5, atol=1e-5)
+    assert asset.seen.sum() > 0.5 * int((weight > 0).sum())
