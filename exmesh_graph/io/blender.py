@@ -112,17 +112,22 @@ def _read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
         raise DataError(
             "the file lists no views", where=str(file), expected='"frames": [{"file_path", "transform_matrix"}, ...]'
         )
-    return [_read_frame(folder, file, i, {**content, **frame}, hdr) for i, frame in enumerate(frames)]
+    shots = []
+    for index, frame in enumerate(frames):
+        try:
+            shots.append(_read_frame(folder, file, index, {**content, **frame}, hdr))
+        except (KeyError, ValueError, TypeError) as error:
+            raise DataError(
+                f"the frame cannot be read ({type(error).__name__}: {error})", where=f"{file}, frame {index}",
+                expected="file_path, a 4 x 4 transform_matrix, and numbers for w, h, fl_x, camera_angle_x, ...",
+            ) from error  # fmt: skip
+    return shots
 
 
 def _read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr: Hdr) -> Shot:
     where = f"{file}, frame {index}"
-    try:
-        stem = str(frame["file_path"]).removeprefix("./")
-        pose = np.array(frame["transform_matrix"], dtype=np.float64)
-    except (KeyError, ValueError, TypeError) as error:
-        raise DataError(f"the frame cannot be read ({error!r})", where=where,
-                        expected="file_path and a 4 x 4 transform_matrix") from error  # fmt: skip
+    stem = str(frame["file_path"]).removeprefix("./")
+    pose = np.array(frame["transform_matrix"], dtype=np.float64)
     if pose.shape == (3, 4):
         pose = np.vstack([pose, [0, 0, 0, 1]])
     if pose.shape != (4, 4):

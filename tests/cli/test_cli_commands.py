@@ -11,13 +11,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
-from exmesh_graph.cli import main
 from exmesh_graph.graph.check import check, check_file
 from exmesh_graph.graph.expand import expand
 from exmesh_graph.graph.packs import load_packs
@@ -43,7 +42,7 @@ nodes:
 outputs: {asset: "@files.files"}
 """
 
-Exmesh = Callable[..., Any]
+Exmesh = Callable[..., Any]  # of conftest.py
 
 
 def environment() -> dict[str, str]:
@@ -54,32 +53,6 @@ def environment() -> dict[str, str]:
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "g.yaml").write_text(GRAPH)
     return tmp_path
-
-
-class Done(NamedTuple):
-    stdout: str
-    stderr: str
-
-
-@pytest.fixture
-def exmesh(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Exmesh]:
-    """The command in this process, which is much quicker than a new one."""
-    monkeypatch.chdir(folder)
-    monkeypatch.syspath_prepend(str(TOY))
-    monkeypatch.setenv("COLUMNS", "100")
-    handler = signal.getsignal(signal.SIGTERM)
-
-    def call(*words: str, code: int = 0) -> Done:
-        monkeypatch.setattr(sys, "argv", ["exmesh", *words])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main()
-        shown = capsys.readouterr()
-        assert (end.value.code or 0) == code, shown.out + shown.err
-        return Done(shown.out, shown.err)
-
-    yield call
-    signal.signal(signal.SIGTERM, handler)
 
 
 @pytest.fixture
