@@ -60,8 +60,9 @@ class Silhouette(NamedTuple):
 def edge_table(faces: torch.Tensor) -> EdgeTable:
     """The edges of `faces` [F, 3] by vertex ids, so that UV seams do not show.
 
-    An edge of k > 2 faces is listed once per consecutive pair of its faces: it may then count as a silhouette of one
-    sheet in front of another, which the depth tests of `find_silhouette` sort out.
+    A face that stands there twice counts once. An edge of k > 2 faces is listed once per consecutive pair of its
+    faces: it may then count as a silhouette of one sheet in front of another, which the depth tests of
+    `find_silhouette` sort out.
     """
     faces = faces.long()
     ends = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -71,8 +72,11 @@ def edge_table(faces: torch.Tensor) -> EdgeTable:
         empty = torch.zeros((0, 2), dtype=torch.int32, device=faces.device)
         return EdgeTable(empty, empty.clone())
     key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
-    key, order = torch.sort(key, stable=True)
-    ends, third = ends[order], third[order]
+    order = torch.argsort(third, stable=True)
+    order = order[torch.argsort(key[order], stable=True)]
+    key, ends, third = key[order], ends[order], third[order]
+    twice = torch.cat([key.new_zeros(1, dtype=torch.bool), (key[1:] == key[:-1]) & (third[1:] == third[:-1])])
+    key, ends, third = key[~twice], ends[~twice], third[~twice]
     same_as_next = torch.cat([key[1:] == key[:-1], key.new_zeros(1, dtype=torch.bool)])
     same_as_previous = torch.cat([key.new_zeros(1, dtype=torch.bool), key[1:] == key[:-1]])
     rows = torch.nonzero(same_as_next | ~same_as_previous)[:, 0]
