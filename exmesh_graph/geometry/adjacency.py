@@ -199,6 +199,12 @@ def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return 0.5 * np.linalg.norm(area_vectors(vertices, faces), axis=1)
 
 
+def signed_areas_2d(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """float64 [F], areas of triangles over `points` [T, 2]; positive when counter-clockwise with v up."""
+    a, b, c = (points[faces[:, k]].astype(np.float64) for k in range(3))
+    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))
+
+
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """float64 [F, 3], unit normals; zero for faces without area."""
     vectors = area_vectors(vertices, faces)

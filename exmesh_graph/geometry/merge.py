@@ -20,6 +20,7 @@ from exmesh_graph.geometry.adjacency import (
     incident_faces,
     neighbours,
     next_halfedge,
+    signed_areas_2d,
     vertex_degrees,
 )
 from exmesh_graph.geometry.maps import Step, VertexMap
@@ -292,7 +293,7 @@ def _shape_is_kept(state: Topology, removed: np.ndarray, survivor: np.ndarray, s
     k = is_removed.argmax(axis=1)
     moved = corners[face].astype(np.int64)
     moved[np.arange(len(face)), k] = np.where(known, target, moved[np.arange(len(face)), k])
-    area_old, area_new = _uv_areas(state.uvs, corners[face]), _uv_areas(state.uvs, moved)
+    area_old, area_new = signed_areas_2d(state.uvs, corners[face]), signed_areas_2d(state.uvs, moved)
     bad |= (area_old > 0) & (area_new <= 1e-3 * area_old * np.minimum(1.0, settings.degenerate))
     safe = np.ones(n, bool)
     safe[owner[bad]] = False
@@ -354,8 +355,3 @@ def _moved_corners(
 def _ranges(first: np.ndarray, size: np.ndarray) -> np.ndarray:
     """first[0], first[0] + 1, ... (size[0] of them), first[1], ..."""
     return np.arange(int(size.sum())) + np.repeat(first - (np.cumsum(size) - size), size)
-
-
-def _uv_areas(uvs: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    a, b, c = (uvs[corners[:, k]].astype(np.float64) for k in range(3))
-    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))

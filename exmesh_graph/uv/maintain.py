@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import components, face_areas
+from exmesh_graph.geometry.adjacency import components, face_areas, signed_areas_2d
 from exmesh_graph.uv.dilate import dilate
 from exmesh_graph.uv.raster import coverage_counts, rasterize_atlas
 from exmesh_graph.uv.transfer import COVER
@@ -52,9 +52,7 @@ def check_atlas(
     if not np.isfinite(used).all() or used.min(initial=0.0) < 0.0 or used.max(initial=0.0) > 1.0:
         raise GeometryError("UV coordinates outside [0, 1] or not finite", expected="an atlas in the unit square")
     pairs = np.unique(np.stack([uv_faces.reshape(-1), faces.reshape(-1)], axis=1), axis=0)
-    corners = uvs.astype(np.float64)[uv_faces]
-    d1, d2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    uv_area = 0.5 * (d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1])
+    uv_area = signed_areas_2d(uvs, uv_faces)
     area = face_areas(vertices, faces)
     real = area > 1e-6 * max(float(area.mean()), 1e-300)
     texels = np.abs(uv_area) * texture_size**2

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from exmesh_graph.geometry.adjacency import signed_areas_2d
 from exmesh_graph.uv.transfer import transfer_texture
 from exmesh_graph.uv.unwrap import unwrap
 
@@ -42,8 +43,8 @@ def regenerate(
     atlas = (uvs, uv_faces, new_uvs, new_faces, texture_size)
     colour, covered = transfer_texture({"texture": texture}, *atlas, bounds=(0.0, 1.0))
     moments, _ = transfer_texture({"m": first_moment, "v": second_moment}, *atlas, sharpen=0)
-    old_area = _uv_area(uvs, uv_faces) * texture.shape[0] ** 2
-    new_area = _uv_area(new_uvs, new_faces) * texture_size**2
+    old_area = float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * texture.shape[0] ** 2
+    new_area = float(np.abs(signed_areas_2d(new_uvs, new_faces)).sum()) * texture_size**2
     growth = np.float32(old_area / max(new_area, 1e-300))  # of the surface under one texel
     return NewAtlas(
         new_uvs,
@@ -53,9 +54,3 @@ def regenerate(
         moments["v"] * growth**2,
         covered,
     )
-
-
-def _uv_area(uvs: np.ndarray, uv_faces: np.ndarray) -> float:
-    corners = uvs.astype(np.float64)[uv_faces]
-    d1, d2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return float(0.5 * np.abs(d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]).sum())

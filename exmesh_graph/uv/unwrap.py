@@ -16,6 +16,7 @@ from exmesh_graph.geometry.adjacency import (
     edges_of,
     face_areas,
     has_collapsed_faces,
+    signed_areas_2d,
 )
 from exmesh_graph.uv.pack import pack
 
@@ -112,7 +113,7 @@ def _mend(
     Returns (flat, corners, orphans): orphans are the faces without area, which no chart can hold.
     """
     chart = components(corners)
-    size = _uv_areas(flat, corners)
+    size = signed_areas_2d(flat, corners)
     mirrored = np.bincount(chart, weights=np.where(uncharted, 0.0, size)) < 0
     sign = np.ones(len(flat))
     sign[corners[mirrored[chart]].reshape(-1)] = -1.0
@@ -120,7 +121,7 @@ def _mend(
 
     area = face_areas(points, faces)
     orphans = area <= 1e-7
-    folded = np.flatnonzero(((_uv_areas(flat, corners) <= 1e-3 * area) | uncharted) & ~orphans)
+    folded = np.flatnonzero(((signed_areas_2d(flat, corners) <= 1e-3 * area) | uncharted) & ~orphans)
     a, b, c = (points[faces[folded, k]] for k in range(3))
     along = np.linalg.norm(b - a, axis=1)
     x = np.einsum("ij,ij->i", c - a, b - a) / along
@@ -178,8 +179,3 @@ def _at(uvs: np.ndarray, extra: list[np.ndarray], index: int) -> np.ndarray:
 def _compact(uvs: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     used, index = np.unique(corners, return_inverse=True)
     return np.clip(uvs[used], 0.0, 1.0).astype(np.float32), index.reshape(corners.shape).astype(np.int32)
-
-
-def _uv_areas(uvs: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    a, b, c = (uvs[corners[:, k]] for k in range(3))
-    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))
