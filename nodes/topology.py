@@ -20,7 +20,7 @@ class SplitParams(Params):
     gradient_weight: float = param(0.6, ge=0.0, doc="w_g of eq. 3.")
     curvature_weight: float = param(0.4, ge=0.0, doc="w_k of eq. 3.")
     area_quantile: float = param(0.5, ge=0.0, lt=1.0, doc="Faces from this quantile of area on may be selected.")
-    max_degree: int = param(10, ge=6, doc="Vertices of this degree get no further edge.")
+    max_degree: int = param(10, ge=6, doc="Vertices that start a round with this degree get no further edge in it.")
 
 
 class MergeParams(Params):

@@ -34,7 +34,8 @@ class SplitSettings:
     edge_degrees    S_e = length / mean degree of the edge's "endpoints" (paper) or of the vertices "opposite" to it
     position        "projection" (paper), "midpoint" or "random" in [mu_min, mu_max]
     mu_min, mu_max  a new vertex must lie within this part of its edge
-    max_degree      an edge is not split when a vertex opposite to it already has this degree
+    max_degree      an edge is not split when a vertex opposite to it has this degree as the round begins; splits on
+                    two sides of a vertex in one round may pass it by one
     """
 
     gradient_weight: float = 0.6
