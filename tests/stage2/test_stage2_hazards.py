@@ -360,3 +360,13 @@ def test_a_light_transport_of_another_mesh_and_a_normal_map_are_refused(true_ass
     up[..., 2] = 1
     with pytest.raises(DataError, match="normal map"):
         render_views(dataclasses.replace(ball, normal=up), *one, 40, 40, transport=light)
+
+
+def test_the_fit_looks_the_sky_up_where_the_view_is_mirrored(carrier, train_views, transport):
+    model = Model(carrier, train_views, transport, SHORT, "cpu")
+    for buffer in model.buffers[:3]:
+        surface = buffer.samples(model.geometry)
+        view = torch.nn.functional.normalize(buffer.camera - surface.position, dim=1)
+        mirrored = 2 * (view * surface.normal).sum(1, keepdim=True) * surface.normal - view
+        looked = envmap.direction_of(buffer.env_u, buffer.env_v)
+        torch.testing.assert_close(looked, mirrored, atol=1e-3, rtol=0)
