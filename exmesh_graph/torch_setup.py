@@ -1,10 +1,12 @@
-"""Where and how wide torch runs: the device a user names, and CPU threads for the length of a block only."""
+"""Where and how wide torch runs, and how arrays become tensors: device, CPU threads for a block, a safe hand-over."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import torch
 
 from exmesh_graph.errors import MissingLibraryError
@@ -37,3 +39,20 @@ def pick_device(wish: str) -> torch.device:
             "no CUDA device", where="device: cuda", fix="install a CUDA build of torch, or say device: auto"
         )
     return torch.device("cuda" if available and wish != "cpu" else "cpu")
+
+
+def tensor_of(array: np.ndarray) -> torch.Tensor:
+    """The array as a CPU tensor: its own memory where that may be written, else (an artifact on a wire) a copy.
+
+    torch has no read-only tensors; `torch.from_numpy` of a read-only array would let a write through.
+    """
+    whole = np.ascontiguousarray(array)
+    return torch.from_numpy(whole if whole.flags.writeable else whole.copy())
+
+
+def csr_tensor(start: np.ndarray, index: np.ndarray, value: np.ndarray, shape: tuple[int, int]) -> torch.Tensor:
+    """A float32 CSR matrix from its row starts [R + 1], column indices [Z] and values [Z]."""
+    with warnings.catch_warnings():  # torch announces on the first CSR tensor that the layout is in beta
+        warnings.filterwarnings("ignore", message=".*Sparse CSR tensor support is in beta")
+        rows, columns = tensor_of(start.astype(np.int64)), tensor_of(index.astype(np.int64))
+        return torch.sparse_csr_tensor(rows, columns, tensor_of(value), shape, check_invariants=False)

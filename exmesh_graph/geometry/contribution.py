@@ -21,8 +21,9 @@ def contribution_counts(
     import torch
 
     from exmesh_graph.raster.rasterize import rasterize
+    from exmesh_graph.torch_setup import tensor_of
 
-    points, triangles = torch.from_numpy(np.ascontiguousarray(vertices)), torch.from_numpy(np.ascontiguousarray(faces))
+    points, triangles = tensor_of(vertices), tensor_of(faces)
     zoom = np.diag([supersample, supersample, 1.0])
     count = np.zeros(len(faces), np.int64)
     for intrinsic, pose in zip(intrinsics, camera_to_world, strict=True):

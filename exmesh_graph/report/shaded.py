@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.raster import rasterize
+from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Mesh
 
 _WIRE_PIXELS = 0.6  # half the width of a wire
@@ -30,7 +31,7 @@ def shaded_geometry(
     hits = _hits(mesh, intrinsics, camera_to_world, height, width, scale)
     inside = hits.face_id >= 0
     face = hits.face_id[inside].long()
-    corner = torch.from_numpy(mesh.vertices)[torch.from_numpy(mesh.faces.astype(np.int64))[face]]
+    corner = tensor_of(mesh.vertices)[torch.from_numpy(mesh.faces.astype(np.int64))[face]]
     normal = torch.linalg.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], dim=-1)
     normal = normal / normal.norm(dim=-1, keepdim=True).clamp_min(1e-20)
     towards = -hits.world_to_camera[2, :3].to(normal)  # minus the viewing axis
@@ -53,8 +54,8 @@ def _hits(
     k = torch.from_numpy(np.diag([scale, scale, 1.0]) @ intrinsics)
     world_to_camera = torch.from_numpy(np.linalg.inv(camera_to_world))
     fragments = rasterize(
-        torch.from_numpy(mesh.vertices),
-        torch.from_numpy(mesh.faces.astype(np.int32)),
+        tensor_of(mesh.vertices),
+        tensor_of(np.asarray(mesh.faces, np.int32)),
         k,
         world_to_camera,
         height,

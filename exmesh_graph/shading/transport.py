@@ -26,6 +26,7 @@ from exmesh_graph.rays import MISS, RayTracer, make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.directions import fibonacci_sphere, nearest_direction
 from exmesh_graph.shading.lattice import Lattice, build_lattice, locate
+from exmesh_graph.torch_setup import csr_tensor
 from exmesh_graph.types import Transport
 
 #: How far ray origins move from their lattice point towards the centre of the face that carries it: rays that start
@@ -230,13 +231,7 @@ class _Bounces(torch.autograd.Function):
 def _csr(
     start: np.ndarray, index: np.ndarray, value: np.ndarray, shape: tuple[int, int], device: torch.device | str
 ) -> torch.Tensor:
-    return torch.sparse_csr_tensor(
-        torch.from_numpy(start.astype(np.int64)),
-        torch.from_numpy(index.astype(np.int64)),
-        torch.from_numpy(value),
-        shape,
-        check_invariants=False,
-    ).to(device)
+    return csr_tensor(start, index, value, shape).to(device)
 
 
 def _transposed(light: Transport, shape: tuple[int, int], device: torch.device | str) -> torch.Tensor:

@@ -10,6 +10,7 @@ import torch
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.raster import project, rasterize_projected, sample_texture
 from exmesh_graph.stage1.targets import Targets, prepare_targets
+from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Carrier, Stage1State, Views
 from exmesh_graph.uv.raster import rasterize_atlas
 
@@ -69,8 +70,8 @@ def project_texture(carrier: Carrier, targets: Targets, size: int) -> np.ndarray
     device = targets.images.device
     face_id, bary = rasterize_atlas(carrier.uvs, carrier.uv_faces, inner, margin=1.5)
     texels = np.flatnonzero(face_id.reshape(-1) >= 0)
-    faces = torch.from_numpy(np.asarray(carrier.faces, np.int64))
-    vertices = torch.from_numpy(np.asarray(carrier.vertices, np.float32))
+    faces = tensor_of(np.asarray(carrier.faces, np.int64))
+    vertices = tensor_of(np.asarray(carrier.vertices, np.float32))
     owner = torch.from_numpy(face_id.reshape(-1)[texels].astype(np.int64))
     weights = torch.from_numpy(bary.reshape(-1, 3)[texels])
     corners = vertices[faces]

@@ -17,6 +17,7 @@ from exmesh_graph.raster import (
     rasterize_projected,
     shade,
 )
+from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Carrier, Views
 
 
@@ -91,7 +92,7 @@ def render_carrier(carrier: Carrier, views: Views, device: torch.device | str = 
     colours = np.zeros((len(views), views.height, views.width, 3), np.float32)
     alphas = np.zeros((len(views), views.height, views.width), np.float32)
     world_to_camera = torch.from_numpy(views.world_to_camera)
-    intrinsics = torch.from_numpy(np.asarray(views.intrinsics, np.float64))
+    intrinsics = tensor_of(np.asarray(views.intrinsics, np.float64))
     with torch.no_grad():
         for i in range(len(views)):
             picture = draw(surface, intrinsics[i], world_to_camera[i], views.height, views.width)

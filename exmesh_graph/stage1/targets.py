@@ -9,6 +9,7 @@ import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.losses import Box, SsimTarget, display, mask_box, ssim_target
+from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import DepthMaps, Views
 
 _CACHE_BYTES = 1 << 30
@@ -77,8 +78,8 @@ def prepare_targets(
         raise DataError(
             f"downscale {downscale} leaves nothing of {views.width} x {views.height} pixels", where="stage1"
         )
-    rgb = torch.from_numpy(np.ascontiguousarray(views.images)).to(device)
-    alpha = torch.from_numpy(np.ascontiguousarray(views.alpha)).to(device)
+    rgb = tensor_of(views.images).to(device)
+    alpha = tensor_of(views.alpha).to(device)
     if downscale > 1:
         cells = (len(views), height, downscale, width, downscale)
         rgb = rgb[:, : height * downscale, : width * downscale].reshape(*cells, 3).mean(dim=(2, 4))

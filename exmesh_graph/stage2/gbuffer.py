@@ -12,6 +12,7 @@ from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Transport, Views
 
 
@@ -90,7 +91,7 @@ def lattice_texels(
 
 def _lattice_footprint(geometry: CarrierGeometry, light: Transport, size: int) -> tuple[torch.Tensor, torch.Tensor]:
     corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(light.point_face.astype(np.int64)).to(geometry.device)]]
-    bary = torch.from_numpy(light.point_bary).to(geometry.device)
+    bary = tensor_of(light.point_bary).to(geometry.device)
     return texel_footprint((corners * bary[..., None]).sum(1), size)
 
 
@@ -102,12 +103,12 @@ def _view(
     fragments = rasterize(
         geometry.vertices,
         geometry.faces.to(torch.int32),
-        torch.from_numpy(views.intrinsics[number]).to(device),
+        tensor_of(views.intrinsics[number]).to(device),
         torch.from_numpy(views.world_to_camera[number]).to(device),
         height,
         width,
     )
-    alpha = torch.from_numpy(views.alpha[number]).to(device)
+    alpha = tensor_of(views.alpha[number]).to(device)
     inside = (fragments.face_id >= 0) & (alpha >= min_coverage)
     pixel = torch.nonzero(inside.reshape(-1))[:, 0]
     face = fragments.face_id.reshape(-1)[pixel].long()
@@ -115,7 +116,7 @@ def _view(
     camera = torch.from_numpy(views.camera_to_world[number][:3, 3].astype(np.float32)).to(device)
     samples = geometry.samples(face, bary, camera)
     coverage = alpha.reshape(-1)[pixel]
-    target = torch.from_numpy(views.images[number]).to(device).reshape(-1, 3)[pixel] / coverage[:, None]
+    target = tensor_of(views.images[number]).to(device).reshape(-1, 3)[pixel] / coverage[:, None]
     texel, texel_weight = texel_footprint(samples.uv, size)
     point, point_weight = locate(light.face_points, light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
     env_u, env_v = envmap.uv_of(samples.reflected)

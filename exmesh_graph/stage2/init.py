@@ -8,6 +8,7 @@ import torch.nn.functional as F
 
 from exmesh_graph.losses import srgb_to_linear
 from exmesh_graph.shading.envmap import parameter_of
+from exmesh_graph.torch_setup import tensor_of
 
 #: The logit's usable range: a texel that starts at exactly 0 or 1 could never leave it.
 MARGIN = 0.02
@@ -15,7 +16,7 @@ MARGIN = 0.02
 
 def resize_texture(texture: np.ndarray, size: int) -> torch.Tensor:
     """`texture` [R, R, C] at size x size texels, float32: area average down, bilinear up."""
-    image = torch.from_numpy(np.ascontiguousarray(texture, np.float32)).permute(2, 0, 1)[None]
+    image = tensor_of(np.asarray(texture, np.float32)).permute(2, 0, 1)[None]
     if image.shape[-1] != size or image.shape[-2] != size:
         image = F.interpolate(image, (size, size), mode="bilinear", align_corners=False, antialias=True)
     return image[0].permute(1, 2, 0).contiguous()

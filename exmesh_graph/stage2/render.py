@@ -18,6 +18,7 @@ from exmesh_graph.shading.sampling import Pyramid
 from exmesh_graph.shading.transport import LightTransport, check_fits, choose_subdivision, trace_transport, with_bounces
 from exmesh_graph.stage2.reflect import traced_specular
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Asset, Transport
 
 #: Lattice points and directions of the transport that `render_views` traces when it is given none.
@@ -103,13 +104,13 @@ class _Scene:
         if asset.metallic is not None:
             columns.append(asset.metallic[..., None])
         maps = np.concatenate(columns, axis=-1, dtype=np.float32)
-        self.maps = torch.from_numpy(maps).reshape(-1, maps.shape[-1]).to(device)
+        self.maps = tensor_of(maps).reshape(-1, maps.shape[-1]).to(device)
         operators = LightTransport(light, device)
-        radiance = torch.from_numpy(np.ascontiguousarray(environment, np.float32)).to(device)
+        radiance = tensor_of(np.asarray(environment, np.float32)).to(device)
         binned = torch.sparse.mm(operators.bin_matrix(*radiance.shape[:2]), radiance.reshape(-1, 3))
         face = torch.from_numpy(light.point_face.astype(np.int64)).to(device)
         corners = self.geometry.uvs[self.geometry.uv_faces[face]]
-        material = self.read((corners * torch.from_numpy(light.point_bary).to(device)[..., None]).sum(1))
+        material = self.read((corners * tensor_of(light.point_bary).to(device)[..., None]).sum(1))
         f_d = brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)
         self.irradiance = operators.irradiance(binned, f_d)
         self.pyramid = Pyramid(torch.from_numpy(_even(environment)).to(device))
