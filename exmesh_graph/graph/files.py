@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import hashlib
 import json
@@ -12,6 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.errors import StoreError
+
+_DENIED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EEXIST)
 _RACY = 2_000_000_000  # ns: a file changed this recently may change again without a new time stamp
 
 
@@ -38,6 +42,20 @@ def write_durably(path: Path, text: str, work: Path) -> None:
         draft.write_text(text, encoding="utf-8")
         sync(draft)
         os.replace(draft, path)
+
+
+@contextlib.contextmanager
+def writing(what: str, place: Path, option: str) -> Iterator[None]:
+    """Say which folder is full or read-only, and the option that names another."""
+    try:
+        yield
+    except Exception as error:
+        denied = isinstance(error, OSError) and error.errno in _DENIED  # safetensors has an error of its own
+        if not denied and type(error).__name__ != "SafetensorError":
+            raise
+        reason = getattr(error, "strerror", None) or str(error)
+        fix = f"make room there or allow writing, or take another folder with {option}; then run the same again"
+        raise StoreError(f"{what} cannot be written: {reason}", where=str(place), fix=fix) from error
 
 
 def seal_text(record: dict[str, Any]) -> str:

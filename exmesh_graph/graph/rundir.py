@@ -12,11 +12,12 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import StoreError
+from exmesh_graph.graph.files import writing
 from exmesh_graph.graph.store import Store, Stored
 from exmesh_graph.types import Files
 
@@ -27,7 +28,7 @@ class RunFolder:
     """A new folder below `runs`; `latest` points to it."""
 
     def __init__(self, runs: Path, graph_name: str) -> None:
-        with _writing(runs):
+        with writing("the run folder", runs, "--runs"):
             self._open(runs, graph_name)
 
     def _open(self, runs: Path, graph_name: str) -> None:
@@ -50,14 +51,14 @@ class RunFolder:
 
     def event(self, event: Mapping[str, Any]) -> None:
         """Append one line to events.jsonl."""
-        with _writing(self.path):
+        with writing("the run folder", self.path, "--runs"):
             self._events.write(json.dumps(event, default=str) + "\n")
             self._events.flush()
 
     def write(self, name: str, value: Mapping[str, Any], indent: int | None = 1) -> None:
         """Replace a JSON file of the run."""
         draft = self.path / f".{name}.draft"
-        with _writing(self.path):
+        with writing("the run folder", self.path, "--runs"):
             draft.write_text(json.dumps(value, indent=indent, default=str) + "\n", encoding="utf-8")
             os.replace(draft, self.path / name)
 
@@ -72,7 +73,7 @@ class RunFolder:
         taken = names & ({path.name for path in self.path.iterdir()} | set(OWN_FILES))
         if taken:
             raise StoreError(f"the output {name} would overwrite {', '.join(sorted(taken))} in {self.path}")
-        with _writing(target):
+        with writing("the run folder", target, "--runs"):
             shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
         return target / main if main else target
 
@@ -80,18 +81,6 @@ class RunFolder:
         """Let go of the events file."""
         with contextlib.suppress(OSError):  # what could not be written was reported by then
             self._events.close()
-
-
-@contextlib.contextmanager
-def _writing(place: Path) -> Iterator[None]:
-    """Name the run folder where the disk is full, read-only or gone."""
-    try:
-        yield
-    except OSError as error:
-        raise StoreError(
-            f"the run folder cannot be written: {error.strerror or error}", where=str(place),
-            fix="make room there or allow writing, or take another folder with --runs; then run the same again",
-        ) from error  # fmt: skip
 
 
 def is_alive(run: Path) -> bool:

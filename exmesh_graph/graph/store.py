@@ -12,7 +12,6 @@ reading moves the thing to quarantine and counts as a miss; nothing doubtful is 
 from __future__ import annotations
 
 import contextlib
-import errno
 import json
 import os
 import time
@@ -27,7 +26,6 @@ from exmesh_graph.graph.keys import ABSENT, digest_of, key_of
 from exmesh_graph.types import Artifact
 
 FORMAT = 1
-_DENIED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class Store:
     def attempt(self) -> Iterator[Path]:
         """A work folder on the store's file system, removed afterwards."""
         with contextlib.ExitStack() as stack:
-            with self._writing():
+            with files.writing("the store", self.root, "--store"):
                 folder = stack.enter_context(files.own_folder(self.work))
             yield folder
 
@@ -77,7 +75,7 @@ class Store:
 
     def put(self, value: Artifact, attempt: Path) -> Stored:
         """Write an artifact and return where it is. Equal bytes are kept once. Raises StoreError on a full disk."""
-        with self._writing():
+        with files.writing("the store", self.root, "--store"):
             return self._put(value, attempt)
 
     def _put(self, value: Artifact, attempt: Path) -> Stored:
@@ -112,21 +110,6 @@ class Store:
             if not self.holds(digest):
                 raise
             files.remove_tree(draft)
-
-    @contextlib.contextmanager
-    def _writing(self) -> Iterator[None]:
-        """Name the store where the disk is full or read-only; safetensors wraps the system's error in its own."""
-        try:
-            yield
-        except Exception as error:
-            denied = isinstance(error, OSError) and error.errno in _DENIED
-            if not denied and type(error).__name__ != "SafetensorError":
-                raise
-            reason = getattr(error, "strerror", None) or str(error)
-            raise StoreError(
-                f"the store cannot be written: {reason}", where=str(self.root),
-                fix="make room there or allow writing, or take another folder with --store; then run the same again",
-            ) from error  # fmt: skip
 
     def holds(self, digest: str) -> bool:
         """Whether the object is there, with all its files at their sizes."""
@@ -185,7 +168,7 @@ class Store:
         key = key_of(preimage)
         table = {port: asdict(stored) for port, stored in outputs.items()}
         record = {"format": FORMAT, "key": key, "preimage": dict(preimage), "outputs": table, **info}
-        with self._writing():
+        with files.writing("the store", self.root, "--store"):
             files.write_durably(self._action(key), files.seal_text(record), self.work)
         return key
 

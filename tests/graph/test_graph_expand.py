@@ -214,6 +214,26 @@ nodes:
     assert "last" not in expanded(child).nodes
 
 
+def test_null_removes_inherited_rounds(loop: Path, tmp_path: Path) -> None:
+    child = tmp_path / "child.yaml"
+
+    def leaps(entry: str) -> list[tuple[str, object]]:
+        child.write_text(f"extends: loop.yaml\nnodes: {{rounds: {{nodes: {{leap: {entry}}}}}}}\n")
+        nodes = expanded(child).nodes
+        leap = [nodes[f"rounds[{number}].leap"] for number in (1, 2, 3)]
+        return [(node.type, node.fields["amount"].value) for node in leap]
+
+    assert leaps("{}") == [("toy.step", 70), ("toy.leap", 2), ("toy.step", 3)]
+    assert leaps("{at: null}") == [("toy.step", 1), ("toy.leap", 2), ("toy.step", 3)]
+    assert leaps("{at: {1: null, 3: {amount: 9}}}") == [("toy.step", 1), ("toy.leap", 2), ("toy.step", 9)]
+    assert leaps("{every: null}") == [("toy.step", 70), ("toy.step", 2), ("toy.step", 3)]
+    with pytest.raises(GraphErrors, match="cannot remove 2: the base has no such entry"):
+        leaps("{at: {2: null}}")
+    child.write_text("extends: loop.yaml\nnodes: {rounds: {nodes: {step: {at: null}}}}\n")
+    with pytest.raises(GraphErrors, match="cannot remove 'at'"):
+        expanded(child)
+
+
 def test_extends_faults_are_all_reported(loop: Path, tmp_path: Path) -> None:
     child = tmp_path / "child.yaml"
     child.write_text("extends: loop.yaml\nnodes: {on: {value: 7}, gone: null, rounds: {nodes: {stp: {amount: 1}}}}\n")
