@@ -100,6 +100,7 @@ def test_maps_have_the_asked_size_and_options(carrier, train_views, transport):
     assert asset.base_color.shape == (96, 96, 3)
     assert asset.roughness.shape == asset.metallic.shape == asset.seen.shape == (96, 96)
     assert asset.environment.shape == (16, 32, 3)
+    assert np.median(asset.metallic) < 0.2 < 0.3 < np.median(asset.roughness)  # they start at 0 and 0.5
     assert asset.base_color.dtype == asset.environment.dtype == np.float32
     assert 0.1 < asset.seen.mean() < 1
     direct = dataclasses.replace(transport, bounces=0, gather_start=None, gather_point=None, gather_weight=None)
