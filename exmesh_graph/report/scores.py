@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -83,13 +83,14 @@ def score_asset(
     if truth is None or not paired:
         return scores
     rows = [chosen.index(i) for i, _ in paired]
-    scale = _score_materials(scores, take(rendered, rows), views, truth, paired, headline)
+    scales = _score_materials(scores, take(rendered, rows), views, truth, paired, headline)
     if lights:
-        _score_relit(scores, ours, guess, truth, lights, paired, scale)
-        relit = scores.values["relit"]
-        headline.insert(
-            1, _headline("Relit PSNR", relit["psnr"], "dB", scores.values["floor"]["relit_psnr"], "relit PSNR")
-        )
+        _score_relit(scores, ours, guess, truth, lights, paired, scales)
+        relit, floor = scores.values["relit"], scores.values["floor"]["relit_psnr"]
+        headline[1:1] = [
+            _headline("Relit PSNR", relit["psnr"], "dB", floor, "relit PSNR"),
+            _headline("Relit PSNR, albedo unscaled", relit["psnr_unscaled"], "dB", None, ""),
+        ]
     return scores
 
 
@@ -161,18 +162,19 @@ def _score_materials(
     truth: SceneTruth,
     paired: Sequence[tuple[int, int]],
     headline: list[dict[str, Any]],
-) -> np.ndarray | None:
-    """Fill `material`; returns the albedo scale [3] (None where no true albedo is known)."""
+) -> _AlbedoScales:
+    """Fill `material`; returns the scales that bring our albedo and the gray guess's to the truth's level."""
     cameras, rows = [i for i, _ in paired], [k for _, k in paired]
     material: dict[str, Any] = {}
     floor: dict[str, Any] = scores.values["floor"]
-    scale = None
+    scales = _AlbedoScales(None, None)
     if truth.albedo is not None:
         true = truth.albedo[list(rows)]
         covered = _coverage(views, cameras, true)
         gray = np.full_like(true, GRAY_ALBEDO)
         scale = albedo_scale(rendered.albedo, true, covered)
         gray_scale = albedo_scale(gray, true, covered)
+        scales = _AlbedoScales(scale, gray_scale)
         material["albedo_scale"] = scale.tolist()
         for space in ("linear", "srgb"):
 
@@ -202,7 +204,7 @@ def _score_materials(
         scores.roughness = [(r * c, t * c) for r, t, c in triples]
     if material:
         scores.values["material"] = material
-    return scale
+    return scales
 
 
 def _coverage(views: Views, cameras: Sequence[int], maps: np.ndarray) -> np.ndarray:
@@ -220,9 +222,12 @@ def _score_relit(
     truth: SceneTruth,
     lights: Sequence[str],
     paired: Sequence[tuple[int, int]],
-    scale: np.ndarray | None,
+    scales: _AlbedoScales,
 ) -> None:
-    """Fill `relit`: per light and mean, with and without the albedo scale, which is never fitted to relit images."""
+    """Fill `relit`: per light and mean, with and without the albedo scale, which is never fitted to relit images.
+
+    The gray guess gets a scale of its own by the same rule, so that the margin above it owes nothing to the scale.
+    """
     cameras, rows = [i for i, _ in paired], [k for _, k in paired]
     per_light: dict[str, dict[str, Any]] = {}
     for light in lights:
@@ -230,8 +235,10 @@ def _score_relit(
         true = [display(photographs[k], truth.relit_alpha[light][k]) for k in rows]
         figures: dict[str, Any] = {}
         plain = shown(ours.render(cameras, environment=environment))
-        scaled = shown(ours.render(cameras, environment=environment, scale=scale)) if scale is not None else plain
-        gray = shown(guess.render(cameras, environment=environment))
+        scaled = plain
+        if scales.ours is not None:
+            scaled = shown(ours.render(cameras, environment=environment, scale=scales.ours))
+        gray = shown(guess.render(cameras, environment=environment, scale=scales.gray))
         for key, images in (("", scaled), ("_unscaled", plain), ("_floor", gray)):
             db, structure = compare(images, true)
             figures |= {f"psnr{key}": float(np.mean(db)), f"ssim{key}": float(np.mean(structure))}
@@ -251,6 +258,13 @@ def _score_relit(
         "per_light": per_light,
     }
     scores.values["floor"] |= {"relit_psnr": mean("psnr_floor"), "relit_ssim": mean("ssim_floor")}
+
+
+class _AlbedoScales(NamedTuple):
+    """Factors [3] onto albedo, of our asset and of the gray guess; None where no true albedo is known."""
+
+    ours: np.ndarray | None
+    gray: np.ndarray | None
 
 
 def _headline(
