@@ -36,6 +36,9 @@ Progress = Callable[[int, int, dict[str, float]], None]
 #: fast as any other: such texels, most of them on the borders of charts, end up anywhere.
 SEEN_WEIGHT, SEEN_SHARE = 1.0, 0.1
 
+#: Photographs of a dark room: the light's softplus parameter must still have a gradient.
+MIN_LEVEL = 0.01
+
 
 @dataclass
 class Light:
@@ -68,10 +71,38 @@ class Model:
             columns.append(torch.zeros(len(self.texels), 1, device=device))
         self.material = logit(torch.cat(columns, dim=1)).requires_grad_()
         height = settings.environment_height
-        self.environment = initial_environment(height, device).requires_grad_()
+        self.environment = initial_environment(height, device=device).requires_grad_()
         self.stack = PrefilteredStack(height, 2 * height, device)
         self.binning = self.operators.bin_matrix(height, 2 * height)
         self.table = reflectance_table(device=device)
+
+    def level_light(self) -> None:
+        """Set the white starting light so that the starting maps are as bright as the photographs, on average.
+
+        Materials and light share a factor that only highlights tell, and a short fit moves little along it: where it
+        starts, with mid-gray base colour a guess that is rarely far off, decides where it ends. Raises NumericsError
+        for a photograph that is not finite.
+        """
+        with torch.no_grad():
+            maps = self.maps()
+            light = self.light(maps, 0.0)
+            seen = shown = 0.0
+            for buffer in self.buffers:
+                predicted, _ = self.shade(buffer, maps, light)
+                brightness = float((buffer.target * buffer.coverage[:, None]).sum())
+                if not np.isfinite(brightness):
+                    raise NumericsError(
+                        f"the image's brightness is {brightness}",
+                        where=f"stage2 step 0, view {buffer.name}",
+                        expected="finite pixel values",
+                        fix="check the view's image for NaN or Inf",
+                    )
+                seen += brightness
+                shown += float((predicted * buffer.coverage[:, None]).sum())
+            level = max(seen / max(shown, 1e-12), MIN_LEVEL)
+            self.environment.copy_(
+                initial_environment(self.settings.environment_height, level, self.environment.device)
+            )
 
     def maps(self) -> torch.Tensor:
         """Base colour, roughness (and metallic) of the compact texels, [T, 4 or 5]."""
@@ -133,6 +164,7 @@ def fit(
     tracer = make_ray_tracer(carrier.vertices, carrier.faces, "cpu")
     generator = torch.Generator().manual_seed(seed)
     initial_specular_scale(model)
+    model.level_light()
     optimiser = Adam([model.material, model.environment], [settings.material_rate, settings.environment_rate])
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
     curves: dict[str, list[float]] = {"iteration": [], "loss": [], "image": [], "psnr": []}

@@ -35,6 +35,6 @@ def initial_base_color(texture: np.ndarray, size: int, source: str) -> torch.Ten
     return srgb_to_linear(resize_texture(texture, size).clamp(0, 1))
 
 
-def initial_environment(height: int, device: torch.device | str = "cpu") -> torch.Tensor:
-    """Parameters of a uniform white environment of radiance 1: with it, base colour starts equal to appearance."""
-    return parameter_of(torch.ones(height, 2 * height, 3, device=device))
+def initial_environment(height: int, level: float = 1.0, device: torch.device | str = "cpu") -> torch.Tensor:
+    """Parameters of a uniform white environment of radiance `level`; under 1, base colour equals appearance."""
+    return parameter_of(torch.full((height, 2 * height, 3), level, device=device))

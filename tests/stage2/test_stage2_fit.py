@@ -231,3 +231,21 @@ def test_texels_that_a_footprints_corner_touched_are_filled_from_their_neighbour
     asset = module._asset(carrier, model)
     np.testing.assert_allclose(asset.base_color, 0.5, atol=1e-5)
     assert asset.seen.sum() > 0.5 * int((weight > 0).sum())
+
+
+@pytest.mark.parametrize("source", ["gray", "texture"])
+def test_the_starting_light_makes_the_start_as_bright_as_the_photographs(carrier, train_views, transport, source):
+    def started(exposure: float) -> Model:
+        views = dataclasses.replace(train_views, images=train_views.images * np.float32(exposure), clipped=False)
+        model = Model(carrier, views, transport, dataclasses.replace(QUICK, base_color_init=source), "cpu")
+        model.level_light()
+        return model
+
+    model, darker = started(1.0), started(0.25)
+    with torch.no_grad():
+        maps = model.maps()
+        light = model.light(maps, 0.0)
+        shown = sum(float((model.shade(b, maps, light)[0] * b.coverage[:, None]).sum()) for b in model.buffers)
+    assert shown == pytest.approx(sum(float((b.target * b.coverage[:, None]).sum()) for b in model.buffers), rel=1e-3)
+    level, quarter = (torch.nn.functional.softplus(m.environment.detach()).mean() for m in (model, darker))
+    assert float(quarter / level) == pytest.approx(0.25, rel=1e-3)
