@@ -69,13 +69,12 @@ def blender(ctx: Context, *, p: BlenderParams) -> BlenderOut:
     return BlenderOut(scene.train, scene.test, scene.frame, scene.truth or SceneTruth(names=()))
 
 
-class MiddleburyParams(Params):
-    path: Path = param(doc="Folder with <name>_par.txt, image/ and mask/.")
+class _RingParams(Params):
+    """What layouts without a test set of their own, and with whole-numbered pixel centres, have in common."""
+
     holdout: int = param(8, ge=2, unit="views", doc="Every how many views one is held out for testing.")
     first: int = param(3, ge=0, doc="Index of the first test view, counted from 0.")
-    downscale: int = param(2, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
     max_views: int = param(0, ge=0, unit="views", doc="Keep at most so many training views, evenly spread; 0 = all.")
-    up: Up = param("y", doc="The up axis of the files' world; auto: found from level cameras.")
     pixel_offset: float = param(
         0.5,
         ge=0,
@@ -83,6 +82,12 @@ class MiddleburyParams(Params):
         unit="px",
         doc="Added to the principal point: 0.5 where the file's pixel centres are whole numbers.",
     )
+
+
+class MiddleburyParams(_RingParams):
+    path: Path = param(doc="Folder with <name>_par.txt, image/ and mask/.")
+    downscale: int = param(2, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
+    up: Up = param("y", doc="The up axis of the files' world; auto: found from level cameras.")
     masks: bool = param(True, doc="Use mask/ where it is there.")
     dissent: int = param(1, ge=0, unit="views", doc="Masks that may be wrong at a point, for normalisation.")
     box: Box | None = param(None, doc="The object's box in the files' units; default: found from the masks.")
@@ -119,20 +124,10 @@ def middlebury(ctx: Context, *, p: MiddleburyParams) -> ViewsOut:
     return ViewsOut(scene.train, scene.test, scene.frame)
 
 
-class IdrParams(Params):
+class IdrParams(_RingParams):
     path: Path = param(doc="Folder with cameras_sphere.npz and image/.")
-    holdout: int = param(8, ge=2, unit="views", doc="Every how many views one is held out for testing.")
-    first: int = param(3, ge=0, doc="Index of the first test view, counted from 0.")
     downscale: int = param(1, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
-    max_views: int = param(0, ge=0, unit="views", doc="Keep at most so many training views, evenly spread; 0 = all.")
     up: Up = param("auto", doc="The up axis of the files' world; auto: the direction level cameras agree on.")
-    pixel_offset: float = param(
-        0.5,
-        ge=0,
-        le=0.5,
-        unit="px",
-        doc="Added to the principal point: 0.5 where the file's pixel centres are whole numbers.",
-    )
     masks: str = param("auto", doc="Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.")
     metres_per_unit: float = param(0.001, ge=0, unit="m", doc="Metres in one unit of the files; 0 = unknown.")
 

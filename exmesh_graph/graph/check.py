@@ -7,16 +7,15 @@ can run. Facets that an output does not promise are left to the run (see `contra
 from __future__ import annotations
 
 import heapq
-import importlib.metadata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
-from exmesh_graph.errors import ExmeshError
+from exmesh_graph.errors import ExmeshError, MissingLibraryError
 from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec, expand
 from exmesh_graph.graph.node import NodeDef, Params
-from exmesh_graph.graph.packs import Packs
+from exmesh_graph.graph.packs import Packs, library_version
 from exmesh_graph.graph.ports import RESERVED, Port, Signature, signature
 from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
 from exmesh_graph.graph.spec import Value, load_tree
@@ -284,12 +283,10 @@ class _Check:
     def _libraries(self, spec: NodeSpec, definition: NodeDef) -> None:
         for library in definition.libraries:
             try:
-                importlib.metadata.version(library)
-            except importlib.metadata.PackageNotFoundError:
-                self.problems.add(
-                    "missing-library", spec.where, f"{spec.name}: {spec.type} needs the library {library}",
-                    fix=f"pip install {library}",
-                )  # fmt: skip
+                library_version(library)
+            except MissingLibraryError as error:
+                what = f"{spec.name}: {spec.type} needs the library {library}"
+                self.problems.add("missing-library", spec.where, what, fix=error.fix)
 
     def _sources(self, spec: NodeSpec, definition: NodeDef, model: Params, where: Where) -> Mapping[str, Path]:
         if definition.sources is None:

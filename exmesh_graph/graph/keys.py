@@ -10,15 +10,14 @@ outputs of an upstream change stop the cascade. Golden-key tests pin the format;
 from __future__ import annotations
 
 import enum
-import functools
 import hashlib
-import importlib.metadata
 import json
 from collections.abc import Mapping
 from typing import Any
 
-from exmesh_graph.errors import GraphError, MissingLibraryError
+from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.check import Bound
+from exmesh_graph.graph.packs import library_version
 
 EPOCH = 1
 ABSENT = ("none", "none")
@@ -58,15 +57,6 @@ def preimage_of(
         "sources": dict(sorted(sources.items())),
         "inputs": {port: list(pair) for port, pair in sorted(inputs.items())},
     }
-
-
-@functools.cache
-def library_version(name: str) -> str:
-    """The version of an installed distribution."""
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        raise MissingLibraryError(f"the library {name} is not installed", fix=f"pip install {name}") from None
 
 
 def _plain(value: Any) -> Any:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.metadata
 import pkgutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from exmesh_graph.errors import MissingLibraryError
 from exmesh_graph.graph.node import REGISTRY, NodeDef
 
 GROUP = "exmesh.nodes"
@@ -31,6 +33,15 @@ def load_packs() -> Packs:
             except Exception as error:
                 broken[module] = f"{type(error).__name__}: {error}"
     return Packs(dict(sorted(REGISTRY.items())), broken)
+
+
+@functools.cache
+def library_version(name: str) -> str:
+    """The version of an installed distribution; MissingLibraryError when there is none."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        raise MissingLibraryError(f"the library {name} is not installed", fix=f"pip install {name}") from None
 
 
 def _modules(name: str, broken: dict[str, str]) -> Iterator[str]:
