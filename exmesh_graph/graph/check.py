@@ -49,6 +49,7 @@ class Checked:
     nodes: Mapping[str, Bound]
     outputs: Mapping[str, Link]
     params: Mapping[str, Any]
+    variant: str = ""
 
     def resolved(self) -> dict[str, Any]:
         """The graph as plain JSON-like data, for the run record."""
@@ -62,7 +63,8 @@ class Checked:
             for name, bound in self.nodes.items()
         }
         outputs = {name: str(link) for name, link in self.outputs.items()}
-        return {"name": self.name, "params": dict(self.params), "nodes": nodes, "outputs": outputs}
+        graph = {"name": self.name, "variant": self.variant, "params": dict(self.params)}
+        return {**graph, "nodes": nodes, "outputs": outputs}
 
     def needed_for(self, targets: Iterable[str]) -> set[str]:
         """The names of `targets` and of everything upstream of them."""

@@ -14,7 +14,8 @@ from typing import Any
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, nearest
 from exmesh_graph.graph.yamlfile import Map, load_yaml, parse_yaml
 
-TOP_KEYS = ("name", "doc", "extends", "params", "seed", "nodes", "outputs")
+VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
+TOP_KEYS = ("name", "doc", "extends", "params", "seed", "nodes", "outputs", *VARIANT_KEYS)
 BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}]*)\}")
@@ -58,7 +59,11 @@ class Tree:
 def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
     """Read `path` with everything it extends, and apply the overrides that concern graph-level values."""
     path = path.absolute()
-    merged = _load_merged(path, [], problems)
+    return tree_of(load_merged(path, [], problems), path, overrides, problems)
+
+
+def tree_of(merged: Map, path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
+    """The tree of a merged file; what `variants` changes, it changes in `merged` before this."""
     root = Where(path, 1)
     _check_keys(merged, TOP_KEYS, "the graph", problems)
     nodes = _mapping(merged, "nodes", problems)
@@ -127,7 +132,8 @@ def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: P
     return Value(_REFERENCE.sub(replace, value), where, base)
 
 
-def _load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
+def load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
+    """The mapping of the file `path` over those it extends; `chain` holds the files that led here."""
     if path in chain:
         names = " -> ".join(p.name for p in [*chain, path])
         fail("extends", Where(chain[-1], 1), f"the files extend each other: {names}")
@@ -141,12 +147,12 @@ def _load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
     base_path = base_path if base_path.is_absolute() else path.parent / base_path
     if not base_path.is_file():
         fail("extends", where, f"no such graph file: {child['extends']}")
-    base = _load_merged(base_path.resolve(), [*chain, path], problems)
+    base = load_merged(base_path.resolve(), [*chain, path], problems)
     result = base.copy()
     for key, value in child.items():
         if key == "nodes" and isinstance(value, Map) and isinstance(base.get(key), Map):
             value = _merge_nodes(base[key], value, problems)
-        elif key in ("params", "outputs") and isinstance(value, Map) and isinstance(base.get(key), Map):
+        elif key in ("params", "outputs", "variants") and isinstance(value, Map) and isinstance(base.get(key), Map):
             value = _merge_plain(base[key], value)
         result.put(key, value, child.lines[key])
     if "name" not in child:
