@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from exmesh_graph.cli import authoring
 from exmesh_graph.errors import ExmeshError
 
 if TYPE_CHECKING:
@@ -109,21 +110,6 @@ def why(
 
 
 @app.command()
-def nodes(
-    type: Annotated[str | None, typer.Argument(help="A node type, for its ports and parameters.")] = None,
-) -> None:
-    """List the node types, or describe one."""
-    from exmesh_graph.cli.show import show_node, show_nodes
-    from exmesh_graph.graph.packs import load_packs
-
-    packs = load_packs()
-    if type is None:
-        show_nodes(packs)
-    else:
-        show_node(packs, type)
-
-
-@app.command()
 def report(
     run: Annotated[Path, typer.Argument(help="A run folder.")] = Path("runs/latest"), store: StoreFolder = None
 ) -> None:
@@ -160,6 +146,9 @@ def status(runs: RunsFolder = Path("runs"), last: Annotated[int, typer.Option(he
     from exmesh_graph.cli.show import show_status
 
     show_status(runs, last)
+
+
+authoring.register(app)
 
 
 def run_app() -> None:

@@ -71,6 +71,21 @@ class Context(Protocol):
     def scratch(self) -> Path:
         """An empty folder of this attempt, removed afterwards; outputs of type Files may lie here."""
 
+    @property
+    def threads(self) -> int:
+        """CPU threads that this node may use; they must not change the result."""
+
+    def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
+        """Offer the state after `step` steps, for a run that is cut off to go on from.
+
+        Cheap to call every step: it is written at most every half minute and on the first Ctrl-C. `state` holds numpy
+        arrays, torch tensors, numbers, strings, None, and nested dicts and lists of these; it must be enough to end
+        with the same result as an uninterrupted run. Only in nodes declared `resumable=True`.
+        """
+
+    def resume(self) -> tuple[int, dict[str, Any]] | None:
+        """(step, state) of the last checkpoint of an earlier attempt at this very key, or None: start afresh."""
+
     def progress(self, step: int, total: int, **figures: float) -> None:
         """Report progress: `loss=`, `psnr=` and the like are shown live and logged. Cheap to call often."""
 
@@ -93,6 +108,7 @@ class NodeDef:
     code: tuple[str, ...] = ()
     sources: Callable[[Any], Mapping[str, Path]] | None = None
     resources: Mapping[str, float] = field(default_factory=dict)
+    resumable: bool = False
 
 
 REGISTRY: dict[str, NodeDef] = {}
@@ -107,6 +123,7 @@ def node(
     code: tuple[str, ...] = (),
     sources: Callable[[Any], Mapping[str, Path]] | None = None,
     resources: Mapping[str, float] | None = None,
+    resumable: bool = False,
 ) -> Callable[[F], F]:
     """Register a function as the node `type`.
 
@@ -115,14 +132,18 @@ def node(
     code       extra modules whose source belongs in the fingerprint, beside those the function imports
     sources    params -> {name: file} of every file the node reads; their contents belong in the key and the
                path parameters do not. It raises DataError for a missing file, so that `check` can say so.
+    resources  what one execution takes: {"cpu": 1, "gpu": 0, "vram_gb": 0, "ram_gb": 0, any other name: n}; these are
+               the defaults, and "cpu": 0 takes all cores. They never change a key.
+    resumable  whether the node uses ctx.checkpoint and ctx.resume
     """
+    taken = {"cpu": 1.0, **(resources or {})}
+    if any(isinstance(n, bool) or not isinstance(n, int | float) or n < 0 for n in taken.values()):
+        raise ValueError(f"node type {type!r}: resources are numbers >= 0, not {dict(taken)!r}")
 
     def register(function: F) -> F:
         if type in REGISTRY and REGISTRY[type].function.__qualname__ != function.__qualname__:
             raise ValueError(f"node type {type!r} is registered twice")
-        REGISTRY[type] = NodeDef(
-            type, function, version, deterministic, libraries, code, sources, dict(resources or {})
-        )
+        REGISTRY[type] = NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable)
         return function
 
     return register

@@ -6,6 +6,7 @@ taken from the recorded digests of its inputs just before it would run, so that 
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import time
@@ -61,6 +62,16 @@ class NodeContext:
     def scratch(self) -> Path:
         self._scratch.mkdir(exist_ok=True)
         return self._scratch
+
+    @property
+    def threads(self) -> int:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+    def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
+        """Not kept yet: an interrupted node starts again."""
+
+    def resume(self) -> tuple[int, dict[str, Any]] | None:
+        return None
 
     def progress(self, step: int, total: int, **figures: float) -> None:
         now = time.monotonic()
