@@ -19,7 +19,6 @@ import contextlib
 import fcntl
 import json
 import os
-import platform
 import threading
 import time
 import uuid
@@ -27,38 +26,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from exmesh_graph.machine import Process
+
 LIMIT = 90.0  # seconds; above the 60 s for which an NFS client may show old file contents
 BEAT = 5.0
 _DIGITS = 12
-
-
-@dataclass(frozen=True)
-class Owner:
-    """A process that cannot be mistaken for another one: `started` is in clock ticks since boot, 0 if unknown."""
-
-    host: str
-    boot: str
-    space: str
-    pid: int
-    started: int
-
-    @classmethod
-    def here(cls) -> Owner:
-        """This process."""
-        return cls(platform.node(), _boot(), _space(), os.getpid(), _state(os.getpid())[1])
-
-    def fate(self, now: Owner) -> str:
-        """`alive`, `gone`, `rebooted`, or `unknown` from where `now` is."""
-        if self.host != now.host or not self.boot or not now.boot:
-            return "unknown"
-        if self.boot != now.boot:
-            return "rebooted"
-        if self.space != now.space:
-            return "unknown"
-        state, started = _state(self.pid)
-        if state in "ZX" or (started and self.started and started != self.started):
-            return "gone"
-        return "unknown" if state == "T" or not self.started else "alive"
 
 
 @dataclass(frozen=True)
@@ -122,8 +94,7 @@ class Lease:
         """Give the lease back; one that was taken over stays with its new holder."""
         if self.path is not None:
             with contextlib.suppress(OSError):
-                found = _read(self.path)
-                if found is not None and found[1] == self.nonce:
+                if _nonce(self.path) == self.nonce:
                     self.path.unlink()
         self.path = None
 
@@ -171,7 +142,7 @@ class Leases:
         for path in self.folder.glob(".*"):
             with contextlib.suppress(OSError):
                 found = _read(path)
-                if path.name != ".lock" and (found is None or found[0].fate(Owner.here()) in ("gone", "rebooted")):
+                if path.name != ".lock" and (found is None or found[0].fate(Process.here()) in ("gone", "rebooted")):
                     path.unlink()
         return gone
 
@@ -181,12 +152,12 @@ class Leases:
             found = _read(self._path(key))
         except OSError:
             return None, None
-        owner, nonce, count = found or (Owner("unknown", "", "", 0, 0), "", "")
+        owner, nonce, count = found or (Process("unknown", "", "", 0, 0), "", "")
         last = self.seen.get(key)
         if last is None or last[:2] != (nonce, count):
             last = self.seen[key] = (nonce, count, self.clock())
         age = self.clock() - last[2]
-        who, fate = f"the lease of process {owner.pid} on {owner.host}", owner.fate(Owner.here())
+        who, fate = f"the lease of process {owner.pid} on {owner.host}", owner.fate(Process.here())
         if fate == "gone":
             return None, (nonce, f"{who} outlived its process")
         if fate == "rebooted":
@@ -199,7 +170,7 @@ class Leases:
         """Make the lease's file; False when there is one."""
         assert lease.path is not None
         self.folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps({**asdict(Owner.here()), "nonce": lease.nonce}) + f"\n{0:0{_DIGITS}d}\n"
+        text = json.dumps({**asdict(Process.here()), "nonce": lease.nonce}) + f"\n{0:0{_DIGITS}d}\n"
         draft = self.folder / f".{lease.nonce}"
         draft.write_text(text, encoding="utf-8")
         try:
@@ -219,12 +190,15 @@ class Leases:
             with contextlib.suppress(OSError):  # without locks the check below is all there is
                 fcntl.flock(lock, fcntl.LOCK_EX)
             try:
+                if _nonce(path) != nonce:  # another waiter was quicker
+                    return False
                 os.rename(path, aside)
             except OSError:
                 return False
-            found = _read(aside)
-            same = (found[1] if found else "") == nonce
-            if not same:  # another waiter was quicker; where that one has a successor too, both may go on
+            same = True
+            with contextlib.suppress(OSError):
+                same = _nonce(aside) == nonce
+            if not same:  # the same without locks; give it back, and where that one has a successor too, both go on
                 with contextlib.suppress(OSError):
                     os.link(aside, path)
             aside.unlink(missing_ok=True)
@@ -243,46 +217,17 @@ def _create_exclusively(path: Path, text: str) -> bool:
     return True
 
 
-def _read(path: Path) -> tuple[Owner, str, str] | None:
+def _read(path: Path) -> tuple[Process, str, str] | None:
     """(owner, nonce, counter), None where it is not (yet) readable. Raises OSError where there is no file."""
     head, _, count = path.read_text(encoding="utf-8", errors="replace").partition("\n")
     try:
         facts = json.loads(head)
         nonce = str(facts.pop("nonce"))
-        return Owner(**facts), nonce, count
+        return Process(**facts), nonce, count
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
-def _boot() -> str:
-    """The boot id of the running kernel; empty where there is none."""
-    return _proc("sys/kernel/random/boot_id").strip()
-
-
-def _space() -> str:
-    try:
-        return os.readlink("/proc/self/ns/pid")
-    except OSError:
-        return ""
-
-
-def _state(pid: int) -> tuple[str, int]:
-    """(state letter, start time in ticks since boot) of a process; `X` when there is none, `?` if unknown."""
-    text = _proc(f"{pid}/stat")
-    if text:
-        fields = text.rpartition(")")[2].split()
-        return fields[0], int(fields[19])
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return "X", 0
-    except OSError:
-        return "?", 0
-    return "?", 0
-
-
-def _proc(name: str) -> str:
-    try:
-        return Path("/proc", name).read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
+def _nonce(path: Path) -> str:
+    found = _read(path)
+    return found[1] if found else ""

@@ -16,8 +16,10 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph import machine
 from exmesh_graph.graph import lease as leases_module
-from exmesh_graph.graph.lease import Holder, Lease, Leases, Owner
+from exmesh_graph.graph.lease import Holder, Lease, Leases
+from exmesh_graph.machine import Process
 
 KEY = "ab" * 32
 HOLD = """
@@ -86,7 +88,7 @@ def test_a_lease_ends_with_its_process(tmp_path: Path) -> None:
 
 def test_a_process_id_used_again_does_not_count(tmp_path: Path) -> None:
     taken(Leases(tmp_path).acquire(KEY))
-    rewrite(tmp_path, started=Owner.here().started - 1)
+    rewrite(tmp_path, started=Process.here().started - 1)
     assert "outlived its process" in taken(Leases(tmp_path).acquire(KEY)).notice
 
 
@@ -207,18 +209,18 @@ def test_a_thread_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_stopped_process_is_not_called_alive(tmp_path: Path) -> None:
     process = hold(tmp_path)
     try:
-        owner = Owner(**{**dataclasses.asdict(Owner.here()), "pid": process.pid, "started": 0})
-        owner = dataclasses.replace(owner, started=leases_module._state(process.pid)[1])
-        assert owner.fate(Owner.here()) == "alive"
+        owner = Process(**{**dataclasses.asdict(Process.here()), "pid": process.pid, "started": 0})
+        owner = dataclasses.replace(owner, started=machine._state(process.pid)[1])
+        assert owner.fate(Process.here()) == "alive"
         os.kill(process.pid, signal.SIGSTOP)
         deadline = time.monotonic() + 10
-        while owner.fate(Owner.here()) != "unknown" and time.monotonic() < deadline:
+        while owner.fate(Process.here()) != "unknown" and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert owner.fate(Owner.here()) == "unknown"
+        assert owner.fate(Process.here()) == "unknown"
     finally:
         process.kill()
         process.wait()
-    assert owner.fate(Owner.here()) == "gone"
+    assert owner.fate(Process.here()) == "gone"
 
 
 def test_sweep_removes_what_is_free(tmp_path: Path) -> None:
