@@ -13,7 +13,8 @@ import math
 
 import torch
 
-ALPHA_MIN = 1e-3
+#: Width of the narrowest lobe, roughness 0.02: sin^2 of a float32 half vector is then still good to 0.1 %.
+ALPHA_MIN = 4e-4
 DIELECTRIC_F0 = 0.04
 COSINE_MIN = 1e-4
 

@@ -58,7 +58,7 @@ def test_formula_of_the_renderings_in_float64():
     color, r, m = rng.uniform(0, 1, (500, 3)), rng.uniform(0.1, 1, 500), rng.uniform(0, 1, 500)
     half = view + light
     half /= np.linalg.norm(half, axis=1, keepdims=True)
-    a = np.maximum(r * r, 1e-3)
+    a = np.maximum(r * r, brdf.ALPHA_MIN)
     n_l, n_v, n_h, v_h = light[:, 2], view[:, 2], half[:, 2], (view * half).sum(1)
     d = a**2 / (np.pi * (n_h**2 * (a**2 - 1) + 1) ** 2)
     g = 1 / (1 + _lambda(n_v, a) + _lambda(n_l, a))
