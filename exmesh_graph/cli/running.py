@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import typer
 
 from exmesh_graph.cli.live import view
 from exmesh_graph.cli.show import clock
-from exmesh_graph.errors import ExmeshError, StoreError
+from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.check import Checked
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.run import NodeFailed, Run
@@ -143,9 +142,8 @@ def _figure(value: Any) -> str:
 
 def _show_failure(failure: NodeFailed, folder: Path) -> None:
     typer.echo(f"\nfailed: {failure}", err=True)
-    frames = traceback.extract_tb(failure.cause.__traceback__)
-    if frames and not isinstance(failure.cause, ExmeshError):
-        typer.echo(f"  at {frames[-1].filename}:{frames[-1].lineno} in {frames[-1].name}", err=True)
+    if failure.record.get("at"):
+        typer.echo(f"  at {failure.record['at']}", err=True)
     typer.echo(f"  details: {_short(folder / 'failure.json')}", err=True)
     typer.echo(f"  only this node: {failure.record['replay']}", err=True)
     typer.echo(f"  go on when mended: {failure.record['run_again']}", err=True)

@@ -70,6 +70,11 @@ def frozen(value: Any) -> Any:
     return value
 
 
+def array_bytes(value: Any) -> int:
+    """Bytes that the arrays of a dataclass take in memory."""
+    return sum(int(array.nbytes) for array in _arrays(value))
+
+
 def sample(inputs: Mapping[str, Artifact]) -> dict[str, int]:
     """A cheap fingerprint of each input, to notice a node that writes into one behind numpy's back."""
     return {port: hash(tuple(_sampled(array) for array in _arrays(value))) for port, value in inputs.items()}

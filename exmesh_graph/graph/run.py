@@ -1,91 +1,46 @@
-"""Running a graph in this process: hits from the store, the rest computed in order, every result stored at once.
+"""Running a graph: hits from the store, the rest as jobs on a backend, every result stored at once.
 
-Neighbours hand values over in memory; a value is dropped when its last consumer is done. The key of each node is
-taken from the recorded digests of its inputs just before it would run, so that equal outputs stop a cascade.
+The key of each node is taken from the recorded digests of its inputs as soon as these are known, so that equal outputs
+stop a cascade. A job starts when its tokens are free, the one with the longest path behind it first. Nodes that share
+a key run once: the second waits and finds the record of the first.
 """
 
 from __future__ import annotations
 
-import os
+import bisect
+import heapq
 import shlex
 import sys
 import time
-import traceback
-import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
-from exmesh_graph.errors import ExmeshError, GraphError, StoreError
-from exmesh_graph.graph import contracts
+from exmesh_graph.errors import ExmeshError, StoreError
+from exmesh_graph.graph.backends import Backend
+from exmesh_graph.graph.backends.inline import Inline
 from exmesh_graph.graph.check import Bound, Checked
-from exmesh_graph.graph.fingerprint import fingerprint, sources_changed
+from exmesh_graph.graph.job import BROKEN, DONE, FAILED, FIGURES, Job, Outcome, failure, job_of
 from exmesh_graph.graph.keys import key_of
 from exmesh_graph.graph.plan import preimage_for
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import NOTHING, Store, Stored
-from exmesh_graph.machine import machine_facts, peak_memory, reset_peak_memory
-from exmesh_graph.types import Artifact, Files
+from exmesh_graph.graph.rundir import RunFolder, past_seconds
+from exmesh_graph.graph.schedule import Pool, remaining_seconds
+from exmesh_graph.graph.store import NOTHING, Action, Store, Stored
+from exmesh_graph.machine import machine_facts
 
 Listener = Callable[[Mapping[str, Any]], None]
-HIT, DONE, FAILED, WAITING, RUNNING = "hit", "done", "failed", "waiting", "running"
+HIT, WAITING, RUNNING, BLOCKED, INTERRUPTED = "hit", "waiting", "running", "blocked", "interrupted"
 
 
 class NodeFailed(ExmeshError):
-    """A node raised an error; `cause` is the error, `record` what failure.json holds."""
+    """Nodes failed. `cause` is the first one's error where it is at hand, `record` what its failure file holds."""
 
     code = "node"
 
-    def __init__(self, node: str, cause: BaseException, record: Mapping[str, Any]) -> None:
-        self.node, self.cause, self.record = node, cause, record
-        text = str(cause) if isinstance(cause, ExmeshError) else f"{type(cause).__name__}: {cause}"
-        super().__init__(text, where=node)
-
-
-class NodeContext:
-    """The `Context` that a running node sees."""
-
-    def __init__(self, bound: Bound, scratch: Path, emit: Listener) -> None:
-        self._bound, self._scratch, self._emit = bound, scratch, emit
-        self._next = 0.0
-        self.warnings: list[str] = []
-
-    @property
-    def node(self) -> str:
-        return self._bound.name
-
-    @property
-    def seed(self) -> int:
-        return self._bound.seed
-
-    @property
-    def scratch(self) -> Path:
-        self._scratch.mkdir(exist_ok=True)
-        return self._scratch
-
-    @property
-    def threads(self) -> int:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-    def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
-        """Not kept yet: an interrupted node starts again."""
-
-    def resume(self) -> tuple[int, dict[str, Any]] | None:
-        return None
-
-    def progress(self, step: int, total: int, **figures: float) -> None:
-        now = time.monotonic()
-        if now >= self._next or step >= total:
-            self._next = now + 0.2
-            plain = {name: float(value) for name, value in figures.items()}
-            self._emit({"event": "progress", "node": self.node, "step": step, "total": total, **plain})
-
-    def log(self, message: str) -> None:
-        self._emit({"event": "log", "node": self.node, "message": message})
-
-    def warn(self, message: str) -> None:
-        self.warnings.append(message)
-        self._emit({"event": "warning", "node": self.node, "message": message})
+    def __init__(self, records: list[Mapping[str, Any]], cause: BaseException | None) -> None:
+        self.records, self.record, self.cause = records, records[0], cause
+        self.node = str(self.record["node"])
+        super().__init__(self.record["message"], where=self.node)
 
 
 class Run:
@@ -102,16 +57,35 @@ class Run:
         force: set[str] | None = None,
         command: str = "",
         overrides: tuple[str, ...] = (),
+        backend: Backend | None = None,
+        tokens: Mapping[str, float] | None = None,
+        keep_going: bool = False,
     ) -> None:
         self.graph, self.store, self.folder, self.listener = graph, store, folder, listener
-        self.force = force or set()
+        self.force, self.keep_going, self.tokens = set(force or ()), keep_going, tokens or {}
+        self.backend: Backend = Inline(store) if backend is None else backend
         self.nodes = {n: b for n, b in graph.nodes.items() if targets is None or n in targets}
+        self.index = {name: index for index, name in enumerate(self.nodes)}
+        self.names = list(self.nodes)
         self.outputs: dict[str, dict[str, Stored]] = {}
-        self.memory: dict[tuple[str, str], Artifact] = {}
-        self.users: dict[tuple[str, str], int] = {}
-        for bound in self.nodes.values():
-            for link in bound.inputs.values():
-                self.users[link.node, link.port] = self.users.get((link.node, link.port), 0) + 1
+        self.users: Counter[tuple[str, str]] = Counter()
+        self.below: dict[str, list[str]] = {name: [] for name in self.nodes}
+        for name, bound in self.nodes.items():
+            self.users.update((link.node, link.port) for link in bound.inputs.values())
+            for above in {link.node for link in bound.inputs.values()}:
+                self.below[above].append(name)
+        self.missing = {name: len({link.node for link in b.inputs.values()}) for name, b in self.nodes.items()}
+        self.ready = [index for name, index in self.index.items() if not self.missing[name]]
+        self.queue: list[tuple[float, int]] = []  # misses, the most urgent first
+        self.planned: dict[str, tuple[str, Mapping[str, Any]]] = {}
+        self.running: dict[str, tuple[Job, float]] = {}
+        self.needed: Counter[str] = Counter()  # digests that nodes to come will read
+        self.remade: set[str] = set()
+        self.failures: list[Mapping[str, Any]] = []
+        self.cause: BaseException | None = None
+        self.pool: Pool | None = None
+        self.remaining: Mapping[str, float] = {}
+        self.saved, self.save_cost = 0.0, 0.0
         self.rows: dict[str, dict[str, Any]] = {
             name: {"name": name, "type": bound.definition.type, "state": WAITING, "key": None, "seconds": 0.0,
                    "spent": 0.0, "outputs": {}, "warnings": []}
@@ -127,18 +101,21 @@ class Run:
         """Run everything; returns the record. Raises NodeFailed or KeyboardInterrupt, with the record written."""
         started = time.perf_counter()
         self.store.sweep()
-        self._save()
+        self._save(now=True)
         self._emit({"event": "run_started", "run": self.folder.id, "nodes": list(self.nodes)})
-        state = "failed"
+        state = FAILED
         try:
-            for bound in self.nodes.values():
-                self._step(bound)
-                self._release(bound)
-            state = "done"
+            self._loop()
+            if self.failures:
+                raise NodeFailed(self.failures, self.cause) from self.cause
+            state = DONE
         except KeyboardInterrupt:
-            state = "interrupted"
+            state = INTERRUPTED
             raise
         finally:
+            for name in self.running:
+                self.rows[name]["state"] = INTERRUPTED
+            self.backend.close()
             self.store.sources.save()
             self.record["store_notes"] = list(self.store.notes)
             self.record["machine"] = machine_facts()
@@ -148,169 +125,213 @@ class Run:
     def finish(self, state: str, seconds: float) -> None:
         """Write the final state."""
         self.record.update(state=state, seconds=seconds, finished=time.time())
-        self._save()
+        self._save(now=True)
         self._emit({"event": "run_finished", "state": state, "seconds": round(seconds, 3)})
 
-    def _step(self, bound: Bound) -> None:
-        started = time.perf_counter()
-        row = self.rows[bound.name]
-        try:
-            if not (bound.name not in self.force and self._hit(bound)):
-                self._compute(bound)
-            self._publish(bound.name)
-        except KeyboardInterrupt:
-            row["state"] = "interrupted"
-            raise
-        except Exception as error:
-            self._fail(bound, error)
-        finally:
-            row["spent"] = time.perf_counter() - started
-            self._save()
-        figures = {"seconds": row["seconds"], "spent": row["spent"]}
-        self._emit({"event": "node_finished", "node": bound.name, "state": row["state"], **figures})
-
-    def _hit(self, bound: Bound) -> bool:
-        preimage = self._preimage(bound)
-        action = self.store.look_up(key_of(preimage))
-        if action is None or set(action.outputs) != set(bound.signature.outputs):
-            return False
-        shown = [link.port for link in self.graph.outputs.values() if link.node == bound.name]
-        if not all(self.store.sound(action.outputs[port].digest) for port in shown if action.outputs[port] != NOTHING):
-            return False
-        self.outputs[bound.name] = dict(action.outputs)
-        info = {name: action.info[name] for name in ("seconds", "peak_rss", "warnings") if name in action.info}
-        self._note(bound, HIT, action.key, info)
-        return True
-
-    def _compute(self, bound: Bound) -> None:
-        self.rows[bound.name]["state"] = RUNNING
-        self._emit({"event": "node_started", "node": bound.name})
-        inputs = {port: self._value(link.node, link.port) for port, link in bound.inputs.items()}
-        present = {port: value for port, value in inputs.items() if value is not None}
-        preimage = self._preimage(bound)
-        self.rows[bound.name]["key"] = key_of(preimage)
-        for port, value in present.items():
-            contracts.check_input(bound, port, value, contracts.promised_by(bound.inputs[port], self.graph.nodes))
-        with self.store.attempt() as attempt:
-            context = NodeContext(bound, attempt / "scratch", self._emit)
-            marks = contracts.sample(present)
-            reset_peak_memory()
-            started, began = time.time(), time.perf_counter()
-            result = self._call(bound, context, present)
-            seconds, peak = time.perf_counter() - began, peak_memory()
-            contracts.check_untouched(bound, present, marks)
-            values = contracts.outputs_of(bound, result)
-            del result
-            stored = {port: NOTHING if v is None else self.store.put(v, attempt) for port, v in values.items()}
-            self._keep(bound.name, values, stored)
-        info = {
-            "node": bound.name, "graph": self.graph.name, "run": self.folder.id, "seconds": seconds,
-            "store_seconds": time.perf_counter() - began - seconds, "peak_rss": peak, "started": started,
-            "finished": time.time(), "warnings": context.warnings, "machine": machine_facts(),
-            "code_parts": fingerprint(bound.definition).parts,
-        }  # fmt: skip
-        self._store_record(bound, preimage, stored, info, context)
-        self.outputs[bound.name] = stored
-        self._note(bound, DONE, key_of(preimage), info)
-
-    def _call(self, bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) -> Any:
-        """Call the node's function; Python warnings go to its log."""
-        name = bound.signature.params_name
-        extra = {name: bound.params} if name else {}
-        with warnings.catch_warnings():
-            warnings.simplefilter("default")
-            warnings.showwarning = lambda message, category, *_, **__: context.log(f"{category.__name__}: {message}")
-            return bound.definition.function(context, **inputs, **extra)
-
-    def _store_record(
-        self, bound: Bound, preimage: Mapping[str, Any], stored: Mapping[str, Stored], info: Mapping[str, Any],
-        context: NodeContext,
-    ) -> None:  # fmt: skip
-        """Record the action, unless what it was keyed by changed under its hands."""
-        for name, path in bound.sources.items():
-            if self.store.sources.digest(path) != preimage["sources"][name]:
-                raise GraphError(f"the source file {name} changed while {bound.name} ran", where=str(path))
-        changed = sources_changed(bound.definition)
-        if changed:
-            context.warn(f"not remembered: its code changed during the run ({', '.join(changed)})")
-            return
-        self.store.record(preimage, stored, info)
-
-    def _value(self, node: str, port: str) -> Artifact | None:
-        """An output's value: from memory, from the store, or, where the store's copy is broken, made again."""
-        if (node, port) in self.memory:
-            return self.memory[node, port]
-        stored = self.outputs[node][port]
-        if stored == NOTHING:
-            return None
-        bound = self.graph.nodes[node]
-        value = self.store.load(bound.signature.outputs[port].type, stored.digest)
-        if value is None:
-            self._emit({"event": "log", "node": node, "message": f"made again: {self.store.notes[-1]}"})
-            self._compute(bound)
-            if (node, port) not in self.memory:
-                raise StoreError(f"the output {port} of {node} is broken again", fix="check the disk")
-            return self.memory[node, port]
-        if self.users.get((node, port), 0) > 1:
-            self.memory[node, port] = value
-        return contracts.frozen(value)
-
-    def _keep(self, name: str, values: Mapping[str, Artifact | None], stored: Mapping[str, Stored]) -> None:
-        """Keep outputs that others wait for; files are read from the store, since the work folder goes away."""
-        for port, value in values.items():
-            if value is None or not self.users.get((name, port)):
+    def _loop(self) -> None:
+        while True:
+            while self.ready and self._going():
+                self._plan(self.names[heapq.heappop(self.ready)])
+            self._dispatch()
+            if self.ready and self._going():
                 continue
-            kept: Artifact | None = value
-            if isinstance(value, Files):
-                kept = self.store.load(type(value), stored[port].digest)
-            if kept is not None:
-                self.memory[name, port] = contracts.frozen(kept)
+            if not self.running:
+                return
+            for outcome in self.backend.poll(1.0, self._emit):
+                self._take(outcome)
 
-    def _release(self, bound: Bound) -> None:
-        """Drop the values for which this node was the last consumer."""
+    def _going(self) -> bool:
+        return self.keep_going or not self.failures
+
+    def _plan(self, name: str) -> None:
+        """Take a node whose inputs are known as a hit, or queue it."""
+        started = time.perf_counter()
+        bound = self.nodes[name]
+        if self.missing[name] or self.rows[name]["state"] != WAITING or name in self.planned:
+            return  # an input is being made again, or it was queued twice
+        try:
+            preimage = preimage_for(bound, self.store, lambda node, port: self.outputs[node][port])
+            key = key_of(preimage)
+            action = None if name in self.force else self._look_up(bound, key)
+        except ExmeshError as error:
+            self._fail(name, failure(name, error), None)
+            return
+        self.rows[name]["key"] = key
+        if action is not None:
+            self._settle(name, HIT, action.outputs, action.info, time.perf_counter() - started)
+            return
+        if not self.remaining:
+            self.remaining = remaining_seconds(self.nodes, past_seconds(self.folder.path, self.graph.name))
+        self.planned[name] = key, preimage
+        bisect.insort(self.queue, (-self.remaining[name], self.index[name]))
+
+    def _look_up(self, bound: Bound, key: str) -> Action | None:
+        action = self.store.look_up(key)
+        if action is None or set(action.outputs) != set(bound.signature.outputs):
+            return None
+        shown = [link.port for link in self.graph.outputs.values() if link.node == bound.name]
+        sound = all(self.store.sound(action.outputs[p].digest) for p in shown if action.outputs[p] != NOTHING)
+        return action if sound else None
+
+    def _dispatch(self) -> None:
+        """Start what is queued, as far as tokens go and no twin of it runs."""
+        if not self.queue or not self._going():
+            return
+        if self.pool is None:
+            self.pool = Pool({**self.backend.capacity(), **self.tokens})
+        busy = {key_of(job.preimage) for job, _ in self.running.values()}
+        for entry in list(self.queue):
+            if self.pool.free["jobs"] < 1:
+                return
+            name = self.names[entry[1]]
+            key, preimage = self.planned[name]
+            try:
+                wanted = self.pool.wish(self.nodes[name])
+            except ExmeshError as error:
+                self.queue.remove(entry)
+                self._fail(name, failure(name, error), None)
+                continue
+            if key in busy or not self.pool.fits(wanted):
+                continue
+            self.queue.remove(entry)
+            action = None if name in self.force else self._look_up(self.nodes[name], key)
+            if action is not None:  # made since by a twin
+                self._settle(name, HIT, action.outputs, action.info, 0.0)
+                continue
+            busy.add(key)
+            self._start(name, preimage, wanted)
+
+    def _start(self, name: str, preimage: Mapping[str, Any], wanted: dict[str, float]) -> None:
+        assert self.pool is not None
+        devices = self.pool.take(name, wanted)
+        job = job_of(
+            self.nodes[name], self.graph.nodes, preimage, self.store, graph=self.graph.name, run=self.folder.id,
+            threads=max(1, int(wanted["cpu"])), devices=devices, log=str(self.folder.log_of(name)),
+        )  # fmt: skip
+        self.rows[name]["state"] = RUNNING
+        self.running[name] = job, time.perf_counter()
+        self._emit({"event": "node_started", "node": name})
+        self._save()
+        self.backend.submit(job)
+
+    def _take(self, outcome: Outcome) -> None:
+        """Note how a job ended."""
+        name = outcome.name
+        job, started = self.running.pop(name)
+        assert self.pool is not None
+        self.pool.give_back(name)
+        if outcome.state == DONE:
+            self._settle(name, DONE, outcome.outputs, outcome.info, time.perf_counter() - started)
+        elif outcome.state == BROKEN:
+            self._make_again(name, outcome)
+        elif outcome.state == FAILED:
+            self._fail(name, outcome, job, time.perf_counter() - started)
+        else:
+            self.rows[name]["state"] = INTERRUPTED
+
+    def _settle(
+        self, name: str, state: str, outputs: Mapping[str, Stored], info: Mapping[str, Any], spent: float
+    ) -> None:  # fmt: skip
+        """A node's outputs are known: publish them, let go of its inputs, look at the nodes below."""
+        row, bound = self.rows[name], self.nodes[name]
+        self.outputs[name] = dict(outputs)
+        row.update(state=state, outputs={port: vars(stored) for port, stored in outputs.items()}, spent=spent)
+        row.update({figure: info[figure] for figure in FIGURES if figure in info})
+        try:
+            self._publish(name)
+        except ExmeshError as error:
+            self._fail(name, failure(name, error), None, spent)
+            return
+        unused = [stored.digest for stored in outputs.values()]
+        for port, stored in outputs.items():
+            self.needed[stored.digest] += self.users[name, port]
         for link in bound.inputs.values():
-            place = (link.node, link.port)
-            self.users[place] -= 1
-            if self.users[place] == 0:
-                self.memory.pop(place, None)
+            self.users[link.node, link.port] -= 1
+            if link.node in self.outputs:  # else it is being made again
+                unused.append(self.outputs[link.node][link.port].digest)
+                self.needed[unused[-1]] -= 1
+        self.backend.forget(digest for digest in unused if self.needed[digest] <= 0)
+        for below in self.below[name]:
+            self._look_again(below)
+        self._emit({"event": "node_finished", "node": name, "state": state, "seconds": row["seconds"], "spent": spent})
+        self._save()
+
+    def _look_again(self, name: str) -> None:
+        """Make a node ready when all it needs is known."""
+        self.missing[name] = len({link.node for link in self.nodes[name].inputs.values()} - self.outputs.keys())
+        if not self.missing[name] and self.rows[name]["state"] == WAITING and name not in self.planned:
+            heapq.heappush(self.ready, self.index[name])
+
+    def _make_again(self, name: str, outcome: Outcome) -> None:
+        """An input's bytes in the store are broken: run the node that made it again, then this one."""
+        link = self.nodes[name].inputs[outcome.info["port"]]
+        self.rows[name]["state"] = WAITING
+        del self.planned[name]
+        stored = self.outputs.get(link.node, {}).get(link.port)
+        if stored is not None and not self.store.sound(stored.digest):
+            if link.node in self.remade:
+                error = StoreError(f"the output {link.port} of {link.node} is broken again", fix="check the disk")
+                self._fail(name, failure(name, error), None)
+                return
+            self._emit({"event": "log", "node": link.node, "message": f"made again: {outcome.info['note']}"})
+            self.remade.add(link.node)
+            self.force.add(link.node)
+            self.planned.pop(link.node, None)
+            for old in self.outputs.pop(link.node).values():
+                self.needed.pop(old.digest, None)
+            self.rows[link.node]["state"] = WAITING
+            self.users.update((above.node, above.port) for above in self.nodes[link.node].inputs.values())
+            for below in (link.node, *self.below[link.node]):
+                self._look_again(below)
+        self._look_again(name)
 
     def _publish(self, node: str) -> None:
         for name, link in self.graph.outputs.items():
-            if link.node == node and self.outputs[node][link.port] != NOTHING:
+            done = name in self.record["published"]
+            if link.node == node and self.outputs[node][link.port] != NOTHING and not done:
                 path = self.folder.publish(name, self.outputs[node][link.port], self.store)
                 self.record["published"][name] = str(path.relative_to(self.folder.path))
 
-    def _preimage(self, bound: Bound) -> dict[str, Any]:
-        return preimage_for(bound, self.store, lambda node, port: self.outputs[node][port])
-
-    def _note(self, bound: Bound, state: str, key: str, info: Mapping[str, Any]) -> None:
-        outputs = {port: vars(stored) for port, stored in self.outputs[bound.name].items()}
-        row = self.rows[bound.name]
-        row.update(state=state, key=key, outputs=outputs)
-        row.update({n: info[n] for n in ("seconds", "store_seconds", "peak_rss", "warnings") if n in info})
-
-    def _fail(self, bound: Bound, error: Exception) -> None:
-        row = self.rows[bound.name]
-        row["state"] = FAILED
-        shown = error.what if isinstance(error, ExmeshError) else str(error)
-        inputs = {port: str(link) for port, link in bound.inputs.items()}
+    def _fail(self, name: str, outcome: Outcome, job: Job | None, spent: float = 0.0) -> None:
+        """Note a failure; what lies below is blocked."""
+        row, bound = self.rows[name], self.nodes[name]
+        row.update(state=FAILED, spent=spent)
+        known = {p: self.outputs[link.node][link.port] for p, link in bound.inputs.items() if link.node in self.outputs}
+        error = {field: value for field, value in outcome.info.items() if field != "warnings"}
         record = {
-            "node": bound.name, "type": bound.definition.type, "error": type(error).__name__, "what": shown,
-            "message": str(error), "traceback": traceback.format_exc(), "key": row["key"], "inputs": inputs,
-            "input_digests": {p: vars(self.outputs[link.node][link.port]) for p, link in bound.inputs.items()},
+            "node": name, "type": bound.definition.type, **error, "key": row["key"],
+            "inputs": {port: str(link) for port, link in bound.inputs.items()},
+            "input_digests": {port: vars(stored) for port, stored in known.items()},
             "params": bound.params.model_dump(mode="json"), "seed": bound.seed,
-            "run_again": self.record["command"], "replay": f"{self.record['command']} --node {shlex.quote(bound.name)}",
-            "argv": sys.argv,
+            "run_again": self.record["command"], "replay": f"{self.record['command']} --node {shlex.quote(name)}",
+            "argv": sys.argv, "job": None if job is None else job.to_json(),
         }  # fmt: skip
-        self.folder.write("failure.json", record)
-        self._emit({"event": "node_failed", "node": bound.name, "message": str(error)})
-        raise NodeFailed(bound.name, error, record) from error
+        self.folder.write(f"failures/{self.folder.log_of(name).stem}.json", record)
+        if not self.failures:
+            self.folder.write("failure.json", record)
+            self.cause = outcome.cause
+        self.failures.append(record)
+        if self.keep_going:
+            todo = [name]
+            while todo:
+                for below in self.below[todo.pop()]:
+                    if self.rows[below]["state"] == WAITING:
+                        self.rows[below]["state"] = BLOCKED
+                        todo.append(below)
+        self._emit({"event": "node_failed", "node": name, "message": outcome.info["message"]})
+        self._save()
 
     def _emit(self, event: Mapping[str, Any]) -> None:
         stamped = {"time": round(time.time(), 3), **event}
         self.folder.event(stamped)
         self.listener(stamped)
 
-    def _save(self) -> None:
+    def _save(self, now: bool = False) -> None:
+        """Write run.json, between start and end at most so often that it costs a twentieth of the time."""
+        began = time.monotonic()
+        if not now and began - self.saved < max(0.5, 20 * self.save_cost):
+            return
         done = self.record["state"] != "unfinished"
         self.folder.write("run.json", self.record, 1 if done else None)  # compact is much faster
+        self.saved = time.monotonic()
+        self.save_cost = self.saved - began

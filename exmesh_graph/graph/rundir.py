@@ -1,4 +1,5 @@
-"""The folder of one run: runs/<id>/ with run.json, events.jsonl, published outputs, and failure.json after a failure.
+"""The folder of one run: runs/<id>/ with run.json, events.jsonl, logs/, published outputs, and after failures
+failure.json (the first) and failures/ (all).
 
 A published artifact is a copy, so that editing it cannot touch the store. A Files artifact published under the name
 `asset` lies directly in runs/<id>/; anything else in runs/<id>/<name>/.
@@ -21,7 +22,7 @@ from exmesh_graph.graph.files import writing
 from exmesh_graph.graph.store import Store, Stored
 from exmesh_graph.types import Files
 
-OWN_FILES = ("run.json", "events.jsonl", "failure.json", "report.json", "report.html")
+OWN_FILES = ("run.json", "events.jsonl", "failure.json", "failures", "logs", "report.json", "report.html")
 
 
 class RunFolder:
@@ -57,10 +58,17 @@ class RunFolder:
 
     def write(self, name: str, value: Mapping[str, Any], indent: int | None = 1) -> None:
         """Replace a JSON file of the run."""
-        draft = self.path / f".{name}.draft"
+        target = self.path / name
+        draft = target.with_name(f".{target.name}.draft")
         with writing("the run folder", self.path, "--runs"):
+            target.parent.mkdir(exist_ok=True)
             draft.write_text(json.dumps(value, indent=indent, default=str) + "\n", encoding="utf-8")
-            os.replace(draft, self.path / name)
+            os.replace(draft, target)
+
+    def log_of(self, node: str) -> Path:
+        """The file for what a node prints."""
+        name = "".join(c if c.isalnum() or c in "-_.[]" else "-" for c in node)
+        return self.path / "logs" / f"{name}.log"
 
     def publish(self, name: str, stored: Stored, store: Store) -> Path:
         """Copy an artifact into the run's folder; returns the path a user opens."""
@@ -81,6 +89,19 @@ class RunFolder:
         """Let go of the events file."""
         with contextlib.suppress(OSError):  # what could not be written was reported by then
             self._events.close()
+
+
+def past_seconds(run: Path, graph: str) -> dict[str, float]:
+    """{node: seconds} of the latest earlier runs of a graph beside `run`."""
+    found: dict[str, float] = {}
+    tail = "-" + "".join(c if c.isalnum() else "-" for c in graph)
+    earlier = [path for path in run.parent.iterdir() if tail in path.name and not path.is_symlink() and path != run]
+    for path in sorted(earlier, reverse=True)[:3]:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            for row in json.loads((path / "run.json").read_text(encoding="utf-8"))["nodes"]:
+                if row["state"] in ("hit", "done"):
+                    found.setdefault(row["name"], float(row["seconds"]))
+    return found
 
 
 def is_alive(run: Path) -> bool:

@@ -150,13 +150,13 @@ def test_memory_is_let_go(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from exmesh_graph.graph.run import Run
 
     sizes = []
-    release = Run._release
+    settle = Run._settle
 
-    def watch(self: Run, bound: Any) -> None:
-        release(self, bound)
-        sizes.append(len(self.memory))
+    def watch(self: Run, *args: Any) -> None:
+        settle(self, *args)
+        sizes.append(len(self.backend.memory.values))
 
-    monkeypatch.setattr(Run, "_release", watch)
+    monkeypatch.setattr(Run, "_settle", watch)
     bench.run(LOOP, "n=20")
     assert max(sizes) == 1
     assert sizes[-1] == 0
@@ -362,9 +362,9 @@ def test_kill_9_at_any_write(bench: Any, states: Any) -> None:
 
 
 def test_code_edited_during_the_run_is_not_remembered(bench: Any, states: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph import run
+    from exmesh_graph.graph import job
 
-    monkeypatch.setattr(run, "sources_changed", lambda definition: ["toy_pack.nodes"])
+    monkeypatch.setattr(job, "sources_changed", lambda definition: ["toy_pack.nodes"])
     record = bench.run(CUT)
     assert all("not remembered" in row["warnings"][0] for row in record["nodes"])
     monkeypatch.undo()

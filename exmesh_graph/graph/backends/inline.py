@@ -1,0 +1,41 @@
+"""Jobs in this process, one at a time: `poll` runs what was submitted. Nothing to start, and nothing to protect."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from exmesh_graph.graph.job import Emit, Job, Memory, Outcome, execute
+from exmesh_graph.graph.schedule import machine_tokens
+from exmesh_graph.graph.store import Store
+
+
+class Inline:
+    """The backend of this process. Neighbours hand values over in memory."""
+
+    def __init__(self, store: Store) -> None:
+        self.store, self.memory = store, Memory()
+        self.waiting: list[Job] = []
+
+    def capacity(self) -> Mapping[str, float]:
+        return {**machine_tokens(), "jobs": 1}
+
+    def submit(self, job: Job) -> None:
+        self.waiting.append(job)
+
+    def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
+        done = [execute(job, self.store, self.memory, emit) for job in self.waiting]
+        self.waiting.clear()
+        return done
+
+    def forget(self, digests: Iterable[str]) -> None:
+        for digest in digests:
+            self.memory.forget(digest)
+
+    def stop(self) -> None:
+        """Nothing runs between two polls."""
+
+    def cancel(self, name: str) -> None:
+        self.waiting = [job for job in self.waiting if job.name != name]
+
+    def close(self) -> None:
+        self.waiting.clear()

@@ -1,0 +1,301 @@
+"""One execution of one node as plain JSON, and `execute`, which carries it out in whatever process it is called.
+
+A job names its inputs by digest and its result is in the store when `execute` returns: backends move jobs and
+outcomes, never data. Whoever executes also writes the record, after the objects.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.errors import ExmeshError, GraphError
+from exmesh_graph.graph import contracts
+from exmesh_graph.graph.check import Bound
+from exmesh_graph.graph.expand import Link
+from exmesh_graph.graph.fingerprint import fingerprint, sources_changed
+from exmesh_graph.graph.node import REGISTRY
+from exmesh_graph.graph.ports import signature
+from exmesh_graph.graph.problems import Where
+from exmesh_graph.graph.store import NOTHING, Store, Stored, artifact_types
+from exmesh_graph.machine import machine_facts, peak_memory, reset_peak_memory
+from exmesh_graph.types import Artifact, Files
+
+Emit = Callable[[Mapping[str, Any]], None]
+DONE, FAILED, BROKEN, STOPPED = "done", "failed", "broken", "stopped"
+FIGURES = ("seconds", "store_seconds", "peak_rss", "warnings")  # of a record, those that a run shows
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run and what it is keyed by. Everything is plain JSON.
+
+    inputs: {port: [type, digest]}; wires: {port: "node.port"} for messages; promised: facets that need no measuring;
+    code: the fingerprint that the planner saw; threads: CPU threads granted; devices: GPU numbers granted.
+    """
+
+    name: str
+    type: str
+    params: Mapping[str, Any]
+    seed: int
+    inputs: Mapping[str, list[str]]
+    wires: Mapping[str, str]
+    promised: Mapping[str, Mapping[str, Any]]
+    sources: Mapping[str, str]
+    preimage: Mapping[str, Any]
+    code: str
+    store: str
+    where: tuple[str | None, int] = (None, 0)
+    graph: str = ""
+    run: str = ""
+    threads: int = 1
+    devices: tuple[int, ...] = ()
+    log: str = ""
+
+    def bound(self) -> Bound:
+        """The node, its parameters validated again. Raises GraphError where no pack defines the type."""
+        if self.type not in REGISTRY:
+            raise GraphError(f"there is no node type {self.type!r}", where=self.name, fix="exmesh nodes lists all")
+        definition = REGISTRY[self.type]
+        found = signature(definition)
+        links = {port: Link(*wire.rpartition(".")[::2]) for port, wire in self.wires.items()}
+        paths = {name: Path(path) for name, path in self.sources.items()}
+        file, line = self.where
+        place = Where(None if file is None else Path(file), line)
+        params = found.params.model_validate(dict(self.params))
+        return Bound(self.name, definition, found, params, links, paths, self.seed, place)
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> Job:
+        return cls(**{**raw, "where": tuple(raw["where"]), "devices": tuple(raw["devices"])})
+
+
+def job_of(
+    bound: Bound, nodes: Mapping[str, Bound], preimage: Mapping[str, Any], store: Store, **more: Any
+) -> Job:  # fmt: skip
+    """The job of a node whose inputs are all known. `more`: graph, run, threads, devices, log."""
+    file = bound.where.file
+    return Job(
+        bound.name,
+        bound.definition.type,
+        bound.params.model_dump(mode="json"),
+        bound.seed,
+        preimage["inputs"],
+        {port: f"{link.node}.{link.port}" for port, link in bound.inputs.items()},
+        {port: dict(contracts.promised_by(link, nodes)) for port, link in bound.inputs.items()},
+        {name: str(path) for name, path in bound.sources.items()},
+        preimage,
+        fingerprint(bound.definition).digest,
+        str(store.root),
+        (None if file is None else str(file), bound.where.line),
+        **more,
+    )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended.
+
+    done: `outputs` are those of the record, `info` its FIGURES. failed: `info` holds error, what, message, at and
+    traceback; `cause` is the error where it happened in this process. broken: the input info["port"] cannot be read
+    from the store (info["note"]). stopped: interrupted; what it had check-pointed is kept.
+    """
+
+    name: str
+    state: str
+    outputs: Mapping[str, Stored] = field(default_factory=dict)
+    info: Mapping[str, Any] = field(default_factory=dict)
+    cause: BaseException | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        outputs = {port: asdict(stored) for port, stored in self.outputs.items()}
+        return {"name": self.name, "state": self.state, "outputs": outputs, "info": dict(self.info)}
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> Outcome:
+        return cls(**{**raw, "outputs": {port: Stored(**entry) for port, entry in raw["outputs"].items()}})
+
+
+class Memory:
+    """Artifacts by digest, the least recently used dropped beyond `budget` bytes (of their arrays; None: no limit)."""
+
+    def __init__(self, budget: int | None = None) -> None:
+        self.budget = budget
+        self.values: OrderedDict[str, tuple[Artifact, int]] = OrderedDict()
+        self.bytes = 0
+
+    def get(self, digest: str) -> Artifact | None:
+        if digest not in self.values:
+            return None
+        self.values.move_to_end(digest)
+        return self.values[digest][0]
+
+    def put(self, digest: str, value: Artifact) -> None:
+        """Keep a value; its arrays become read-only, since others will read them."""
+        self.forget(digest)
+        size = contracts.array_bytes(value)
+        self.values[digest] = contracts.frozen(value), size
+        self.bytes += size
+        while self.budget is not None and self.bytes > self.budget:
+            self.forget(next(iter(self.values)))
+
+    def forget(self, digest: str) -> None:
+        if digest in self.values:
+            self.bytes -= self.values.pop(digest)[1]
+
+
+class NodeContext:
+    """The `Context` that a running node sees."""
+
+    def __init__(self, job: Job, scratch: Path, emit: Emit) -> None:
+        self._job, self._scratch, self._emit = job, scratch, emit
+        self._next = 0.0
+        self.warnings: list[str] = []
+
+    @property
+    def node(self) -> str:
+        return self._job.name
+
+    @property
+    def seed(self) -> int:
+        return self._job.seed
+
+    @property
+    def threads(self) -> int:
+        return self._job.threads
+
+    @property
+    def scratch(self) -> Path:
+        self._scratch.mkdir(exist_ok=True)
+        return self._scratch
+
+    def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
+        """Not kept yet: an interrupted node starts again."""
+
+    def resume(self) -> tuple[int, dict[str, Any]] | None:
+        return None
+
+    def progress(self, step: int, total: int, **figures: float) -> None:
+        now = time.monotonic()
+        if now >= self._next or step >= total:
+            self._next = now + 0.2
+            plain = {name: float(value) for name, value in figures.items()}
+            self._emit({"event": "progress", "node": self.node, "step": step, "total": total, **plain})
+
+    def log(self, message: str) -> None:
+        self._emit({"event": "log", "node": self.node, "message": message})
+
+    def warn(self, message: str) -> None:
+        self.warnings.append(message)
+        self._emit({"event": "warning", "node": self.node, "message": message})
+
+
+class _BrokenInput(Exception):
+    """An input whose bytes in the store cannot be used."""
+
+
+def execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
+    """Run a job to its outcome: inputs from memory or the store, contracts checked, outputs and record stored.
+
+    Errors of the node become an outcome; KeyboardInterrupt passes through with the attempt's folder removed.
+    """
+    try:
+        return _execute(job, store, memory, emit)
+    except _BrokenInput as broken:
+        return Outcome(job.name, BROKEN, info={"port": broken.args[0], "note": broken.args[1]})
+    except (Exception, SystemExit) as error:
+        return failure(job.name, error)
+
+
+def failure(name: str, error: BaseException) -> Outcome:
+    """The outcome of an error."""
+    text = str(error) if isinstance(error, ExmeshError) else f"{type(error).__name__}: {error}"
+    frames = traceback.extract_tb(error.__traceback__)
+    own = isinstance(error, ExmeshError) or not frames
+    info = {
+        "error": type(error).__name__,
+        "what": error.what if isinstance(error, ExmeshError) else str(error),
+        "message": text,
+        "at": "" if own else f"{frames[-1].filename}:{frames[-1].lineno} in {frames[-1].name}",
+        "traceback": "".join(traceback.format_exception(error)),
+    }
+    return Outcome(name, FAILED, info=info, cause=error)
+
+
+def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
+    bound = job.bound()
+    inputs = {port: _value(job, port, store, memory) for port in job.inputs}
+    for port, given in inputs.items():
+        contracts.check_input(bound, port, given, job.promised.get(port, {}))
+    with store.attempt() as attempt:
+        context = NodeContext(job, attempt / "scratch", emit)
+        marks = contracts.sample(inputs)
+        reset_peak_memory()
+        started, began = time.time(), time.perf_counter()
+        result = _call(bound, context, inputs)
+        seconds, peak = time.perf_counter() - began, peak_memory()
+        contracts.check_untouched(bound, inputs, marks)
+        values = contracts.outputs_of(bound, result)
+        del result
+        stored = {port: NOTHING if v is None else store.put(v, attempt) for port, v in values.items()}
+        for port, value in values.items():
+            if value is not None and not isinstance(value, Files):  # files are read back: the work folder goes away
+                memory.put(stored[port].digest, value)
+    info = {
+        "node": job.name, "graph": job.graph, "run": job.run, "seconds": seconds,
+        "store_seconds": time.perf_counter() - began - seconds, "peak_rss": peak, "started": started,
+        "finished": time.time(), "warnings": context.warnings, "machine": machine_facts(),
+        "code_parts": fingerprint(bound.definition).parts,
+    }  # fmt: skip
+    _record(job, bound, store, stored, info, context)
+    return Outcome(job.name, DONE, stored, {name: info[name] for name in FIGURES})
+
+
+def _value(job: Job, port: str, store: Store, memory: Memory) -> Artifact:
+    type_name, digest = job.inputs[port]
+    value = memory.get(digest)
+    if value is None:
+        kinds = artifact_types()
+        if type_name not in kinds:
+            raise GraphError(f"no node pack defines the artifact type {type_name!r}", where=job.wires[port])
+        loaded = store.load(kinds[type_name], digest)
+        if loaded is None:
+            raise _BrokenInput(port, store.notes[-1] if store.notes else f"object {digest} is gone")
+        memory.put(digest, loaded)
+        return loaded
+    return value
+
+
+def _call(bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) -> Any:
+    """Call the node's function; Python warnings go to its log."""
+    name = bound.signature.params_name
+    extra = {name: bound.params} if name else {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        warnings.showwarning = lambda message, category, *_, **__: context.log(f"{category.__name__}: {message}")
+        return bound.definition.function(context, **inputs, **extra)
+
+
+def _record(
+    job: Job, bound: Bound, store: Store, stored: Mapping[str, Stored], info: Mapping[str, Any], context: NodeContext
+) -> None:
+    """Record the action, unless what it was keyed by changed under its hands."""
+    for name, path in bound.sources.items():
+        if store.sources.digest(path) != job.preimage["sources"][name]:
+            raise GraphError(f"the source file {name} changed while {bound.name} ran", where=str(path))
+    changed = sources_changed(bound.definition)
+    if not changed and fingerprint(bound.definition).digest != job.code:
+        changed = ["since the run was planned"]
+    if changed:
+        context.warn(f"not remembered: its code changed during the run ({', '.join(changed)})")
+        return
+    store.record(job.preimage, stored, info)

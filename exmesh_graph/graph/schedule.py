@@ -1,0 +1,115 @@
+"""Which node goes first, and what may run at once: the longest remaining path, and tokens."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.check import Bound
+
+Tokens = Mapping[str, float]
+_ROUNDING = 1e-9
+
+
+def machine_tokens() -> dict[str, float]:
+    """cpu (those this process may use), gpu (NVIDIA devices that are visible), ram_gb (physical)."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    cpus = len(affinity(0)) if affinity else os.cpu_count() or 1
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if visible is None:
+        gpus = len(list(Path("/proc/driver/nvidia/gpus").glob("*")))
+    else:
+        gpus = len([word for word in visible.split(",") if word.strip() not in ("", "-1")])
+    ram = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    return {"cpu": cpus, "gpu": gpus, "ram_gb": ram}
+
+
+def parse_tokens(text: str) -> dict[str, float]:
+    """`cpu=4,gpu=1` of the command line. Raises GraphError."""
+    found: dict[str, float] = {}
+    for part in filter(None, text.split(",")):
+        name, equals, value = part.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not name.strip() or not 0 <= found[name.strip()] < float("inf"):
+            raise GraphError(f"cannot read --tokens {text!r}", where="command line", expected="cpu=4,gpu=1,ram_gb=16")
+    return found
+
+
+class Pool:
+    """Tokens in use and free. `cpu: 0` asks for every cpu; a cpu wish is cut to what there is."""
+
+    def __init__(self, capacity: Tokens) -> None:
+        self.capacity = dict(capacity)
+        self.free = dict(capacity)
+        self.held: dict[str, dict[str, float]] = {}
+        self.shares = [1.0] * int(self.capacity.get("gpu", 0))  # free part of each GPU
+        self.lent: dict[str, dict[int, float]] = {}
+
+    def wish(self, bound: Bound) -> dict[str, float]:
+        """What a node asks for, one `jobs` token and by default one cpu. Raises GraphError if it can never get it."""
+        wanted = {"cpu": 1.0, "jobs": 1.0, **bound.definition.resources}
+        cpus = self.capacity.get("cpu", 1.0)
+        wanted["cpu"] = min(wanted["cpu"] or cpus, cpus)
+        lacking = {name: count for name, count in wanted.items() if count > self.capacity.get(name, 0.0)}
+        if lacking:
+            words = ", ".join(f"{name}={count:g}" for name, count in lacking.items())
+            there = ", ".join(f"{name}={self.capacity.get(name, 0.0):g}" for name in lacking)
+            raise GraphError(
+                f"{bound.definition.type} asks for {words}, and there is {there}",
+                where=str(bound.where),
+                fix=f"run it on a machine that has it, or say --tokens {words} if this one does",
+            )
+        return wanted
+
+    def fits(self, wanted: Tokens) -> bool:
+        enough = all(count <= self.free.get(name, 0.0) + _ROUNDING for name, count in wanted.items())
+        return enough and self._devices(wanted.get("gpu", 0.0)) is not None
+
+    def take(self, name: str, wanted: dict[str, float]) -> tuple[int, ...]:
+        """Hold tokens for a node; returns the numbers of its GPUs."""
+        self.held[name] = wanted
+        for token, count in wanted.items():
+            self.free[token] -= count
+        self.lent[name] = self._devices(wanted.get("gpu", 0.0)) or {}
+        for device, share in self.lent[name].items():
+            self.shares[device] -= share
+        return tuple(self.lent[name])
+
+    def give_back(self, name: str) -> None:
+        for token, count in self.held.pop(name, {}).items():
+            self.free[token] += count
+        for device, share in self.lent.pop(name, {}).items():
+            self.shares[device] += share
+
+    def _devices(self, count: float) -> dict[int, float] | None:
+        """Whole GPUs, or one that has a part left; None where there is none now."""
+        share = min(count, 1.0)
+        free = [device for device, left in enumerate(self.shares) if left + _ROUNDING >= share]
+        number = math.ceil(count)
+        return dict.fromkeys(free[:number], share) if len(free) >= number else None
+
+
+def remaining_seconds(nodes: Mapping[str, Bound], past: Mapping[str, float]) -> dict[str, float]:
+    """The longest path from the start of each node to the end of the graph, in seconds.
+
+    A node that never ran counts as the mean of its type, a type that never ran as one second.
+    """
+    of_type: dict[str, list[float]] = {}
+    for name, bound in nodes.items():
+        if name in past:
+            of_type.setdefault(bound.definition.type, []).append(past[name])
+    means = {kind: sum(values) / len(values) for kind, values in of_type.items()}
+    after: dict[str, float] = {}
+    for name in reversed(list(nodes)):
+        bound = nodes[name]
+        total = after.get(name, 0.0) + past.get(name, means.get(bound.definition.type, 1.0))
+        after[name] = total
+        for link in bound.inputs.values():
+            after[link.node] = max(after.get(link.node, 0.0), total)
+    return after
