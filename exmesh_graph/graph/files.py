@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import functools
 import hashlib
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,43 +59,76 @@ def writing(what: str, place: Path, option: str) -> Iterator[None]:
         raise StoreError(f"{what} cannot be written: {reason}", where=str(place), fix=fix) from error
 
 
-def seal_text(record: dict[str, Any]) -> str:
-    """JSON of `record` with a checksum of itself."""
-    return json.dumps({**record, "checksum": _checksum(record)}, sort_keys=True, indent=1, allow_nan=False) + "\n"
+_SEAL = '{"checksum": "'
+
+
+def seal_text(record: Mapping[str, Any]) -> str:
+    """JSON of `record` in one line, which begins with the sha256 of the rest."""
+    body = json.dumps(record, sort_keys=True, allow_nan=False)[1:] + "\n"
+    return f'{_SEAL}{hashlib.sha256(body.encode()).hexdigest()}", {body}'
 
 
 def unseal(text: str) -> dict[str, Any]:
     """What `seal_text` wrote. Raises ValueError when anything in it was changed."""
-    record = json.loads(text)
-    if not isinstance(record, dict):
-        raise ValueError("the record is not a mapping")
-    checksum = record.pop("checksum", None)
-    if checksum != _checksum(record):
+    start = len(_SEAL) + 64
+    body = text[start + 3 :]
+    digest = hashlib.sha256(body.encode("utf-8", "surrogatepass")).hexdigest()
+    if text[: start + 3] != f'{_SEAL}{digest}", ':
         raise ValueError("the record's checksum does not fit")
-    return record
+    return dict(json.loads("{" + body))
 
 
-def _checksum(record: dict[str, Any]) -> str:
-    text = json.dumps(record, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
+def read_sealed(path: str | Path) -> dict[str, Any]:
+    """The sealed record in a file. Raises OSError or ValueError."""
+    with open(path, encoding="utf-8") as file:
+        return unseal(file.read())
 
 
 def walk_files(folder: Path) -> list[tuple[str, Path]]:
     """(relative name with /, path) of all files below `folder`, sorted by name."""
-    found = [(path.relative_to(folder).as_posix(), path) for path in folder.rglob("*") if not path.is_dir()]
-    return sorted(found)
+    return [(name, folder / name) for name in sorted(sizes(folder))]
 
 
-class SourceDigests:
-    """Digests of source files, remembered by (device, inode, size, mtime, ctime) so that each is read once."""
+def sizes(folder: str | Path, prefix: str = "") -> dict[str, int]:
+    """{relative name with /: bytes} of everything below `folder` that is not a folder; links are not followed."""
+    found = {}
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                found.update(sizes(entry.path, f"{prefix}{entry.name}/"))
+            else:
+                found[prefix + entry.name] = entry.stat(follow_symlinks=False).st_size
+    return found
 
-    def __init__(self, memo: Path | None, work: Path | None = None) -> None:
-        self.memo, self.work = memo, work
-        self.known: dict[str, str] = {}
+
+class Memo:
+    """A sealed JSON table that only saves work: where it is missing or broken it starts empty, and no text in it is
+    believed for anything but the bytes that it is keyed by."""
+
+    def __init__(self, path: Path, work: Path) -> None:
+        self.path, self.work = path, work
         self.changed = False
-        if memo is not None:
-            with contextlib.suppress(OSError, ValueError, KeyError):
-                self.known = dict(unseal(memo.read_text(encoding="utf-8"))["digests"])
+
+    @functools.cached_property
+    def known(self) -> dict[str, Any]:
+        with contextlib.suppress(OSError, ValueError):
+            return read_sealed(self.path)
+        return {}
+
+    def put(self, key: str, value: Any) -> None:
+        self.known[key] = value
+        self.changed = True
+
+    def save(self) -> None:
+        """Keep the table for the next process; a store that cannot be written does without."""
+        if self.changed:
+            with contextlib.suppress(OSError):
+                write_durably(self.path, seal_text(self.known), self.work)
+            self.changed = False
+
+
+class SourceDigests(Memo):
+    """Digests of source files, remembered by (device, inode, size, mtime, ctime) so that each is read once."""
 
     def digest(self, path: Path) -> str:
         """sha256 of the file's present contents."""
@@ -105,16 +139,8 @@ class SourceDigests:
             value = sha256_file(path)
             if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) < _RACY:
                 return value
-            self.known[key] = value
-            self.changed = True
-        return self.known[key]
-
-    def save(self) -> None:
-        """Keep the memo for the next process; in a store that cannot be written the files are read again then."""
-        if self.changed and self.memo is not None and self.work is not None:
-            with contextlib.suppress(OSError):
-                write_durably(self.memo, seal_text({"digests": self.known}), self.work)
-            self.changed = False
+            self.put(key, value)
+        return str(self.known[key])
 
 
 @contextlib.contextmanager

@@ -6,6 +6,9 @@ are those of exmesh_graph (but for graph and cli, which cannot change a result) 
 Comments, docstrings, formatting, `param(...)` declarations (their values are in the key) and the `@node(...)`
 decorator do not count. Not seen: modules imported by a computed name, data files of a package (declare `code=` and
 `version=`, or make them sources), and installed libraries (declare `libraries=`).
+
+What a module's text says (its digest, imports, slices) is remembered from one process to the next by its bytes; the
+bytes of every module are read each time, so that an edit is never missed.
 """
 
 from __future__ import annotations
@@ -14,12 +17,15 @@ import ast
 import functools
 import hashlib
 import importlib.util
+import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.files import Memo
 from exmesh_graph.graph.node import NodeDef
 
 OWN = "exmesh_graph"
@@ -41,16 +47,25 @@ def fingerprint(definition: NodeDef) -> Fingerprint:
     return _fingerprint(function.__module__, function.__name__, definition.code)
 
 
+def remember_in(memo: Memo) -> None:
+    """Look up and keep in `memo` what the text of modules says."""
+    global _memo
+    _memo = memo
+
+
 def sources_changed(definition: NodeDef) -> list[str]:
     """Modules of the fingerprint whose code was edited since: what ran may not be what was fingerprinted."""
     return [name for name in fingerprint(definition).modules if _edited(_module(name))]
 
 
+_memo: Memo | None = None
+
+
 @functools.cache
 def _fingerprint(module: str, function: str, code: tuple[str, ...]) -> Fingerprint:
     tops = frozenset({OWN, module.partition(".")[0]})
-    text, imports = _Slice(_module(module)).of(function)
-    parts = {f"{module}:{function}": _sha(text)}
+    part, imports = _module(module).slice(function)
+    parts = {f"{module}:{function}": part}
     for name in code:
         if _find(name) is None:
             raise GraphError(f"code={name!r} of the node {function} in {module} is no module")
@@ -101,37 +116,79 @@ def _closure(imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
 @dataclass(frozen=True)
 class _Module:
     name: str
-    tree: ast.Module
+    data: bytes
     package: str
     path: Path
     stamp: tuple[int, int] | None
 
     @functools.cached_property
+    def tree(self) -> ast.Module:
+        return ast.parse(self.data, str(self.path))
+
+    @functools.cached_property
+    def key(self) -> str:
+        return hashlib.sha256(f"{_reader()} {self.package} {self.name}\n".encode() + self.data).hexdigest()
+
+    def fact(self, name: str, find: Callable[[], Any]) -> Any:
+        """What the memo holds under `name` for a module of exactly these bytes, else what `find` finds out."""
+        facts = {} if _memo is None else _memo.known.get(self.key, {})
+        if name not in facts:
+            facts = {**facts, name: find()}
+            if _memo is not None:
+                _memo.put(self.key, facts)
+        return facts[name]
+
+    @functools.cached_property
     def imports(self) -> list[Import]:
-        return list(_imports_in(self.tree, self.package))
+        return _pairs(self.fact("imports", lambda: list(_imports_in(self.tree, self.package))))
 
     @functools.cached_property
     def digest(self) -> str:
-        return _sha(_normalised(self.tree))
+        return str(self.fact("digest", lambda: _sha(_normalised(self.tree))))
 
     @functools.cached_property
     def exports(self) -> dict[str, Import] | None:
         """{name: where it comes from} of a module that only re-exports, None for any other."""
-        found: dict[str, Import] = {}
-        for statement in self.tree.body:
-            if isinstance(statement, ast.Import | ast.ImportFrom):
-                if any(name is None for _, name in _imports_in(statement, self.package)):
-                    return None
-                if isinstance(statement, ast.ImportFrom):
-                    for alias, item in zip(statement.names, _imports_in(statement, self.package), strict=True):
-                        found[alias.asname or alias.name] = item
-            elif isinstance(statement, ast.Assign):
-                targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
-                if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
-                    return None
-            elif not _is_text(statement):
+        found = self.fact("exports", lambda: _exports(self.tree, self.package))
+        return None if found is None else {name: (item[0], item[1]) for name, item in found.items()}
+
+    def slice(self, function: str) -> tuple[str, list[Import]]:
+        """(digest, imports) of the part of the module that `function` uses."""
+
+        def find() -> tuple[str, list[Import]]:
+            text, imports = _Slice(self).of(function)
+            return _sha(text), imports
+
+        digest, imports = self.fact("slice " + function, find)
+        return digest, _pairs(imports)
+
+
+def _pairs(items: Iterable[Sequence[Any]]) -> list[Import]:
+    return [(item[0], item[1]) for item in items]
+
+
+def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
+    found: dict[str, Import] = {}
+    for statement in tree.body:
+        if isinstance(statement, ast.Import | ast.ImportFrom):
+            if any(name is None for _, name in _imports_in(statement, package)):
                 return None
-        return found
+            if isinstance(statement, ast.ImportFrom):
+                for alias, item in zip(statement.names, _imports_in(statement, package), strict=True):
+                    found[alias.asname or alias.name] = item
+        elif isinstance(statement, ast.Assign):
+            targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
+            if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
+                return None
+        elif not _is_text(statement):
+            return None
+    return found
+
+
+@functools.cache
+def _reader() -> str:
+    """What a remembered fact depends on beside the bytes: this very module, and the grammar."""
+    return f"{hashlib.sha256(Path(__file__).read_bytes()).hexdigest()} {sys.version_info[:2]}"
 
 
 @functools.cache
@@ -141,14 +198,15 @@ def _module(name: str) -> _Module:
         raise GraphError(f"the source of the module {name} cannot be found", fix="install it as plain .py files")
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     stamp = _stamp(path)
-    return _Module(name, ast.parse(path.read_bytes(), str(path)), package, path, stamp)
+    return _Module(name, path.read_bytes(), package, path, stamp)
 
 
 def _edited(module: _Module) -> bool:
     if module.stamp == _stamp(module.path):
         return False
     try:
-        return _sha(_normalised(ast.parse(module.path.read_bytes()))) != module.digest
+        data = module.path.read_bytes()
+        return data != module.data and _sha(_normalised(ast.parse(data))) != module.digest
     except (OSError, SyntaxError):
         return True
 
@@ -179,10 +237,10 @@ def _find(name: str) -> Path | None:
     if not rest:
         return Path(file) if file and file.endswith(".py") else None
     for root in roots:
-        base = Path(root).joinpath(*rest.split("."))
-        for path in (base.with_name(base.name + ".py"), base / "__init__.py"):
-            if path.is_file():
-                return path
+        base = os.path.join(root, *rest.split("."))
+        for path in (base + ".py", os.path.join(base, "__init__.py")):
+            if os.path.isfile(path):
+                return Path(path)
     return None
 
 

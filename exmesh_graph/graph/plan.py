@@ -9,7 +9,7 @@ from typing import Any
 
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.check import Bound, Checked
-from exmesh_graph.graph.fingerprint import fingerprint
+from exmesh_graph.graph.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.keys import ABSENT, key_of, preimage_of
 from exmesh_graph.graph.store import Action, Store, Stored
 
@@ -53,7 +53,7 @@ def plan(graph: Checked, store: Store, targets: set[str] | None = None, reasons:
             words = explain(bound, preimage, store) if reasons else []
             reason = "; ".join(words[:3]) + ("; ..." if len(words) > 3 else "")
             steps.append(Step(name, RUN, reason, key, preimage))
-    store.sources.save()
+    store.save()
     return steps
 
 
@@ -64,6 +64,7 @@ def preimage_for(bound: Bound, store: Store, output: Callable[[str, str], Stored
         stored = output(link.node, link.port)
         if (stored.type, stored.digest) != ABSENT:
             inputs[port] = (stored.type, stored.digest)
+    remember_in(store.code)
     sources = {name: store.sources.digest(path) for name, path in bound.sources.items()}
     return preimage_of(bound, fingerprint(bound.definition).digest, sources, inputs)
 

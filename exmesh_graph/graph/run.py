@@ -116,7 +116,7 @@ class Run:
             for name in self.running:
                 self.rows[name]["state"] = INTERRUPTED
             self.backend.close()
-            self.store.sources.save()
+            self.store.save()
             self.record["store_notes"] = list(self.store.notes)
             self.record["machine"] = machine_facts()
             self.finish(state, time.perf_counter() - started)

@@ -12,7 +12,6 @@ reading moves the thing to quarantine and counts as a miss; nothing doubtful is 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -26,6 +25,7 @@ from exmesh_graph.graph.keys import ABSENT, digest_of, key_of
 from exmesh_graph.types import Artifact
 
 FORMAT = 1
+RECENT = 3000
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ class Store:
         self.work = self.root / "work"
         self.notes: list[str] = []
         self.sources = files.SourceDigests(self.root / "sources.json", self.work)
+        self.code = files.Memo(self.root / "code.json", self.work)
+        self._records: dict[str, list[Action]] | None = None
 
     @contextlib.contextmanager
     def attempt(self) -> Iterator[Path]:
@@ -72,6 +74,11 @@ class Store:
     def sweep(self) -> None:
         """Remove what killed processes left in work/."""
         files.sweep_abandoned(self.work)
+
+    def save(self) -> None:
+        """Keep what was learned about source files and modules for the next process."""
+        self.sources.save()
+        self.code.save()
 
     def put(self, value: Artifact, attempt: Path) -> Stored:
         """Write an artifact and return where it is. Equal bytes are kept once. Raises StoreError on a full disk."""
@@ -153,12 +160,12 @@ class Store:
         return None
 
     def _head(self, digest: str) -> dict[str, Any] | None:
-        folder = self._object(digest)
+        folder = f"{self.root}/objects/{digest[:2]}/{digest}"  # strings: a plan of 1000 nodes comes here 1000 times
         try:
-            head = files.unseal((folder / "artifact.json").read_text(encoding="utf-8"))
+            head = files.read_sealed(f"{folder}/artifact.json")
             if head["digest"] != digest or head["format"] != FORMAT:
                 return None
-            found = {name: path.lstat().st_size for name, path in files.walk_files(folder / "data")}
+            found = files.sizes(f"{folder}/data")
             return head if found == {name: size for name, (size, _) in head["files"].items()} else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -186,29 +193,29 @@ class Store:
         return action
 
     def _read(self, path: Path) -> Action | None:
-        if not path.exists():
-            return None
         try:
-            record = files.unseal(path.read_text(encoding="utf-8"))
+            record = files.read_sealed(path)
             outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
             key, preimage = record.pop("key"), record.pop("preimage")
             if key != path.stem or key_of(preimage) != key or record.pop("format") != FORMAT:
                 raise ValueError("the key does not belong to the pre-image")
+        except FileNotFoundError:
+            return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             self._quarantine(path, str(error))
             return None
         return Action(key, preimage, outputs, record)
 
-    def actions(self, node_type: str) -> Iterator[Action]:
-        """All sound records of a node type, newest first."""
-        mark = json.dumps({"type": node_type})[1:-1]
-        paths = [(path.stat().st_mtime_ns, path) for path in (self.root / "actions").glob("*/*.json")]
-        for _, path in sorted(paths, reverse=True):
-            with contextlib.suppress(OSError):
-                if mark in path.read_text(encoding="utf-8"):
-                    action = self._read(path)
-                    if action is not None and action.preimage["type"] == node_type:
-                        yield action
+    def actions(self, node_type: str) -> list[Action]:
+        """The sound records of a node type among the latest RECENT of the store, newest first; read once."""
+        if self._records is None:
+            self._records = {}
+            paths = [(path.stat().st_mtime_ns, path) for path in (self.root / "actions").glob("*/*.json")]
+            for _, path in sorted(paths, reverse=True)[:RECENT]:
+                action = self._read(path)
+                if action is not None:
+                    self._records.setdefault(str(action.preimage["type"]), []).append(action)
+        return self._records.get(node_type, [])
 
     def verify(self) -> Iterator[tuple[str, str]]:
         """Re-hash everything; yields (what, why) of each thing that went to quarantine."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph import fingerprint as fp
+from exmesh_graph.graph.files import Memo
 from exmesh_graph.graph.node import NodeDef
 
 FILES = {
@@ -206,3 +208,67 @@ def test_types_package_is_followed_by_name(packs: Any) -> None:
     assert "exmesh_graph.types.artifact" in parts
     assert not any(name.startswith("exmesh_graph.graph") for name in parts)
     assert "exmesh_graph.types.views" not in parts
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("helpers.py", "return base(x)", "return base(x) + 1"),
+        ("deep.py", "return x", "return -x"),
+        ("late.py", "x * 2", "x * 3"),
+        ("api/__init__.py", "from .one import exported", "from .two import hidden as exported"),
+        ("nodes.py", "LIMIT = 3", "LIMIT = 4"),
+    ],
+)
+def test_the_memo_never_hides_an_edit(
+    pack: tuple[Path, Take], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, old: str, new: str
+) -> None:
+    """A helper of a helper is edited, its times and size kept: the remembered facts of the old bytes do not count."""
+    root, take = pack
+    plain = take()
+
+    def remembered() -> str:
+        memo = Memo(tmp_path / "code.json", tmp_path / "work")
+        monkeypatch.setattr(fp, "_memo", memo)
+        digest = take()
+        memo.save()
+        return digest
+
+    assert remembered() == remembered() == plain
+    times = (root / name).stat()
+    edit(root, name, old, new)
+    os.utime(root / name, ns=(times.st_atime_ns, times.st_mtime_ns))
+    changed = remembered()
+    assert changed != plain
+    monkeypatch.setattr(fp, "_memo", None)
+    assert take() == changed
+    edit(root, name, new, old)
+    assert remembered() == plain
+
+
+def test_with_the_memo_nothing_is_parsed(
+    pack: tuple[Path, Take], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, take = pack
+    memo = Memo(tmp_path / "code.json", tmp_path / "work")
+    monkeypatch.setattr(fp, "_memo", memo)
+    before = take()
+    memo.save()
+    monkeypatch.setattr(fp, "_memo", Memo(tmp_path / "code.json", tmp_path / "work"))
+    monkeypatch.setattr(fp.ast, "parse", lambda *_: pytest.fail("parsed again"))
+    assert take() == before
+
+
+def test_a_spoilt_memo_is_not_believed(
+    pack: tuple[Path, Take], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, take = pack
+    path = tmp_path / "code.json"
+    memo = Memo(path, tmp_path / "work")
+    monkeypatch.setattr(fp, "_memo", memo)
+    before = take()
+    memo.save()
+    text = path.read_text()
+    path.write_text(text[:100] + text[100:].replace("a", "b"))
+    monkeypatch.setattr(fp, "_memo", Memo(path, tmp_path / "work"))
+    assert take() == before
