@@ -33,6 +33,9 @@ Sets = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Change a graph parameter, or node.param; repeatable."),
 ]
+VariantName = Annotated[
+    str | None, typer.Option("--variant", metavar="NAME", help="A variant that the graph file declares.")
+]
 Targets = Annotated[
     list[str] | None, typer.Option("--node", metavar="NODE", help="Only what this node needs; repeatable.")
 ]
@@ -46,6 +49,7 @@ RunsFolder = Annotated[Path, typer.Option("--runs", help="Where run folders go."
 def run(
     graph: GraphFile,
     set_: Sets = None,
+    variant: VariantName = None,
     node: Targets = None,
     force: Annotated[
         list[str] | None, typer.Option("--force", metavar="NODE", help="Run this node even on a hit; repeatable.")
@@ -56,29 +60,35 @@ def run(
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
     from exmesh_graph.cli.running import run_graph
 
-    checked, packs = _checked(graph, set_)
+    checked, packs = _checked(graph, set_, variant)
     targets = checked.needed_for(_names(checked, node)) if node else None
     forced = set(_names(checked, force))
-    command = _command(graph, set_, store, runs)
+    command = _command(graph, set_, store, runs, variant)
     code = run_graph(checked, _store(store), runs, targets, forced, command, tuple(set_ or ()), packs)
     raise typer.Exit(code)
 
 
 @app.command()
-def check(graph: GraphFile, set_: Sets = None) -> None:
+def check(graph: GraphFile, set_: Sets = None, variant: VariantName = None) -> None:
     """Check a graph: types, wires, parameters, source files. Nothing runs."""
-    checked, _ = _checked(graph, set_)
+    checked, _ = _checked(graph, set_, variant)
     sources = sum(len(bound.sources) for bound in checked.nodes.values())
     typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
 
 
 @app.command()
-def plan(graph: GraphFile, set_: Sets = None, node: Targets = None, store: StoreFolder = None) -> None:
+def plan(
+    graph: GraphFile,
+    set_: Sets = None,
+    variant: VariantName = None,
+    node: Targets = None,
+    store: StoreFolder = None,
+) -> None:
     """Show what a run would do with each node, and why."""
     from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN
     from exmesh_graph.graph.plan import plan as make_plan
 
-    checked, _ = _checked(graph, set_)
+    checked, _ = _checked(graph, set_, variant)
     targets = checked.needed_for(_names(checked, node)) if node else None
     opened = _store(store)
     steps = make_plan(checked, opened, targets)
@@ -95,6 +105,7 @@ def why(
     node: Annotated[str, typer.Argument(help="The node's name, e.g. pbr or rounds[3].refine.")],
     graph: Annotated[Path | None, typer.Argument(help="The graph (default: that of the latest run).")] = None,
     set_: Sets = None,
+    variant: VariantName = None,
     store: StoreFolder = None,
     runs: RunsFolder = Path("runs"),
 ) -> None:
@@ -104,7 +115,8 @@ def why(
     if graph is None:
         record = read_run(runs / "latest")
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
-    checked, _ = _checked(graph, set_)
+        variant = variant or record["resolved"].get("variant")
+    checked, _ = _checked(graph, set_, variant)
     name = _names(checked, [node])[0]
     show_why(checked, name, _store(store))
 
@@ -174,11 +186,15 @@ def _interrupt(signum: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-def _checked(graph: Path, sets: list[str] | None) -> tuple[Checked, Packs]:
+def _checked(graph: Path, sets: list[str] | None, variant: str | None = None) -> tuple[Checked, Packs]:
     from exmesh_graph.graph.check import check_file
     from exmesh_graph.graph.packs import load_packs
 
     packs = load_packs()
+    if variant:
+        from exmesh_graph.graph.variants import check_variant
+
+        return check_variant(graph, sets or [], packs, variant), packs
     return check_file(graph, sets or [], packs), packs
 
 
@@ -204,13 +220,15 @@ def _names(checked: Checked, names: list[str] | None) -> list[str]:
     return list(names or [])
 
 
-def _command(graph: Path, sets: list[str] | None, store: Path | None, runs: Path) -> str:
+def _command(graph: Path, sets: list[str] | None, store: Path | None, runs: Path, variant: str | None = None) -> str:
     """The command that runs this again, for the messages."""
     import shlex
 
     words = ["exmesh", "run", str(graph)]
     for text in sets or []:
         words += ["--set", text]
+    if variant:
+        words += ["--variant", variant]
     if store is not None:
         words += ["--store", str(store)]
     if runs != Path("runs"):

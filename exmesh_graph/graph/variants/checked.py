@@ -1,0 +1,115 @@
+"""Every variant of a graph file, loaded, patched, unrolled and checked; all faults of all variants at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from exmesh_graph.graph.check import Checked, check
+from exmesh_graph.graph.expand import expand
+from exmesh_graph.graph.packs import Packs
+from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
+from exmesh_graph.graph.spec import load_merged, tree_of
+from exmesh_graph.graph.variants.declared import BASE, Repeats, Row, repeats_of, rows_of, setting
+from exmesh_graph.graph.variants.draft import refuse
+from exmesh_graph.graph.variants.patches import apply_patches
+from exmesh_graph.graph.yamlfile import Map
+
+
+class CheckedVariant(NamedTuple):
+    """A graph of a sweep; `settings` holds the variant or the values of the matrix, `repeat` counts from 1."""
+
+    name: str
+    settings: Mapping[str, Any]
+    checked: Checked
+    repeat: int = 1
+    seed: int = 0
+    doc: str = ""
+
+
+def check_variants(
+    path: Path, overrides: Iterable[str], packs: Packs, only: Iterable[str] | None = None
+) -> list[CheckedVariant]:
+    """The base and every variant that `path` declares, in that order, each with its repeats.
+
+    `only` keeps the base and the rows of these names. Raises GraphErrors with the faults of all rows.
+    """
+    path, sets = path.absolute(), list(overrides)
+    top = _load(path)
+    rows, repeats = rows_of(top), repeats_of(top)
+    if only is not None:
+        chosen = list(only)
+        for name in chosen:
+            _row_named(name, rows)
+        rows = [row for row in rows if row.name == BASE or row.name in chosen]
+    found: list[CheckedVariant] = []
+    faults: dict[tuple[str, str, str], tuple[Problem, list[str]]] = {}
+    for row in rows:
+        try:
+            found += _built(top, path, sets, row, repeats, packs)
+        except GraphErrors as error:
+            for problem in error.problems:
+                key = (problem.code, str(problem.where), problem.what)
+                faults.setdefault(key, (problem, []))[1].append(row.name)
+    if faults:
+        raise GraphErrors([_attributed(problem, names) for problem, names in faults.values()])
+    return found
+
+
+def check_variant(path: Path, overrides: Iterable[str], packs: Packs, name: str) -> Checked:
+    """One variant of a graph file, with the seed that the file or the overrides give."""
+    path = path.absolute()
+    top = _load(path)
+    row = _row_named(name, rows_of(top))
+    try:
+        return _built(top, path, list(overrides), row, Repeats(), packs)[0].checked
+    except GraphErrors as error:
+        raise GraphErrors([_attributed(problem, [name]) for problem in error.problems]) from None
+
+
+def _load(path: Path) -> Map:
+    problems = Problems()
+    top = load_merged(path, [], problems)
+    problems.raise_if_any()
+    return top
+
+
+def _row_named(name: str, rows: list[Row]) -> Row:
+    found = {row.name: row for row in rows}
+    if name not in found:
+        near = nearest(name, found) or list(found)[:8]
+        fix = "" if len(rows) > 1 else "declare variants: or matrix: in the graph file"
+        refuse(Where(None), f"the graph has no variant {name!r}", near=near, fix=fix)
+    return found[name]
+
+
+def _built(
+    top: Map, path: Path, overrides: list[str], row: Row, repeats: Repeats, packs: Packs
+) -> list[CheckedVariant]:
+    """One row in all its repeats."""
+    patched = apply_patches(top, row.patches, packs)
+    found = []
+    for index in range(repeats.count):
+        problems = Problems()
+        tree = tree_of(patched, path, overrides, problems)
+        seed = tree.seed + index
+        if index and repeats.of:
+            where = top.lines["repeats"]
+            again = apply_patches(patched, [setting(f"{name}.seed", seed, where) for name in repeats.of], packs)
+            tree = tree_of(again, path, overrides, problems)
+        elif index:
+            tree.seed = seed
+        checked = check(expand(tree, problems), packs, problems)
+        name = checked.name if row.name == BASE else f"{checked.name}-{row.name}"
+        checked = replace(checked, name=name, variant="" if row.name == BASE else row.name)
+        found.append(CheckedVariant(row.name, row.settings, checked, index + 1, seed, row.doc))
+    return found
+
+
+def _attributed(problem: Problem, names: list[str]) -> Problem:
+    if BASE in names:
+        return problem
+    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    return replace(problem, what=f"variant {shown}: {problem.what}")

@@ -1,0 +1,68 @@
+"""The eight operations on a merged graph file. Each is refused, with place and fix, where its precondition fails.
+
+    {set: pbr.chroma_weight, to: 0}               a parameter of a node or of the graph, `seed`, `rounds.repeat`
+    {replace: rounds.uv, type: uv.xatlas_regen}   another type; ports: {old: new} where names differ; more parameters
+    {insert: {name: n, type: t}, on: pbr.carrier} a new node on the wire into a port, or behind "@settle.state"
+    {bypass: rounds.merge}                        what used its output gets its input; via: the input's name
+    {remove: usd}                                 a node or block, or a list, that nothing links to
+    {add: {name: rounds.look, type: t, ...}}      a new node, in the block that its name begins with
+    {connect: pbr.transport, to: "@light.transport"}
+    {disconnect: pbr.transport}                   an optional input, or a published output
+
+`set` and `connect` without a round hold in every round, as `--set` does; `rounds[3].merge.views` is round 3 alone.
+Repeated, `set`, `connect` and `replace` (without ports) change nothing more; the other five are refused the second
+time. Operations on different nodes commute unless one makes, removes or rewires what the other needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from exmesh_graph.graph.packs import Packs
+from exmesh_graph.graph.problems import Where, nearest
+from exmesh_graph.graph.variants.draft import Draft, clone, refuse
+from exmesh_graph.graph.variants.rewire import add, bypass, insert, remove, replace
+from exmesh_graph.graph.variants.values import connect, disconnect, set_values
+from exmesh_graph.graph.yamlfile import Map
+
+
+def apply_patches(top: Map, patches: Iterable[Any], packs: Packs) -> Map:
+    """The merged file after `patches`, in order; `top` stays as it is. Raises GraphErrors at the first refusal."""
+    draft = Draft(clone(top), packs)
+    for patch in patches:
+        name = operation_of(patch)
+        _, keys = OPERATIONS[name]
+        extra = [key for key in patch if key != name and keys is not None and key not in keys]
+        if extra:
+            near = nearest(str(extra[0]), keys or ()) or list(keys or ())
+            refuse(patch.lines[extra[0]], f"{name} has no {extra[0]!r}", near=near)
+        OPERATIONS[name][0](draft, patch)
+    return draft.top
+
+
+def operation_of(patch: Any) -> str:
+    """The operation that a patch names. Raises GraphErrors for anything else."""
+    shown = "{set: node.parameter, to: value}, {bypass: node}, ..."
+    if not isinstance(patch, Map):
+        where = getattr(patch, "where", Where(None))
+        refuse(where, f"a patch is a mapping, not {patch!r}", expected=shown)
+    found = [key for key in patch if key in OPERATIONS]
+    if len(found) != 1:
+        near = nearest(str(next(iter(patch), "")), OPERATIONS) or list(OPERATIONS)
+        what = f"two operations in one patch: {', '.join(found)}" if found else f"no operation in {dict(patch)!r}"
+        refuse(patch.where, what, near=() if found else near, expected=shown)
+    return str(found[0])
+
+
+OPERATIONS: Mapping[str, tuple[Callable[[Draft, Map], None], tuple[str, ...] | None]] = {
+    "set": (set_values, ("to",)),
+    "replace": (replace, None),
+    "insert": (insert, ("on", "in", "out")),
+    "bypass": (bypass, ("via",)),
+    "remove": (remove, ()),
+    "add": (add, ()),
+    "connect": (connect, ("to",)),
+    "disconnect": (disconnect, ()),
+}
+"""name -> (operation, the keys it takes beside its own; None: parameters of a node)"""
