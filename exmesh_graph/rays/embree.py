@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 
-from exmesh_graph.errors import GeometryError, MissingLibraryError
-from exmesh_graph.rays.tracer import MISS, Hits
+from exmesh_graph.errors import MissingLibraryError
+from exmesh_graph.rays.tracer import MISS, Hits, unit_mesh
 
-_CHUNK = 1 << 17
+#: Rays per call of embree, at least and at most.
+_LEAST, _MOST = 1 << 12, 1 << 16
+#: What embree is told instead of infinity.
+_FAR = np.float32(1e30)
 
 
 class EmbreeTracer:
@@ -27,18 +30,9 @@ class EmbreeTracer:
             from embreex.rtcore_scene import EmbreeScene
         except ImportError as error:
             raise MissingLibraryError("ray tracing on the CPU needs embreex", fix="pip install embreex") from error
-        points = np.asarray(vertices, np.float64)
-        if len(points) == 0 or len(faces) == 0:
-            raise GeometryError("cannot trace rays against an empty mesh", expected="at least one face")
-        if not np.isfinite(points).all():
-            bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-            raise GeometryError("a vertex is not finite", where=f"vertex {bad}", expected="finite coordinates")
-        low, high = points.min(axis=0), points.max(axis=0)
-        self._centre = (low + high) / 2
-        self._radius = float(np.linalg.norm(high - low) / 2) or 1.0
-        self._scene = EmbreeScene()
         # embreex keeps references to the arrays' memory only while building; ours stay alive with the tracer
-        self._vertices = ((points - self._centre) / self._radius).astype(np.float32)
+        self._vertices, self._centre, self._radius = unit_mesh(vertices, faces)
+        self._scene = EmbreeScene()
         self._faces = np.ascontiguousarray(faces, np.int32)
         self._mesh = TriangleMesh(self._scene, self._vertices, self._faces)
         self._threads = threads or len(os.sched_getaffinity(0))
@@ -50,37 +44,65 @@ class EmbreeTracer:
         return self._radius
 
     def closest_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> Hits:
-        parts = self._run(origins, directions, t_max, any_hit=False)
-        face = np.concatenate([p["primID"] for p in parts]).astype(np.int32, copy=False)
-        hit = face != MISS
-        t = np.where(hit, np.concatenate([p["tfar"] for p in parts]), np.float32(np.inf))
-        u = np.concatenate([p["u"] for p in parts]) * hit
-        v = np.concatenate([p["v"] for p in parts]) * hit
-        return Hits(face, t.astype(np.float32, copy=False), np.stack([(1 - u - v) * hit, u, v], axis=1))
+        count = len(origins)
+        face, t = np.empty(count, np.int32), np.empty(count, np.float32)
+        bary = np.empty((count, 3), np.float32)
+
+        def trace(part: slice) -> None:
+            o, d, far, scale = self._prepare(origins[part], directions[part], _part_of(t_max, part))
+            found = self._scene.run(o, d, dists=far, output=True)
+            hit = found["primID"] != MISS
+            face[part] = found["primID"]
+            t[part] = np.where(hit, found["tfar"] * scale, np.float32(np.inf))
+            corner = bary[part]
+            corner[:, 1], corner[:, 2] = found["u"], found["v"]
+            corner[:, 0] = 1 - corner[:, 1] - corner[:, 2]
+            corner[~hit] = 0
+
+        self._over_threads(trace, count)
+        return Hits(face, t, bary)
 
     def any_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> np.ndarray:
-        return np.concatenate(self._run(origins, directions, t_max, any_hit=True)) != MISS
+        blocked = np.empty(len(origins), bool)
 
-    def _run(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray, any_hit: bool) -> list:
-        count = len(origins)
-        limits = np.broadcast_to(np.asarray(t_max, np.float32), (count,))
+        def trace(part: slice) -> None:
+            o, d, far, _ = self._prepare(origins[part], directions[part], _part_of(t_max, part))
+            np.not_equal(self._scene.run(o, d, dists=far, query="OCCLUDED"), MISS, out=blocked[part])
 
-        def trace(start: int) -> Any:
-            part = slice(start, min(start + _CHUNK, count))
-            o = ((origins[part] - self._centre) / self._radius).astype(np.float32)
-            # unit directions: embree's tolerances assume them; t is turned back into world units below
-            length = np.linalg.norm(directions[part], axis=1)
-            d = (directions[part] / length[:, None]).astype(np.float32)
-            scale = (self._radius / length).astype(np.float32)
-            far = np.minimum(limits[part] / scale, np.float32(1e30))
-            if any_hit:
-                return self._scene.run(o, d, dists=far, query="OCCLUDED")
-            found = self._scene.run(o, d, dists=far, output=True)
-            found["tfar"] = found["tfar"] * scale
-            return found
+        self._over_threads(trace, len(origins))
+        return blocked
 
-        starts = range(0, max(count, 1), _CHUNK)
-        if len(starts) == 1 or self._threads == 1:
-            return [trace(start) for start in starts]
+    def _prepare(
+        self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.float32 | np.ndarray]:
+        """embree's rays, and the factor that turns its t back into units of the directions' length."""
+        squared = np.einsum("ij,ij->i", directions, directions)
+        scale: np.float32 | np.ndarray = np.float32(self._radius)
+        unit = directions
+        # embree's tolerances want directions of about unit length
+        if len(squared) and not (squared.min() > 0.25 and squared.max() < 4):
+            length = np.sqrt(squared)
+            unit, scale = directions / length[:, None], (self._radius / length).astype(np.float32)
+        # by columns: numpy broadcasts [N, 3] against [3] in steps of 3, at three times the cost
+        o = np.empty(origins.shape, np.float32)
+        for axis in range(3):
+            np.multiply(origins[:, axis] - self._centre[axis], 1 / self._radius, out=o[:, axis], casting="same_kind")
+        far = np.empty(len(origins), np.float32)
+        with np.errstate(over="ignore"):
+            far[:] = np.minimum(np.asarray(t_max, np.float32) / scale, _FAR)
+        return o, np.ascontiguousarray(unit, np.float32), far, scale
+
+    def _over_threads(self, trace: Callable[[slice], None], count: int) -> None:
+        """Call `trace` for slices of all rays: small enough to even out the threads, large enough to hide the calls."""
+        size = min(max(-(-count // (4 * self._threads)), _LEAST), _MOST)
+        parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+        if len(parts) < 2 or self._threads == 1:
+            for part in parts:
+                trace(part)
+            return
         with ThreadPoolExecutor(self._threads) as pool:
-            return list(pool.map(trace, starts))
+            list(pool.map(trace, parts))
+
+
+def _part_of(t_max: float | np.ndarray, part: slice) -> float | np.ndarray:
+    return t_max[part] if isinstance(t_max, np.ndarray) and t_max.ndim else t_max

@@ -161,7 +161,7 @@ def fit(
     settings = settings or FitSettings()
     check_fits(transport, carrier.vertices, carrier.faces)
     model = Model(carrier, views, transport, settings, device)
-    tracer = make_ray_tracer(carrier.vertices, carrier.faces, "cpu")
+    tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
     generator = torch.Generator().manual_seed(seed)
     initial_specular_scale(model)
     model.level_light()

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import torch
 
-from exmesh_graph.rays import MISS, RayTracer, offset_origins
+from exmesh_graph.rays import MISS, RayTracer, offset_origins, tensors
 from exmesh_graph.shading.brdf import alpha_of, schlick
 from exmesh_graph.shading.sampling import Pyramid, hammersley, sample_specular
 from exmesh_graph.stage2.surface import SurfaceSamples
@@ -49,19 +48,16 @@ def traced_specular(
         useful = (weight > 0) & ((light * flat_normal[:, None]).sum(-1) > 0)
         row, column = torch.nonzero(useful, as_tuple=True)
         directions = light[row, column]
-        origins = offset_origins(
-            surface.position[part].cpu().numpy().astype(np.float64), flat_normal.cpu().numpy(), tracer.radius
-        )
-        hits = tracer.closest_hit(origins[row.cpu().numpy()], directions.cpu().numpy())
-        face = torch.from_numpy(hits.face).to(roughness.device).long()
+        origins = offset_origins(surface.position[part].double(), flat_normal.double(), tracer.radius)
+        hits = tensors.closest_hit(tracer, origins[row], directions)
+        face = hits.face.long()
         radiance = torch.zeros(len(row), 3, device=roughness.device)
         free = face == MISS
         solid_angle = 1 / (samples * pdf[row, column][free])
         radiance[free] = pyramid.lookup(directions[free], solid_angle)
         if not bool(free.all()):
             front = ~free & ((face_normals[face.clamp_min(0)] * directions).sum(-1) < 0)
-            bary = torch.from_numpy(hits.bary).to(roughness)
-            radiance[front] = hit_radiance(face[front], bary[front])
+            radiance[front] = hit_radiance(face[front], hits.bary[front])
         fresnel = schlick(v_h[row, column], f0[part][row])
         value = radiance * fresnel * weight[row, column][:, None]
         result[part] = torch.zeros(shape[0], 3, device=roughness.device).index_add_(0, row, value) / samples

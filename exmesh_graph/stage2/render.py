@@ -96,7 +96,7 @@ class _Scene:
 
     def __init__(self, asset: Asset, light: Transport, environment: np.ndarray, device: str) -> None:
         self.geometry = CarrierGeometry(asset, device)
-        self.tracer = make_ray_tracer(asset.vertices, asset.faces, "cpu")
+        self.tracer = make_ray_tracer(asset.vertices, asset.faces, device)
         self.light = light
         self.size = asset.base_color.shape[0]
         columns = [asset.base_color, asset.roughness[..., None]]
