@@ -50,15 +50,16 @@ def show_node(packs: Packs, name: str) -> None:
     definition = packs.types[name]
     found = signature(definition)
     traits = "" if definition.deterministic else ", not deterministic"
-    typer.echo(f"{name}  (version {definition.version}{traits})")
+    kind = "component, " if found.component else ""
+    typer.echo(f"{name}  ({kind}version {definition.version}{traits})")
     if found.doc:
         typer.echo(textwrap.indent(found.doc, "  "))
-    for title, ports in (("inputs", found.inputs), ("outputs", found.outputs)):
+    for title, ports in (("components" if found.component else "inputs", found.inputs), ("outputs", found.outputs)):
         typer.echo(f"{title}:")
         for port in ports.values():
             typer.echo(f"  {port.name}: {port}{'  (optional)' if port.optional else ''}")
     typer.echo("parameters:")
-    for field in found.params.model_fields:
+    for field in (name for name in found.params.model_fields if name not in found.inputs):
         typer.echo("  " + _parameter(found, field))
 
 

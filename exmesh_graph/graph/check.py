@@ -6,24 +6,25 @@ can run. Facets that an output does not promise are left to the run (see `contra
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
+from exmesh_graph.graph.components import MAX_NESTING, BoundComponent, Component
 from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec, expand
 from exmesh_graph.graph.node import NodeDef, Params
 from exmesh_graph.graph.packs import Packs, library_version
-from exmesh_graph.graph.ports import RESERVED, Port, Signature, signature
+from exmesh_graph.graph.ports import RESERVED, Signature, signature
 from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
 from exmesh_graph.graph.spec import Value, load_tree
+from exmesh_graph.graph.wires import Wiring, link_form
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A node ready to run: definition, signature, parameters, wires by input port, source files by name."""
+    """A node ready to run: definition, signature, parameters, wires and components by input port, sources by name."""
 
     name: str
     definition: NodeDef
@@ -33,6 +34,11 @@ class Bound:
     sources: Mapping[str, Path]
     seed: int
     where: Where
+    components: Mapping[str, BoundComponent] = field(default_factory=dict)
+
+    def definitions(self) -> list[NodeDef]:
+        """The node's definition and those of all components plugged into it, whose code the key covers."""
+        return [self.definition, *(d for plug in self.components.values() for d in plug.definitions())]
 
     def wire(self, port: str) -> str:
         """`views.train -> start.views`, for messages."""
@@ -50,6 +56,7 @@ class Checked:
     outputs: Mapping[str, Link]
     params: Mapping[str, Any]
     variant: str = ""
+    components: Mapping[str, BoundComponent] = field(default_factory=dict)
 
     def resolved(self) -> dict[str, Any]:
         """The graph as plain JSON-like data, for the run record."""
@@ -59,12 +66,14 @@ class Checked:
                 "seed": bound.seed,
                 "params": bound.params.model_dump(mode="json"),
                 "inputs": {port: str(link) for port, link in bound.inputs.items()},
+                **({"components": {p: f"@{c.name}" for p, c in bound.components.items()}} if bound.components else {}),
             }
             for name, bound in self.nodes.items()
         }
         outputs = {name: str(link) for name, link in self.outputs.items()}
         graph = {"name": self.name, "variant": self.variant, "params": dict(self.params)}
-        return {**graph, "nodes": nodes, "outputs": outputs}
+        components = {name: plug.describe() for name, plug in self.components.items()}
+        return {**graph, "nodes": nodes, "components": components, "outputs": outputs}
 
     def needed_for(self, targets: Iterable[str]) -> set[str]:
         """The names of `targets` and of everything upstream of them."""
@@ -96,20 +105,22 @@ class _Check:
     packs: Packs
     problems: Problems
     signatures: dict[str, Signature] = field(default_factory=dict)
-    wires: dict[str, dict[str, tuple[Link, Where]]] = field(default_factory=dict)
+    nodes: dict[str, Bound] = field(default_factory=dict)
+    components: dict[str, BoundComponent] = field(default_factory=dict)
 
     def run(self) -> Checked:
         for spec in self.graph.nodes.values():
             self._type(spec)
-        nodes = {}
-        for name, spec in self.graph.nodes.items():
-            if name in self.signatures:
-                nodes[name] = self._node(spec)
+        self.wiring = Wiring(self.graph, self.signatures, self.problems)
+        judged = {name: self._fields(self.graph.nodes[name]) for name in self.signatures}
         outputs = self._outputs()
-        order = self._order()
+        for name in dict.fromkeys([*self.wiring.order(), *judged]):  # components before what they plug into
+            if name in judged:
+                self._bind(self.graph.nodes[name], *judged[name])
         self.problems.raise_if_any()
-        bound = {name: nodes[name] for name in order}
-        return Checked(self.graph.name, self.graph.file, bound, outputs, self.graph.params)
+        return Checked(
+            self.graph.name, self.graph.file, self.nodes, outputs, self.graph.params, components=self.components
+        )
 
     def _type(self, spec: NodeSpec) -> None:
         definition = self.packs.types.get(spec.type)
@@ -127,13 +138,14 @@ class _Check:
         except (TypeError, NameError) as error:
             self.problems.add("declaration", spec.where, f"{spec.type} is declared wrongly: {error}")
 
-    def _node(self, spec: NodeSpec) -> Bound:
+    def _fields(self, spec: NodeSpec) -> tuple[dict[str, Link], dict[str, Value]]:
+        """The entries of a node, sorted into wires and parameters."""
         found = self.signatures[spec.name]
         links: dict[str, Link] = {}
         params: dict[str, Value] = {}
         for key, value in spec.fields.items():
             if key in found.inputs:
-                link = self._input(spec, found.inputs[key], value)
+                link = self.wiring.connect(spec, found.inputs[key], value)
                 if link is not None:
                     links[key] = link
             elif key in found.params.model_fields:
@@ -143,15 +155,33 @@ class _Check:
         for name, port in found.inputs.items():
             if not port.optional and name not in spec.fields:
                 self.problems.add(
-                    "missing-port", spec.where, f"{spec.name}: the input {name} is not connected",
-                    expected=str(port), nearest=self._suitable(port, spec.name), fix=f'{name}: "@node.port"',
+                    "missing-port", spec.where, f"{spec.name}: the input {name} is not connected", expected=str(port),
+                    nearest=self.wiring.suitable(port, spec.name), fix=f"{name}: {link_form(port)}",
                 )  # fmt: skip
-        model = self._params(spec, found, params)
-        definition = self.packs.types[spec.type]
+        return links, params
+
+    def _bind(self, spec: NodeSpec, links: Mapping[str, Link], params: Mapping[str, Value]) -> None:
+        """Validate the parameters and make the node or component."""
+        found, definition = self.signatures[spec.name], self.packs.types[spec.type]
+        plugs = {port: self.components.get(link.node) for port, link in links.items() if found.inputs[port].plugged}
+        usable = {port: plug for port, plug in plugs.items() if plug is not None}
         self._libraries(spec, definition)
+        nested = usable if found.component is not None else {}
+        model = self._params(spec, found, params, {field: plug.value for field, plug in nested.items()})
+        if isinstance(model, Component):
+            made = BoundComponent(spec.name, definition, model, usable, spec.where)
+            if made.depth > MAX_NESTING:
+                self.problems.add("link", spec.where, f"{spec.name}: components nest deeper than {MAX_NESTING}")
+            else:
+                self.components[spec.name] = made
+            return
         paths = [params[key].where for key in found.path_fields() & set(params)]
         sources = {} if model is None else self._sources(spec, definition, model, paths[0] if paths else spec.where)
-        return Bound(spec.name, definition, found, model or Params(), links, sources, spec.seed, spec.where)
+        wires = {port: link for port, link in links.items() if port not in plugs}
+        if found.component is None:
+            self.nodes[spec.name] = Bound(
+                spec.name, definition, found, model or Params(), wires, sources, spec.seed, spec.where, usable
+            )
 
     def _unknown(self, spec: NodeSpec, found: Signature, key: str, value: Value) -> None:
         kind = "input port" if isinstance(value.value, Link | Broken) else "parameter"
@@ -168,82 +198,13 @@ class _Check:
             nearest=names, fix=f"exmesh nodes {spec.type}",
         )  # fmt: skip
 
-    def _input(self, spec: NodeSpec, port: Port, value: Value) -> Link | None:
-        link = value.value
-        end = f"{spec.name}.{port.name} ({value.where})"
-        if isinstance(link, Broken) or (link is None and port.optional):
-            return None
-        if not isinstance(link, Link):
-            self.problems.add(
-                "link", value.where, f"{spec.name}: {port.name} is an input port, not a parameter",
-                expected=f'a link "@node.port" that carries {port}', found=repr(link),
-                nearest=self._suitable(port, spec.name),
-            )  # fmt: skip
-            return None
-        source = self._source(link, value.where, end, self._suitable(port, spec.name))
-        if source is None:
-            return None
-        wire = f"{link.node}.{link.port} ({self.graph.nodes[link.node].where}) -> {end}"
-        self.wires.setdefault(spec.name, {})[port.name] = (link, value.where)
-        if not issubclass(source.type, port.type):
-            self.problems.add(
-                "wrong-type", value.where, f"{link} does not fit {spec.name}.{port.name}",
-                wire=wire, expected=str(port), found=str(source), nearest=self._suitable(port, spec.name),
-            )  # fmt: skip
-        elif source.optional and not port.optional:
-            self.problems.add(
-                "maybe-absent", value.where, f"{link} may be absent, but {spec.name} needs it",
-                wire=wire, expected=str(port), found=f"{source} or nothing",
-            )  # fmt: skip
-        else:
-            for name, wanted in port.facets.items():
-                if name in source.facets and source.facets[name] != wanted:
-                    self.problems.add(
-                        "facet", value.where, f"{link} has {name}={source.facets[name]!r}",
-                        wire=wire, expected=str(port), found=str(source),
-                        nearest=self._suitable(port, spec.name),
-                    )  # fmt: skip
-        return link
-
-    def _source(self, link: Link, where: Where, end: str, suitable: list[str]) -> Port | None:
-        if link.node not in self.graph.nodes:
-            names = [f"@{name}.{link.port}" for name in nearest(link.node, self.graph.nodes)] or suitable
-            self.problems.add(
-                "unknown-node", where, f"{link}: there is no node {link.node!r}",
-                wire=f"{link.node}.{link.port} (nowhere) -> {end}", nearest=names,
-            )  # fmt: skip
-            return None
-        if link.node not in self.signatures:
-            return None
-        outputs = self.signatures[link.node].outputs
-        if link.port not in outputs:
-            names = nearest(link.port, outputs) or list(outputs)
-            spec = self.graph.nodes[link.node]
-            self.problems.add(
-                "unknown-port", where, f"{link}: {spec.type} has no output {link.port!r}",
-                wire=f"{link.node}.{link.port} ({spec.where}) -> {end}",
-                expected=", ".join(f"{name}: {port}" for name, port in outputs.items()),
-                nearest=[f"@{link.node}.{name}" for name in names],
-            )  # fmt: skip
-            return None
-        return outputs[link.port]
-
-    def _suitable(self, port: Port, consumer: str) -> list[str]:
-        """Outputs that would fit, those of the consumer's own block first."""
-        fits = [
-            f"@{name}.{output.name}"
-            for name, found in self.signatures.items()
-            for output in found.outputs.values()
-            if name != consumer and issubclass(output.type, port.type)
-            and all(output.facets.get(key, value) == value for key, value in port.facets.items())
-        ]  # fmt: skip
-        prefix = "@" + consumer.rpartition(".")[0]
-        return sorted(fits, key=lambda name: not name.startswith(prefix))[:3]
-
-    def _params(self, spec: NodeSpec, found: Signature, given: Mapping[str, Value]) -> Params | None:
+    def _params(
+        self, spec: NodeSpec, found: Signature, given: Mapping[str, Value], nested: Mapping[str, Component]
+    ) -> Params | None:
         from pydantic import ValidationError
 
-        raw, failed = {}, False
+        raw: dict[str, Any] = dict(nested)
+        failed = False
         for key, value in given.items():
             if isinstance(value.value, Link | Broken):
                 self.problems.add("link", value.where, f"{spec.name}: {key} is a parameter, not an input port")
@@ -259,7 +220,8 @@ class _Check:
             model = found.params.model_validate(raw)
         except ValidationError as error:
             for details in error.errors(include_url=False):
-                self._bad_value(spec, found, given, details)
+                if details["loc"][:1] not in [(port,) for port in found.inputs]:  # told of as a wire
+                    self._bad_value(spec, found, given, details)
             return None
         moved = {}
         for key in found.path_fields() & set(given):
@@ -319,43 +281,16 @@ class _Check:
         result = {}
         for name, value in self.graph.outputs.items():
             if isinstance(value.value, Link):
-                if self._source(value.value, value.where, f"outputs.{name} ({value.where})", []) is not None:
+                source = self.wiring.source(value.value, value.where, f"outputs.{name} ({value.where})")
+                if source is not None and source.plugged:
+                    what = f"outputs.{name}: {value.value} is a component, which has nothing to publish"
+                    self.problems.add("link", value.where, what, expected='"@node.port"')
+                elif source is not None:
                     result[name] = value.value
             elif value.value is not None and not isinstance(value.value, Broken):
                 what = f"outputs.{name} must be a link"
                 self.problems.add("link", value.where, what, expected='"@node.port"', found=repr(value.value))
         return result
-
-    def _order(self) -> list[str]:
-        """Topological order (Kahn), ties by the order of the file; what is left over holds a cycle."""
-        rank = {name: index for index, name in enumerate(self.graph.nodes)}
-        waits = {name: {link.node for link, _ in self.wires.get(name, {}).values()} for name in rank}
-        users: dict[str, list[str]] = {name: [] for name in rank}
-        for name, sources in waits.items():
-            for source in sources:
-                users[source].append(name)
-        ready = [rank[name] for name, sources in waits.items() if not sources]
-        heapq.heapify(ready)
-        names, order = list(rank), []
-        while ready:
-            name = names[heapq.heappop(ready)]
-            order.append(name)
-            for user in users[name]:
-                waits[user].discard(name)
-                if not waits[user]:
-                    heapq.heappush(ready, rank[user])
-        left = [name for name in rank if name not in set(order)]
-        if left:
-            self._report_cycle(left[0], waits)
-        return order
-
-    def _report_cycle(self, start: str, waits: Mapping[str, set[str]]) -> None:
-        path = [start]
-        while path[-1] not in path[:-1]:
-            path.append(min(waits[path[-1]]))
-        cycle = path[path.index(path[-1]) :]
-        text = " <- ".join(cycle)
-        self.problems.add("cycle", self.graph.nodes[cycle[0]].where, f"the nodes wait for each other: {text}")
 
 
 def _absolute(value: Any, base: Path) -> Any:

@@ -93,7 +93,7 @@ def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mappin
 
 def promised_by(link: Link, nodes: Mapping[str, Bound]) -> Mapping[str, Any]:
     """The facets that the output at the far end of a wire promises."""
-    return nodes[link.node].signature.outputs[link.port].facets
+    return nodes[link.node].signature.outputs[link.port].promises
 
 
 def _arrays(value: Any) -> list[Any]:

@@ -24,13 +24,13 @@ MAX_NODES = 5000
 
 @dataclass(frozen=True)
 class Link:
-    """An output port of a node, by full names."""
+    """An output port of a node, by full names; no port for a component."""
 
     node: str
     port: str
 
     def __str__(self) -> str:
-        return f"@{self.node}.{self.port}"
+        return f"@{self.node}.{self.port}" if self.port else f"@{self.node}"
 
 
 class Broken:
@@ -112,6 +112,7 @@ class _Expansion:
     problems: Problems
     nodes: dict[str, NodeSpec] = field(default_factory=dict)
     pending: list[tuple[str, Map, _Scope]] = field(default_factory=list)
+    names: set[str] = field(default_factory=set)
 
     def declare(self, nodes: Map, scope: _Scope) -> None:
         """Give every node its full name before any link is resolved, so that links may point forwards."""
@@ -129,6 +130,7 @@ class _Expansion:
                 if len(self.pending) >= MAX_NODES:
                     fail("repeat", where, f"the graph unrolls to more than {MAX_NODES} nodes")
                 scope.nodes[name] = scope.prefix + name
+                self.names.add(scope.prefix + name)
                 self.pending.append((scope.prefix + name, entry, scope))
 
     def _declare_block(self, name: str, entry: Map, scope: _Scope) -> None:
@@ -223,11 +225,12 @@ class _Expansion:
     def link(self, text: Any, scope: _Scope, where: Where) -> Link | None:
         """The link that `@node.port` means in `scope`; None after a problem was noted."""
         text = substitute(text, scope.params, where, self.problems).value
-        match = re.fullmatch(r"@([^@\s]+)\.([A-Za-z_]\w*)", text) if isinstance(text, str) else None
+        match = re.fullmatch(r"@([^@\s]*?[^@\s.])(?:\.([A-Za-z_]\w*))?", text) if isinstance(text, str) else None
         if match is None:
-            self.problems.add("link", where, f"{text!r} is not a link", expected='"@node.port"')
+            expected = '"@node.port", or "@component"'
+            self.problems.add("link", where, f"{text!r} is not a link", expected=expected)
             return None
-        node, port = match.groups()
+        node, port = match[1], match[2] or ""
         for level in scope.chain():
             if node == "carry" and level.block is not None:
                 return level.block.carried(level.rounds[-1] - 1, port, where)
@@ -239,6 +242,8 @@ class _Expansion:
         if node == "carry":
             self.problems.add("link", where, f"{text}: there is no carried value outside a repeat block")
             return None
+        if f"{node}.{port}" in self.names:  # a component by its full name
+            return Link(f"{node}.{port}", "")
         return Link(node, port)
 
     def _apply_overrides(self, full: str, fields: dict[str, Value], kind: Value | None, scope: _Scope) -> Value | None:

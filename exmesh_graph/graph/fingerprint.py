@@ -387,7 +387,7 @@ def _is_node_decorator(item: ast.AST) -> bool:
     if not isinstance(item, ast.Call):
         return False
     name = item.func.attr if isinstance(item.func, ast.Attribute) else getattr(item.func, "id", "")
-    return name == "node"
+    return name in ("node", "component")
 
 
 def _sha(text: str) -> str:

@@ -18,6 +18,7 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, GraphError
 from exmesh_graph.graph import contracts
 from exmesh_graph.graph.check import Bound
+from exmesh_graph.graph.components import rebuild
 from exmesh_graph.graph.expand import Link
 from exmesh_graph.graph.fingerprint import fingerprint, sources_changed
 from exmesh_graph.graph.node import REGISTRY
@@ -36,7 +37,8 @@ FIGURES = ("seconds", "store_seconds", "peak_rss", "warnings")  # of a record, t
 class Job:
     """What to run and what it is keyed by. Everything is plain JSON.
 
-    inputs: {port: [type, digest]}; wires: {port: "node.port"} for messages; promised: facets that need no measuring;
+    inputs: {port: [type, digest]}; components: {port: BoundComponent.describe()};
+    wires: {port: "node.port"} for messages; promised: facets that need no measuring;
     code: the fingerprint that the planner saw; threads: CPU threads granted; devices: GPU numbers granted.
     """
 
@@ -54,6 +56,7 @@ class Job:
     where: tuple[str | None, int] = (None, 0)
     graph: str = ""
     run: str = ""
+    components: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     threads: int = 1
     devices: tuple[int, ...] = ()
     log: str = ""
@@ -69,7 +72,8 @@ class Job:
         file, line = self.where
         place = Where(None if file is None else Path(file), line)
         params = found.params.model_validate(dict(self.params))
-        return Bound(self.name, definition, found, params, links, paths, self.seed, place)
+        plugs = {port: rebuild(port, told, place) for port, told in self.components.items()}
+        return Bound(self.name, definition, found, params, links, paths, self.seed, place, plugs)
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -97,6 +101,7 @@ def job_of(
         fingerprint(bound.definition).digest,
         str(store.root),
         (None if file is None else str(file), bound.where.line),
+        components={port: plug.describe() for port, plug in bound.components.items()},
         **more,
     )
 
@@ -278,7 +283,9 @@ def _value(job: Job, port: str, store: Store, memory: Memory) -> Artifact:
 def _call(bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) -> Any:
     """Call the node's function; Python warnings go to its log."""
     name = bound.signature.params_name
-    extra = {name: bound.params} if name else {}
+    extra: dict[str, Any] = {port: plug.value for port, plug in bound.components.items()}
+    if name:
+        extra[name] = bound.params
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         warnings.showwarning = lambda message, category, *_, **__: context.log(f"{category.__name__}: {message}")
@@ -292,7 +299,7 @@ def _record(
     for name, path in bound.sources.items():
         if store.sources.digest(path) != job.preimage["sources"][name]:
             raise GraphError(f"the source file {name} changed while {bound.name} ran", where=str(path))
-    changed = sources_changed(bound.definition)
+    changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
     if not changed and fingerprint(bound.definition).digest != job.code:
         changed = ["since the run was planned"]
     if changed:

@@ -1,6 +1,7 @@
 """The key of an action: sha256 over the canonical JSON of everything that can change its result.
 
-    {epoch, type, version, code, params, seed, libraries, sources: {name: digest}, inputs: {port: [type, digest]}}
+    {epoch, type, version, code, params, seed, libraries, sources: {name: digest}, inputs: {port: [type, digest]},
+     components: {port: {type, version, code, params, libraries, components}}, where any are plugged in}
 
 Tuning parameters and paths stay out; the contents of the files behind the paths are in. Port names are bound to
 digests, so that swapped inputs give another key. The input digests are those of recorded outputs, so that equal
@@ -17,7 +18,10 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.check import Bound
+from exmesh_graph.graph.components import BoundComponent
+from exmesh_graph.graph.fingerprint import fingerprint
 from exmesh_graph.graph.packs import library_version
+from exmesh_graph.graph.ports import signature
 
 EPOCH = 1
 ABSENT = ("none", "none")
@@ -56,7 +60,24 @@ def preimage_of(
         "libraries": {name: library_version(name) for name in sorted(bound.definition.libraries)},
         "sources": dict(sorted(sources.items())),
         "inputs": {port: list(pair) for port, pair in sorted(inputs.items())},
+        **({"components": _components(bound.components)} if bound.components else {}),
     }
+
+
+def _components(plugs: Mapping[str, BoundComponent]) -> dict[str, Any]:
+    """Everything about components that can change a result, by port."""
+    found = {}
+    for port, plug in sorted(plugs.items()):
+        definition, tuning = plug.definition, signature(plug.definition).tuning_fields()
+        found[port] = {
+            "type": definition.type,
+            "version": definition.version,
+            "code": fingerprint(definition).digest,
+            "params": _plain({name: value for name, value in plug.params("python").items() if name not in tuning}),
+            "libraries": {name: library_version(name) for name in sorted(definition.libraries)},
+            "components": _components(plug.nested),
+        }
+    return found
 
 
 def _plain(value: Any) -> Any:

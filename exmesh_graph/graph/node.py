@@ -98,7 +98,7 @@ class Context(Protocol):
 
 @dataclass(frozen=True)
 class NodeDef:
-    """A registered node type."""
+    """A registered node type, or a component type, whose `function` is its class."""
 
     type: str
     function: Callable[..., Any]
@@ -140,10 +140,16 @@ def node(
     if any(isinstance(n, bool) or not isinstance(n, int | float) or n < 0 for n in taken.values()):
         raise ValueError(f"node type {type!r}: resources are numbers >= 0, not {dict(taken)!r}")
 
-    def register(function: F) -> F:
-        if type in REGISTRY and REGISTRY[type].function.__qualname__ != function.__qualname__:
-            raise ValueError(f"node type {type!r} is registered twice")
-        REGISTRY[type] = NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable)
+    def add(function: F) -> F:
+        register(NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable))
         return function
 
-    return register
+    return add
+
+
+def register(definition: NodeDef) -> None:
+    """Add a type to the registry; one name stands for one function or class."""
+    known = REGISTRY.get(definition.type)
+    if known is not None and known.function.__qualname__ != definition.function.__qualname__:
+        raise ValueError(f"the type {definition.type!r} is registered twice")
+    REGISTRY[definition.type] = definition

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph import components
 from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.keys import ABSENT, key_of, preimage_of
@@ -105,6 +106,10 @@ def differences(preimage: Mapping[str, Any], action: Action, bound: Bound) -> li
         new_input, old_input = preimage["inputs"].get(port), old["inputs"].get(port)
         if new_input != old_input:
             words.append(_changed_input(port, new_input, old_input, bound))
+    plugs, before = preimage.get("components", {}), old.get("components", {})
+    for port in sorted({*plugs, *before}):
+        if plugs.get(port) != before.get(port):
+            words += components.differences(port, plugs.get(port), before.get(port), _shown)
     return words
 
 

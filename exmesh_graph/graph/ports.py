@@ -11,24 +11,53 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from exmesh_graph.graph.components import Component
 from exmesh_graph.graph.node import Facets, NodeDef, Params
 from exmesh_graph.types import Artifact
 
-RESERVED = ("type", "seed", "every", "at", "repeat", "carry", "next", "nodes")
+RESERVED = ("type", "graph", "seed", "doc", "every", "at", "repeat", "carry", "next", "nodes")
 
 
 @dataclass(frozen=True)
 class Port:
-    """One end of a wire: the nominal type it carries, its facets, and whether it may be absent."""
+    """One end of a wire: the nominal types it takes (outputs have one), its facets, whether it may be absent."""
 
     name: str
-    type: type[Artifact]
+    types: tuple[type, ...]
     facets: Mapping[str, Any] = field(default_factory=dict)
     optional: bool = False
 
+    @property
+    def type(self) -> Any:
+        """The one type of an output."""
+        return self.types[0]
+
+    @property
+    def plugged(self) -> bool:
+        """Whether it takes a component instead of an artifact."""
+        return issubclass(self.types[0], Component)
+
+    @property
+    def promises(self) -> dict[str, Any]:
+        """What is known of every value of an output before it is made."""
+        return {**getattr(self.type, "conventions", {}), **self.facets}
+
+    def clashes(self, source: Port) -> dict[str, tuple[Any, Any]]:
+        """Facets that this input asks for and `source` promises otherwise: {name: (wanted, promised)}."""
+        promised = source.promises
+        wanted = {**self._conventions(source.type), **self.facets}
+        return {k: (v, promised[k]) for k, v in wanted.items() if k in promised and promised[k] != v}
+
+    def takes(self, source: Port) -> bool:
+        """Whether the output `source` may be wired to this input, as far as is known before a run."""
+        return issubclass(source.type, self.types) and not self.clashes(source)
+
+    def _conventions(self, source: Any) -> Mapping[str, Any]:
+        return next((getattr(kind, "conventions", {}) for kind in self.types if issubclass(source, kind)), {})
+
     def __str__(self) -> str:
         extra = ", ".join(f"{key}={value!r}" for key, value in self.facets.items())
-        return self.type.type_name + (f"[{extra}]" if extra else "")
+        return " | ".join(map(type_name, self.types)) + (f"[{extra}]" if extra else "")
 
 
 @dataclass(frozen=True)
@@ -40,10 +69,11 @@ class Signature:
     params: type[Params]
     params_name: str | None
     doc: str
+    component: type[Component] | None = None
 
     def path_fields(self) -> set[str]:
         """Names of the parameters that hold file paths."""
-        return {name for name, info in self.params.model_fields.items() if _holds_path(info.annotation)}
+        return {name for name, info in self.params.model_fields.items() if _holds(info.annotation, pathlib.PurePath)}
 
     def tuning_fields(self) -> set[str]:
         """Names of the parameters that cannot change the result."""
@@ -56,7 +86,7 @@ class Signature:
 
 
 def signature(definition: NodeDef) -> Signature:
-    """The signature of a node type. Raises TypeError when the declaration cannot be used."""
+    """The signature of a node or component type. Raises TypeError when the declaration cannot be used."""
     found = _signature(definition.function)
     if found.path_fields() and definition.sources is None:
         names = ", ".join(sorted(found.path_fields()))
@@ -67,8 +97,23 @@ def signature(definition: NodeDef) -> Signature:
     return found
 
 
+def type_name(kind: type) -> str:
+    """What messages call a wire type or a component class."""
+    return kind.type_name if issubclass(kind, Artifact) else kind.__name__
+
+
+@functools.cache
+def component_ports(cls: type[Component]) -> Mapping[str, Port]:
+    """The fields of a component class that take components."""
+    fields = cls.model_fields.items()
+    return {n: _port(cls, n, i.annotation, not i.is_required()) for n, i in fields if _holds(i.annotation, Component)}
+
+
 @functools.cache
 def _signature(function: Callable[..., Any]) -> Signature:
+    if isinstance(function, type) and issubclass(function, Component):
+        _refuse_clashes(function, {}, function)
+        return Signature(component_ports(function), {}, function, None, inspect.getdoc(function) or "", function)
     hints = typing.get_type_hints(function, include_extras=True)
     inputs: dict[str, Port] = {}
     params: type[Params] = Params
@@ -94,28 +139,36 @@ def _outputs(function: Callable[..., Any], returned: Any) -> dict[str, Port]:
     if not (_is_subclass(returned, tuple) and hasattr(returned, "_fields")):
         raise TypeError(f"{function.__qualname__} must return a NamedTuple of its output ports")
     hints = typing.get_type_hints(returned, include_extras=True)
-    return {name: _port(function, name, hints[name], False) for name in returned._fields}
+    ports = {name: _port(function, name, hints[name], False) for name in returned._fields}
+    for port in ports.values():
+        if len(port.types) > 1 or port.plugged:
+            raise TypeError(f"{function.__qualname__}: output {port.name} must be one Artifact type, not {port}")
+    return ports
 
 
-def _port(function: Callable[..., Any], name: str, hint: Any, optional: bool) -> Port:
+def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Port:
+    """A port from `T`, `A | B`, `T | None` and `Annotated[..., facets(...)]` around any of them."""
     found: dict[str, Any] = {}
-    while True:
+    kinds: tuple[Any, ...] = (hint,)
+    while len(kinds) == 1:
+        hint = kinds[0]
         origin = typing.get_origin(hint)
         if origin is typing.Annotated:
-            hint, *notes = typing.get_args(hint)
+            inner, *notes = typing.get_args(hint)
+            kinds = (inner,)
             for note in notes:
                 if isinstance(note, Facets):
                     found.update(note.values)
         elif origin in (typing.Union, types.UnionType):
-            inner = [arg for arg in typing.get_args(hint) if arg is not type(None)]
-            if len(inner) != 1:
-                raise TypeError(f"{function.__qualname__}: port {name} must have one type")
-            optional, hint = True, inner[0]
+            kinds = tuple(arg for arg in typing.get_args(hint) if arg is not type(None))
+            optional = optional or len(kinds) < len(typing.get_args(hint))
         else:
             break
-    if not _is_subclass(hint, Artifact):
-        raise TypeError(f"{function.__qualname__}: port {name} is {hint!r}, not an Artifact type")
-    return Port(name, hint, found, optional)
+    for base in (Artifact, Component):
+        if all(_is_subclass(kind, base) for kind in kinds):
+            return Port(name, kinds, found, optional)
+    shown = " | ".join(map(str, kinds))
+    raise TypeError(f"{owner.__qualname__}: port {name} is {shown}, not an Artifact type or Component class")
 
 
 def _refuse_clashes(function: Callable[..., Any], inputs: Mapping[str, Port], params: type[Params]) -> None:
@@ -129,7 +182,6 @@ def _is_subclass(value: Any, base: type) -> bool:
     return isinstance(value, type) and issubclass(value, base)
 
 
-def _holds_path(annotation: Any) -> bool:
-    if _is_subclass(annotation, pathlib.PurePath):
-        return True
-    return any(_holds_path(arg) for arg in typing.get_args(annotation))
+def _holds(annotation: Any, base: type) -> bool:
+    """Whether a (possibly nested) annotation mentions a subclass of `base`."""
+    return _is_subclass(annotation, base) or any(_holds(arg, base) for arg in typing.get_args(annotation))

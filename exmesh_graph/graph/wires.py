@@ -1,0 +1,167 @@
+"""Judging the wires of an expanded graph: does the far end exist, is its type taken, do the facets agree; cycles.
+
+Facets that an output does not promise are left to the run (see `contracts`).
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec
+from exmesh_graph.graph.ports import Port, Signature
+from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.spec import Value
+
+
+@dataclass
+class Wiring:
+    """The wires found so far: by node and input port, the link and where it was written."""
+
+    graph: Graph
+    signatures: Mapping[str, Signature]
+    problems: Problems
+    wires: dict[str, dict[str, tuple[Link, Where]]] = field(default_factory=dict)
+
+    def connect(self, spec: NodeSpec, port: Port, value: Value) -> Link | None:
+        """The link of an input port, judged; None where there is none that can be used."""
+        link = value.value
+        if isinstance(link, Broken) or (link is None and port.optional):
+            return None
+        if not isinstance(link, Link):
+            self.problems.add(
+                "link", value.where, f"{spec.name}: {port.name} is an input port, not a parameter",
+                expected=f"a link {link_form(port)} that carries {port}", found=repr(link),
+                nearest=self.suitable(port, spec.name),
+            )  # fmt: skip
+            return None
+        source = self.source(link, value.where, f"{spec.name}.{port.name} ({value.where})", port, spec.name)
+        if source is None:
+            return None
+        self.wires.setdefault(spec.name, {})[port.name] = (link, value.where)
+        self.judge(link, source, port, f"{spec.name}.{port.name}", value.where, spec.name)
+        return link
+
+    def source(self, link: Link, where: Where, end: str, port: Port | None = None, user: str = "") -> Port | None:
+        """The output that a link points to (for a component: a port of its class); None after a problem was noted.
+
+        `end` is the near end in words, `port` what it takes (None: any artifact).
+        """
+        if link.node not in self.graph.nodes:
+            names = [f"@{name}.{link.port}" for name in nearest(link.node, self.graph.nodes)]
+            self.problems.add(
+                "unknown-node", where, f"{link}: there is no node {link.node!r}",
+                wire=f"{str(link)[1:]} (nowhere) -> {end}", nearest=names or self.suitable(port, user),
+            )  # fmt: skip
+            return None
+        found = self.signatures.get(link.node)
+        if found is None:
+            return None
+        wire = f"{str(link)[1:]} ({self.graph.nodes[link.node].where}) -> {end}"
+        spec, names = self.graph.nodes[link.node], [f"@{link.node}.{name}" for name in found.outputs]
+        if found.component is not None:
+            if link.port:
+                self.problems.add(
+                    "link", where, f"{link}: {link.node} is a component ({spec.type}), which has no outputs",
+                    wire=wire, nearest=[f"@{link.node}"], fix=f'link the component itself: "@{link.node}"',
+                )  # fmt: skip
+                return None
+            return Port("", (found.component,))
+        if not link.port:
+            fits = [n for n, out in found.outputs.items() if port is None or port.takes(out)]
+            self.problems.add(
+                "link", where, f"{link}: {link.node} is a node ({spec.type}); a link names one of its outputs",
+                wire=wire, expected="" if port is None else str(port),
+                nearest=[f"@{link.node}.{name}" for name in fits] or self.suitable(port, user) or names,
+            )  # fmt: skip
+            return None
+        if link.port not in found.outputs:
+            self.problems.add(
+                "unknown-port", where, f"{link}: {spec.type} has no output {link.port!r}", wire=wire,
+                expected=", ".join(f"{name}: {out}" for name, out in found.outputs.items()),
+                nearest=[f"@{link.node}.{name}" for name in nearest(link.port, found.outputs)] or names,
+            )  # fmt: skip
+            return None
+        return found.outputs[link.port]
+
+    def judge(self, link: Link, source: Port, port: Port, name: str, where: Where, user: str) -> None:
+        """Types, presence and facets of one wire; `name` is its near end, `user` the node that it feeds."""
+        wire = f"{str(link)[1:]} ({self.graph.nodes[link.node].where}) -> {name} ({where})"
+        if not issubclass(source.type, port.types):
+            if source.plugged != port.plugged:
+                words = ("an artifact", "a component") if port.plugged else ("a component", "an artifact")
+                what = f"{link} is {words[0]}, but {name} takes {words[1]}"
+            else:
+                what = f"{link} does not fit {name}"
+            near = self.suitable(port, user)
+            self.problems.add("wrong-type", where, what, wire=wire, expected=str(port), found=str(source), nearest=near)
+        elif source.optional and not port.optional:
+            self.problems.add(
+                "maybe-absent", where, f"{link} may be absent, but {name} needs it",
+                wire=wire, expected=str(port), found=f"{source} or nothing",
+            )  # fmt: skip
+        else:
+            for facet, (wanted, promised) in port.clashes(source).items():
+                self.problems.add(
+                    "facet", where, f"{link} has {facet}={promised!r}, but {name} takes {facet}={wanted!r}",
+                    wire=wire, expected=str(port), found=f"{source}, {facet}={promised!r}",
+                    nearest=self.suitable(port, user),
+                )  # fmt: skip
+
+    def suitable(self, port: Port | None, user: str) -> list[str]:
+        """Links that would fit a port, those of the user's own block first."""
+        fits: list[str] = []
+        if port is None:
+            return fits
+        for name, found in self.signatures.items():
+            if (
+                name != user
+                and port.plugged
+                and found.component is not None
+                and issubclass(found.component, port.types)
+            ):
+                fits.append(f"@{name}")
+            elif name != user:
+                fits += [f"@{name}.{output.name}" for output in found.outputs.values() if port.takes(output)]
+        prefix = "@" + user.rpartition(".")[0]
+        return sorted(fits, key=lambda name: not name.startswith(prefix))[:3]
+
+    def order(self) -> list[str]:
+        """Topological order (Kahn), ties by the order of the file; nodes in and behind a cycle are left out."""
+        rank = {name: index for index, name in enumerate(self.graph.nodes)}
+        waits = {name: {link.node for link, _ in self.wires.get(name, {}).values()} for name in rank}
+        users: dict[str, list[str]] = {name: [] for name in rank}
+        for name, sources in waits.items():
+            for source in sources:
+                users[source].append(name)
+        ready = [rank[name] for name, sources in waits.items() if not sources]
+        heapq.heapify(ready)
+        names, order = list(rank), []
+        while ready:
+            name = names[heapq.heappop(ready)]
+            order.append(name)
+            for user in users[name]:
+                waits[user].discard(name)
+                if not waits[user]:
+                    heapq.heappush(ready, rank[user])
+        if len(order) < len(rank):
+            done = set(order)
+            self._report_cycle(next(name for name in rank if name not in done), waits)
+        return order
+
+    def _report_cycle(self, start: str, waits: Mapping[str, set[str]]) -> None:
+        path, seen = [start], {start}
+        while True:
+            path.append(min(waits[path[-1]]))
+            if path[-1] in seen:
+                break
+            seen.add(path[-1])
+        cycle = path[path.index(path[-1]) :]
+        text = " <- ".join(cycle)
+        self.problems.add("cycle", self.graph.nodes[cycle[0]].where, f"the nodes wait for each other: {text}")
+
+
+def link_form(port: Port) -> str:
+    """How a link to this port is written."""
+    return '"@component"' if port.plugged else '"@node.port"'
