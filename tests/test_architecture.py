@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 import tokenize
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -165,3 +166,9 @@ def test_the_core_stays_small() -> None:
     assert sizes["core"] <= 3000, sizes
     lines = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in files(LIBRARY / "graph")}
     assert max(lines.values()) <= 400, lines
+
+
+def test_a_wheel_holds_every_room() -> None:
+    listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    there = {".".join(path.parent.relative_to(ROOT).parts) for path in LIBRARY.rglob("__init__.py")}
+    assert listed == there | {"exmesh_nodes"}

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 from exmesh_graph.graph.spec import BLOCK_KEYS, Tree, Value, _check_keys, _mapping, substitute
-from exmesh_graph.graph.yamlfile import Map
 
 MAX_ROUNDS = 1000
 MAX_NODES = 5000

@@ -18,8 +18,8 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.check import Bound
-from exmesh_graph.graph.components import BoundComponent
 from exmesh_graph.graph.fingerprint import fingerprint
+from exmesh_graph.graph.language.components import BoundComponent
 from exmesh_graph.graph.packs import library_version
 from exmesh_graph.graph.ports import signature
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph import components
 from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.keys import ABSENT, key_of, preimage_of
+from exmesh_graph.graph.language import components
 from exmesh_graph.graph.store import Action, Store, Stored
 
 HIT, RUN, UNKNOWN = "hit", "run", "unknown"

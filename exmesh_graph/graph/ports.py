@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from exmesh_graph.graph.components import Component
+from exmesh_graph.graph.language.components import Component
 from exmesh_graph.graph.node import Facets, NodeDef, Params
 from exmesh_graph.types import Artifact
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.language.yamlfile import Map, load_yaml, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, nearest
-from exmesh_graph.graph.yamlfile import Map, load_yaml, parse_yaml
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
 TOP_KEYS = ("name", "doc", "extends", "params", "seed", "nodes", "outputs", *VARIANT_KEYS)

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph import Component, NodeDef, param
-from exmesh_graph.graph.components import MAX_NESTING, differences, rebuild
 from exmesh_graph.graph.job import Job, job_of
 from exmesh_graph.graph.keys import key_of, preimage_of
+from exmesh_graph.graph.language.components import MAX_NESTING, differences, rebuild
 from exmesh_graph.graph.plan import plan
 from exmesh_graph.graph.ports import signature
 

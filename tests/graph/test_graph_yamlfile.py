@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from exmesh_graph.graph.language.yamlfile import Map, load_yaml, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors
-from exmesh_graph.graph.yamlfile import Map, load_yaml, parse_yaml
 
 
 @pytest.mark.parametrize(

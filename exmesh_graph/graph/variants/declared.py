@@ -24,10 +24,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import refuse
 from exmesh_graph.graph.variants.patches import operation_of
-from exmesh_graph.graph.yamlfile import Map
 
 MAX_VARIANTS = 200
 BASE = "base"

@@ -19,12 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import Draft, clone, refuse
 from exmesh_graph.graph.variants.rewire import add, bypass, insert, remove, replace
 from exmesh_graph.graph.variants.values import connect, disconnect, set_values
-from exmesh_graph.graph.yamlfile import Map
 
 
 def apply_patches(top: Map, patches: Iterable[Any], packs: Packs) -> Map:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.ports import Port, Signature
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, Spot, clone, is_block, is_link, layers_of, refuse
 from exmesh_graph.graph.variants.values import fixed_spot, need, needed, port_address, round_layer
-from exmesh_graph.graph.yamlfile import Map
 
 
 def replace(draft: Draft, patch: Map) -> None:
