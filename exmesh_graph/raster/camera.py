@@ -14,13 +14,15 @@ def project(vertices: torch.Tensor, intrinsics: torch.Tensor, world_to_camera: t
     vertices         [V, 3], any float type; the result has its type and device
     intrinsics       [3, 3] with last row (0, 0, 1): any focal lengths, skew and principal point
     world_to_camera  [4, 4], rigid
+
+    With a leading batch dimension in either camera argument ([N, 3, 3], [N, 4, 4]) the result is [N, V, 3].
     """
     world_to_camera = world_to_camera.to(vertices.device, torch.float64)
     intrinsics = intrinsics.to(vertices.device, torch.float64)
     # K R and K t in float64 first: one rounding instead of two, and one matrix product over the vertices
-    linear = (intrinsics @ world_to_camera[:3, :3]).to(vertices.dtype)
-    offset = (intrinsics @ world_to_camera[:3, 3]).to(vertices.dtype)
-    return vertices @ linear.T + offset
+    linear = (intrinsics @ world_to_camera[..., :3, :3]).to(vertices.dtype)
+    offset = (intrinsics @ world_to_camera[..., :3, 3:]).to(vertices.dtype)
+    return vertices @ linear.mT + offset.mT
 
 
 def pixel_centres(

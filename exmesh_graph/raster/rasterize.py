@@ -7,16 +7,18 @@ from typing import NamedTuple
 import torch
 
 from exmesh_graph.raster.camera import project
+from exmesh_graph.raster.limits import EMPTY_KEY, check_near, check_size
 from exmesh_graph.raster.warp_runtime import kernels, launch
 
 NEAR = 1e-3
 """Near plane in world units; the normalised world has the object inside the unit sphere."""
 
-_EMPTY_KEY = torch.iinfo(torch.int64).max
+LARGE_FACE = 256
+"""On CUDA, faces whose bounding box has more pixels than this are split into tiles over many threads."""
 
 
 class Fragments(NamedTuple):
-    """What is seen through each pixel centre.
+    """What is seen through each pixel centre; [N, H, W] where a batch of N views was asked for.
 
     face_id  int32 [H, W], -1 on the background
     bary     float32 [H, W, 3], perspective-correct barycentric coordinates, 0 on the background
@@ -43,12 +45,14 @@ def rasterize(
 
     vertices         [V, 3] world positions, any float type (computed in float32)
     faces            integer [F, 3]
-    intrinsics       [3, 3] pixels, any principal point;  world_to_camera [4, 4], OpenCV axes
-    near             the part of a face with depth <= near is cut away exactly, per pixel
+    intrinsics       [3, 3] pixels, any principal point;  world_to_camera [4, 4], OpenCV axes;
+                     [N, 3, 3] and [N, 4, 4] (or one of them shared) for a batch of views of one size
+    near             > 0; the part of a face with depth <= near is cut away exactly, per pixel
     cull_back        drop faces that are clockwise in the image; by default both sides are seen
 
     Rules: a centre on an edge belongs to all faces of that edge; of equal depths the lowest face index wins, so the
     result is the same on every run and device. Faces without area or with a vertex that is not finite are not seen.
+    Raises ValueError for sizes beyond 32-bit indices (see `limits`) and for near <= 0.
     """
     with torch.no_grad():
         projected = project(vertices.detach().to(torch.float32), intrinsics, world_to_camera)
@@ -63,27 +67,62 @@ def rasterize_projected(
     *,
     near: float = NEAR,
     cull_back: bool = False,
+    large_face: int | None = None,
 ) -> Fragments:
-    """`rasterize` for positions already in homogeneous pixel coordinates [V, 3] (`camera.project`)."""
+    """`rasterize` for positions already in homogeneous pixel coordinates [V, 3] or [N, V, 3] (`camera.project`).
+
+    large_face   pixels of a face's bounding box above which it is split into tiles; 0 never; None for `LARGE_FACE` on
+                 CUDA and 0 on a CPU, where one thread does everything anyway. The picture is the same.
+    """
+    check_near(near)
+    check_size(faces=len(faces), pixels=height * width)
     device = projected.device
     projected = projected.detach().to(torch.float32).contiguous()
     faces = faces.to(device, torch.int32).contiguous()
-    keys = torch.full((height * width,), _EMPTY_KEY, dtype=torch.int64, device=device)
-    face_id = torch.full((height, width), -1, dtype=torch.int32, device=device)
-    bary = torch.zeros((height, width, 3), dtype=torch.float32, device=device)
-    depth = torch.zeros((height, width), dtype=torch.float32, device=device)
+    if large_face is None:
+        large_face = LARGE_FACE if device.type == "cuda" else 0
+    shape = (*projected.shape[:-2], height, width)
+    keys = torch.full(shape, EMPTY_KEY, dtype=torch.int64, device=device)
+    face_id = torch.full(shape, -1, dtype=torch.int32, device=device)
+    bary = torch.zeros((*shape, 3), dtype=torch.float32, device=device)
+    depth = torch.zeros(shape, dtype=torch.float32, device=device)
     if len(faces) and height * width:
-        k = kernels()
-        launch(k.rasterize_faces, len(faces), projected, faces, height, width, near, int(cull_back), keys)
-        launch(
-            k.resolve_fragments,
-            height * width,
-            projected,
-            faces,
-            keys,
-            width,
-            face_id.view(-1),
-            bary.view(-1, 3),
-            depth.view(-1),
+        count = height * width
+        views = zip(
+            projected.view(-1, *projected.shape[-2:]),
+            keys.view(-1, count),
+            face_id.view(-1, count),
+            bary.view(-1, count, 3),
+            depth.view(-1, count),
+            strict=True,
         )
+        for points, key, *fragments in views:
+            _cover(points, faces, height, width, near, cull_back, large_face, key)
+            launch(kernels().resolve_fragments, count, points, faces, key, width, *fragments)
     return Fragments(face_id, bary, depth)
+
+
+def _cover(
+    points: torch.Tensor,
+    faces: torch.Tensor,
+    height: int,
+    width: int,
+    near: float,
+    cull_back: bool,
+    large_face: int,
+    keys: torch.Tensor,
+) -> None:
+    """Fill the keys of one view: small faces by a thread each, large ones by a thread for each of their tiles."""
+    k = kernels()
+    listed = len(faces) if large_face else 0
+    large = torch.empty(listed, dtype=torch.int32, device=keys.device)
+    first_tile = torch.empty(listed, dtype=torch.int64, device=keys.device)
+    counts = torch.zeros(1, dtype=torch.int64, device=keys.device)
+    view = (points, faces, height, width, near, int(cull_back))
+    launch(k.rasterize_faces, len(faces), *view, large_face, keys, large, first_tile, counts)
+    if large_face:
+        packed = int(counts)
+        count, tiles = packed >> int(k.LIST_SHIFT), packed & ((1 << int(k.LIST_SHIFT)) - 1)
+        check_size(tiles=tiles)
+        if tiles:
+            launch(k.rasterize_tiles, tiles, *view, keys, large, first_tile, count)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import torch
 
+from exmesh_graph.raster.limits import EMPTY_KEY, check_near, check_size
 from exmesh_graph.raster.rasterize import NEAR, Fragments
 from exmesh_graph.raster.warp_runtime import kernels, launch
 
@@ -26,8 +27,6 @@ BEHIND = 5e-4
 """An edge must lie this share of its depth before the far pixel's surface: equal surfaces make no silhouette."""
 IN_FRONT = 0.025
 """An edge nearer than the near pixel's surface by more than this share of its depth belongs to something thinner."""
-
-_EMPTY_KEY = torch.iinfo(torch.int64).max
 
 
 class EdgeTable(NamedTuple):
@@ -42,10 +41,11 @@ class EdgeTable(NamedTuple):
 
 
 class Silhouette(NamedTuple):
-    """Pixel pairs with a silhouette edge between them, P of them.
+    """Pixel pairs with a silhouette edge between them, P of them (of all views of a batch together).
 
-    first, second  int64 [P], flat pixel indices;  second is right of or below first
-    ends           int64 [P, 2], the edge's vertices
+    first, second  int64 [P], flat pixel indices of the [H, W] image or [N, H, W] batch;  second is right of or below
+                   first
+    ends           int64 [P, 2], the edge's vertices, rows of `projected` flattened to [-1, 3]
     vertical       bool [P], the pair is a vertical one
     near_first     bool [P], the surface lies on the first pixel's side
     """
@@ -91,60 +91,83 @@ def find_silhouette(
 ) -> Silhouette:
     """The pixel pairs whose colours the silhouette blends; of several edges between a pair the nearest counts.
 
-    projected  [V, 3] homogeneous pixel coordinates, those that made `fragments`
+    projected  [V, 3] or [N, V, 3] homogeneous pixel coordinates, those that made `fragments`
 
-    An edge is a silhouette if it has one face or its two faces lie on the same side of it in the image. Edges with
-    an end at or before the near plane are left out.
+    An edge is a silhouette if it has one face or its two faces lie on the same side of it in the image. An edge that
+    crosses the near plane takes part with the piece before it; the cut itself, which is no edge, does not.
     """
-    height, width = fragments.face_id.shape
-    device = projected.device
-    keys = torch.full((2 * height * width,), _EMPTY_KEY, dtype=torch.int64, device=device)
-    if len(table.edges) and height * width:
-        launch(
-            kernels().find_silhouette,
-            len(table.edges),
-            projected.detach().to(torch.float32).contiguous(),
-            table.edges,
-            table.opposite,
-            fragments.face_id.view(-1),
-            fragments.depth.view(-1),
-            height,
-            width,
-            near,
-            BEHIND,
-            IN_FRONT,
-            keys,
+    check_near(near)
+    height, width = fragments.face_id.shape[-2:]
+    # a key's lower half holds 2 * edge + side; pairs are numbered 2 * pixel + direction
+    check_size(**{"pixel pairs": 2 * height * width, "sides of edges": 2 * len(table.edges)})
+    projected = projected.detach()
+    count, corners = height * width, projected.shape[-2]
+    keys = torch.full((*projected.shape[:-2], 2 * count), EMPTY_KEY, dtype=torch.int64, device=projected.device)
+    if len(table.edges) and count:
+        views = zip(
+            projected.to(torch.float32).contiguous().view(-1, corners, 3),
+            fragments.face_id.view(-1, count),
+            fragments.depth.view(-1, count),
+            keys.view(-1, 2 * count),
+            strict=True,
         )
-    slots = torch.nonzero(keys != _EMPTY_KEY)[:, 0]
+        for points, face_id, depth, key in views:
+            launch(
+                kernels("silhouette").find_silhouette,
+                len(table.edges),
+                points,
+                table.edges,
+                table.opposite,
+                face_id,
+                depth,
+                height,
+                width,
+                near,
+                BEHIND,
+                IN_FRONT,
+                key,
+            )
+    keys = keys.view(-1)
+    slots = torch.nonzero(keys != EMPTY_KEY)[:, 0]
     code = keys[slots] & 0xFFFFFFFF
-    vertical = slots >= height * width
-    first = torch.where(vertical, slots - height * width, slots)
+    ends = table.edges[code >> 1].long()
+    before = torch.zeros_like(slots)  # pixels of the views before a pair's own
+    if projected.dim() == 3:
+        view, slots = slots // max(2 * count, 1), slots % max(2 * count, 1)
+        ends = ends + (view * corners)[:, None]
+        before = view * count
+    vertical = slots >= count
+    first = torch.where(vertical, slots - count, slots)
     second = first + torch.where(vertical, width, 1)
-    return Silhouette(first, second, table.edges[code >> 1].long(), vertical, (code & 1).bool())
+    return Silhouette(first + before, second + before, ends, vertical, (code & 1).bool())
 
 
 def antialias(image: torch.Tensor, projected: torch.Tensor, silhouette: Silhouette) -> torch.Tensor:
-    """Blend `image` [H, W, C] (colour and alpha together) along the silhouette; differentiable in both arguments.
+    """Blend `image` [H, W, C] or [N, H, W, C] (colour and alpha together) along the silhouette; differentiable in both.
+
+    projected  [V, 3] or [N, V, 3], those that `silhouette` was found with
 
     Values stay within those of the two pixels of each pair for a single pair; a pixel in several pairs may leave
     them slightly.
     """
-    height, width, channels = image.shape
+    height, width, channels = image.shape[-3:]
     flat = image.reshape(-1, channels)
-    t, weight = _crossing(projected, silhouette, width)
+    t, weight = _crossing(projected.reshape(-1, 3), silhouette, height, width)
     s = torch.where(silhouette.near_first, t, 1 - t)
     near = torch.where(silhouette.near_first, silhouette.first, silhouette.second)
     far = torch.where(silhouette.near_first, silhouette.second, silhouette.first)
     difference = flat.index_select(0, near) - flat.index_select(0, far)
     change = (weight * (s - 0.5)).to(image.dtype)[:, None] * difference
     target = torch.where(s > 0.5, far, near)
-    return flat.index_add(0, target, change).view(height, width, channels)
+    return flat.index_add(0, target, change).view(image.shape)
 
 
-def _crossing(projected: torch.Tensor, silhouette: Silhouette, width: int) -> tuple[torch.Tensor, torch.Tensor]:
+def _crossing(
+    projected: torch.Tensor, silhouette: Silhouette, height: int, width: int
+) -> tuple[torch.Tensor, torch.Tensor]:
     """(t, w): where the edge crosses between the two centres, and the squared normal component along the pair."""
     x = (silhouette.first % width).to(projected.dtype) + 0.5
-    y = (silhouette.first // width).to(projected.dtype) + 0.5
+    y = (silhouette.first // width % max(height, 1)).to(projected.dtype) + 0.5
     a = projected.index_select(0, silhouette.ends[:, 0])
     b = projected.index_select(0, silhouette.ends[:, 1])
     # the image line through both ends, relative to the first centre: l = a' x b', l . (X, Y, 1) = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import tempfile
@@ -9,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 
@@ -34,12 +35,11 @@ def warp() -> Any:
 
 
 @cache
-def kernels() -> Any:
-    """The module of Warp kernels, imported after `warp()` has been configured."""
+def kernels(of: Literal["visibility", "texture", "silhouette"] = "visibility") -> Any:
+    """A module of Warp kernels, imported after `warp()` has been configured."""
     warp()
-    from exmesh_graph.raster import kernels
-
-    return kernels
+    name = "kernels" if of == "visibility" else f"kernels_{of}"
+    return importlib.import_module(f"exmesh_graph.raster.{name}")
 
 
 def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:

@@ -5,7 +5,15 @@ import torch
 from raster_meshes import camera, icosphere, soup
 from test_raster_silhouette import coverage
 
-from exmesh_graph.raster import edge_table, find_silhouette, project, rasterize, rasterize_projected, shade
+from exmesh_graph.raster import (
+    antialias,
+    edge_table,
+    find_silhouette,
+    project,
+    rasterize,
+    rasterize_projected,
+    shade,
+)
 from exmesh_graph.raster.rasterize import NEAR
 
 
@@ -158,13 +166,45 @@ def silhouette_of(vertices, faces, intrinsics, pose, height, width):
     return projected, fragments, find_silhouette(projected, edge_table(faces), fragments)
 
 
-def test_edges_that_reach_behind_the_camera_are_left_out():
-    vertices, faces = soup(60, 0.4, seed=11)
-    intrinsics, pose = camera(64, 64, distance=1.4, focal=40.0)
+@pytest.mark.parametrize("turn", [0.0, 0.35])
+@pytest.mark.parametrize("start", [-6.0, 0.02, 0.4])
+def test_a_road_from_behind_the_camera_has_the_gradient_of_its_edges(start, turn):
+    """Its long edges cross the near plane; the exact area is that of the finely sampled road."""
+    size, near = 96, 0.05
+    intrinsics, pose = camera(size, size, distance=0.0, turn=turn, focal=60.0)
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+
+    def road(width):
+        corner = torch.tensor([[-1.0, 0.5, start], [1, 0.5, start], [1, 0.5, 30], [-1, 0.5, 30]], dtype=torch.float64)
+        return corner * torch.stack([width, torch.ones_like(width), torch.ones_like(width)])
+
+    def area_at(width):
+        fine = torch.diag(torch.tensor([16.0, 16, 1], dtype=torch.float64)) @ intrinsics
+        fragments = rasterize(road(width), faces, fine, pose, 16 * size, 16 * size, near=near)
+        return float((fragments.face_id >= 0).sum()) / 256
+
+    width = torch.tensor(0.31, dtype=torch.float64, requires_grad=True)
+    projected = project(road(width), intrinsics, pose)
+    fragments = rasterize_projected(projected, faces, size, size, near=near)
+    silhouette = find_silhouette(projected, edge_table(faces), fragments, near=near)
+    covered = (fragments.face_id >= 0).double()[..., None]
+    area = antialias(covered, projected, silhouette).sum()
+    area.backward()
+    exact = (area_at(width.detach() + 0.02) - area_at(width.detach() - 0.02)) / 0.04
+    assert float(area.detach()) == pytest.approx(area_at(width.detach()), rel=0.01)
+    assert float(width.grad) == pytest.approx(exact, rel=0.02)
+
+
+def test_of_an_edge_across_the_near_plane_only_the_piece_before_it_counts():
+    vertices, faces = soup(60, 0.8, seed=11)
+    intrinsics, pose = camera(64, 64, distance=0.1, focal=40.0)
     projected, _, found = silhouette_of(vertices, faces, intrinsics, pose, 64, 64)
-    assert bool((projected[edge_table(faces).edges.long()][..., 2] <= NEAR).any(1).any())
-    assert len(found.first) > 100
-    assert bool((projected[found.ends][..., 2] > NEAR).all())
+    before = (projected[found.ends][..., 2] > NEAR).sum(1)
+    assert int((before == 1).sum()) > 20
+    assert int((before == 0).sum()) == 0
+    start = vertices.clone().requires_grad_()
+    coverage(start, faces, intrinsics, pose, 64, 64).sum().backward()
+    assert bool(torch.isfinite(start.grad).all())
 
 
 def test_a_patch_on_a_plane_makes_no_silhouette():

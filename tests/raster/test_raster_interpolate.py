@@ -107,3 +107,17 @@ def test_an_empty_mesh_gives_a_black_image(of):
     assert image.shape == (5, 6, 3)
     assert float(image.abs().sum()) == 0
     image.sum().backward()
+
+
+def test_the_sparse_texture_gradient_of_shading_is_the_dense_one_without_the_unseen_texels():
+    projected, faces, uvs, uv_faces, texture, face_id = scene()
+    weight = torch.randn(24, 24, 3, generator=torch.Generator().manual_seed(8))
+    gradients = []
+    for sparse in (False, True):
+        p, t = projected.float().requires_grad_(), texture.float().requires_grad_()
+        image = shade(p, faces, uvs.float(), uv_faces, t, face_id, sparse=sparse)
+        gradients.append(torch.autograd.grad((image * weight).sum(), (p, t)))
+    assert gradients[1][1].is_sparse
+    assert gradients[1][1]._nnz() < 9 * 13
+    assert torch.equal(gradients[0][0], gradients[1][0])
+    assert torch.allclose(gradients[0][1], gradients[1][1].to_dense(), atol=1e-6)
