@@ -147,9 +147,7 @@ def box_rays(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return origins, directions
 
 
-def surface_rays(
-    vertices: np.ndarray, faces: np.ndarray, count: int, seed: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
+def surface_rays(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Lifted random points of the surface (by area) and unit directions of their upper hemispheres, float32."""
     rng = np.random.default_rng(seed)
     corners = vertices[faces]

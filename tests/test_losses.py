@@ -70,6 +70,45 @@ def test_ssim_refuses_half_precision():
         losses.ssim(a.half(), b.half())
 
 
+def test_masked_mean_and_its_gradient():
+    a, b = images(30, 26)
+    mask = torch.rand(30, 26, generator=torch.Generator().manual_seed(4)) > 0.6
+    # the map itself, one window at a time
+    one = torch.zeros(30, 26, dtype=torch.bool)
+    windows = []
+    for i, j in torch.nonzero(mask).tolist():
+        one[i, j] = True
+        windows.append(float(losses.ssim(a, b, one)))
+        one[i, j] = False
+    assert float(losses.ssim(a, b, mask)) == pytest.approx(np.mean(windows), rel=1e-12)
+    assert float(losses.ssim(a, b, torch.ones(30, 26))) == pytest.approx(float(losses.ssim(a, b)), rel=1e-12)
+    x = a[:9, :8].clone().requires_grad_()
+    weight = torch.rand(9, 8, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda x: losses.d_ssim(x, b[:9, :8], weight), x)
+
+
+def test_masked_mean_ignores_what_no_window_of_the_mask_sees():
+    a, b = images(40, 40)
+    mask = torch.zeros(40, 40, dtype=torch.bool)
+    mask[15:25, 15:25] = True
+    wild = a.clone()
+    wild[:9], wild[:, 31:] = float("nan"), 1e30
+    box = losses.mask_box(mask)
+    x = box.crop(wild).clone().requires_grad_()
+    value = losses.d_ssim(x, box.crop(b), box.crop(mask))
+    (gradient,) = torch.autograd.grad(value, x)
+    assert float(value) == pytest.approx(float(losses.d_ssim(a, b, mask)), rel=1e-9)
+    assert bool(torch.isfinite(gradient).all())
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_an_empty_mask_is_no_loss(dtype):
+    a, b = images(dtype=dtype)
+    a.requires_grad_()
+    assert float(losses.d_ssim(a, b, torch.zeros(20, 24, dtype=torch.bool))) == 0
+    assert float(losses.ssim(a, b, torch.zeros(20, 24))) == 1
+
+
 def test_masked_box_weighted_by_its_share_equals_the_whole():
     a, b = images(60, 70)
     mask = torch.zeros(60, 70, dtype=torch.bool)
