@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.files import writing
+from exmesh_graph.graph.files import walk_files, writing
 from exmesh_graph.graph.store import Store, Stored
 from exmesh_graph.types import Files
 
@@ -82,7 +82,11 @@ class RunFolder:
         if taken:
             raise StoreError(f"the output {name} would overwrite {', '.join(sorted(taken))} in {self.path}")
         with writing("the run folder", target, "--runs"):
-            shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
+            target.mkdir(parents=True, exist_ok=True)
+            for file, path in walk_files(source):  # not copytree, which hides the reason of a failure
+                place = target / file
+                place.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, place)
         return target / main if main else target
 
     def close(self) -> None:
