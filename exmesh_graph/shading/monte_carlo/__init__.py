@@ -1,0 +1,35 @@
+"""Monte Carlo light of a frozen mesh: the paper's estimators of direct and one-bounce light (eq. 12 to 20)."""
+
+from exmesh_graph.shading.monte_carlo.estimator import (
+    Drawn,
+    LightSettings,
+    MonteCarloLight,
+    SampleCache,
+    independent_gradient,
+)
+from exmesh_graph.shading.monte_carlo.points import Material, MeshSurface, Points, Query, Surface
+from exmesh_graph.shading.monte_carlo.samples import LightPool, LightSamples, Sampler, draw_light, make_pool
+from exmesh_graph.shading.monte_carlo.shade import shade, shade_reference
+from exmesh_graph.shading.monte_carlo.upsample import Coarse, coarse_points
+
+__all__ = [
+    "Coarse",
+    "Drawn",
+    "LightPool",
+    "LightSamples",
+    "LightSettings",
+    "Material",
+    "MeshSurface",
+    "MonteCarloLight",
+    "Points",
+    "Query",
+    "SampleCache",
+    "Sampler",
+    "Surface",
+    "coarse_points",
+    "draw_light",
+    "independent_gradient",
+    "make_pool",
+    "shade",
+    "shade_reference",
+]

@@ -1,0 +1,104 @@
+"""One diffuse bounce off the mesh itself (eq. 18 to 20).
+
+    L_ind(x) = f_d(x) I(x),   I(x) = sum_j w_j max(n_s(x).w_j, 0) L_sec(y_j),   w_j = front-facing hit / (N_b p_b(w_j))
+    L_sec(y) = f_d(y) sum_s E(d_s) visible max(n_s(y).d_s, 0) / (N_s p(d_s))
+
+Secondary directions follow the cosine about the geometric normal. Gradients reach f_d(x), f_d(y), both shading normals
+and the environment; directions, densities, hits and visibility are constants.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+
+from exmesh_graph.rays import MISS, RayTracer
+from exmesh_graph.shading.env_sampling import EnvSampler
+from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface
+from exmesh_graph.shading.monte_carlo.samples import (
+    LightPool,
+    LightSamples,
+    draw_directions,
+    draw_light,
+    make_pool,
+    ray_origins,
+)
+from exmesh_graph.shading.monte_carlo.shade import shade, shade_reference
+
+
+@dataclass(frozen=True)
+class SecondaryHits:
+    """M valid secondary hits and their light samples.
+
+    row int64 [M], the primary point; direction [M, 3]; weight [M] = 1 / (N_b p_b); face int64 [M], bary [M, 3];
+    light, the samples towards the environment
+    """
+
+    row: torch.Tensor
+    direction: torch.Tensor
+    weight: torch.Tensor
+    face: torch.Tensor
+    bary: torch.Tensor
+    light: LightSamples
+
+
+@torch.no_grad()
+def draw_bounce(
+    points: Points,
+    surface: Surface,
+    query: Query,
+    tracer: RayTracer,
+    sampler: EnvSampler,
+    rays: int,
+    light_pool: LightPool,
+    seed: int,
+    memory_mib: float = 256,
+) -> SecondaryHits:
+    """Send `rays` rays from each point, keep the front-facing hits, and sample their light from `light_pool`."""
+    pool = make_pool(sampler, "cosine", rays, seed)
+    sent = draw_directions(points.flat, points, Material(torch.zeros_like(points.position)), pool)
+    chosen = torch.nonzero(sent.weight.view(-1))[:, 0]
+    row = torch.div(chosen, rays, rounding_mode="floor")
+    direction, weight = sent.own_direction.reshape(-1, 3)[chosen], sent.weight.view(-1)[chosen]
+    hits = tracer.closest_hit(ray_origins(points, tracer)[row.cpu().numpy()], direction.cpu().numpy())
+    device = direction.device
+    face = torch.from_numpy(hits.face).to(device).long()
+    valid = (face != MISS) & ((surface.face_normals[face.clamp_min(0)] * direction).sum(-1) < 0)
+    row, direction, weight, face = row[valid], direction[valid], weight[valid], face[valid]
+    bary = torch.from_numpy(hits.bary).to(direction)[valid]
+    position = (surface.vertices[surface.faces[face]] * bary[..., None]).sum(1)
+    normal, material = query(face, bary)
+    there = Points(position, surface.face_normals[face], normal, -direction)
+    light = draw_light(there, Material(material.base_color), light_pool, tracer, memory_mib)
+    return SecondaryHits(row, direction, weight, face, bary, light)
+
+
+def bounce_irradiance(
+    hits: SecondaryHits,
+    points: Points,
+    query: Query,
+    environment: torch.Tensor,
+    stand_in: Material | None = None,
+    reference: bool = False,
+) -> torch.Tensor:
+    """I(x) [N, 3] of eq. 20, the indirect light that meets `points`; times f_d(x) it is L_ind.
+
+    stand_in  the primary points' material, used at the hits in place of the query ("no secondary material")
+    reference the plain torch sum instead of the fused kernels
+    """
+    normal, material = query(hits.face, hits.bary)
+    if stand_in is not None:
+        material = stand_in[hits.row]
+    white = Material(torch.ones_like(material.base_color))
+    arrived = (shade_reference if reference else shade)(hits.light, normal, -hits.direction, white, environment)
+    cosine = (points.normal[hits.row] * hits.direction).sum(-1).clamp_min(0)
+    carried = material.diffuse() * arrived * (cosine * hits.weight)[:, None]
+    return torch.zeros_like(points.position).to(carried).index_add(0, hits.row, carried)
+
+
+def secondary_pool(pool: LightPool, sampler: EnvSampler, samples: int, seed: int) -> LightPool:
+    """A pool of `samples` environment directions a hit; the same directions as `pool` where that has any."""
+    if pool.pool_samples:
+        return replace(pool, kind="environment", pool_samples=samples, own_samples=0, seed=seed)
+    return make_pool(sampler, "environment", samples, seed)

@@ -1,0 +1,192 @@
+"""The Monte Carlo light of a frozen mesh: direct (eq. 17) plus one bounce (eq. 19), and whose noise the gradient sees.
+
+    I = L_dir + lambda_ind f_d(x) I_ind(x)
+
+A loss that is not linear meets noise twice: its derivative is taken at a noisy image and multiplied by a noisy gradient
+of the same samples, so the two correlate and the fit settles beside the truth. `independent_gradient` draws the
+gradient's samples with a seed of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from exmesh_graph.rays import RayTracer
+from exmesh_graph.shading.env_sampling import EnvSampler
+from exmesh_graph.shading.monte_carlo.bounce import (
+    SecondaryHits,
+    bounce_irradiance,
+    draw_bounce,
+    secondary_pool,
+)
+from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface
+from exmesh_graph.shading.monte_carlo.samples import LightPool, LightSamples, Sampler, draw_light, make_pool
+from exmesh_graph.shading.monte_carlo.shade import shade
+from exmesh_graph.shading.monte_carlo.upsample import Coarse
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """sampler             where the direct samples go: environment (the paper's), brdf, mis or cosine
+    direct_samples      N_d
+    secondary_rays      N_b; 0 leaves the bounce out
+    secondary_samples   N_s, environment samples at each hit
+    secondary_material  whether hits read their own material; else the primary point's stands in
+    memory_mib          limit of the working memory of tracing (the samples themselves: 4 to 16 bytes each on top)
+    """
+
+    sampler: Sampler = "environment"
+    direct_samples: int = 8
+    secondary_rays: int = 16
+    secondary_samples: int = 4
+    secondary_material: bool = True
+    memory_mib: float = 256.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Everything random of one estimate; reuse it (`MonteCarloLight.shade`) and no ray is traced."""
+
+    direct: LightSamples
+    hits: SecondaryHits | None
+    coarse: Coarse | None
+
+
+class MonteCarloLight:
+    """Direct and one-bounce light of points on `surface`, whose rays are answered by `tracer`."""
+
+    def __init__(self, surface: Surface, tracer: RayTracer, settings: LightSettings | None = None) -> None:
+        self.surface, self.tracer, self.settings = surface, tracer, settings or LightSettings()
+
+    @torch.no_grad()
+    def draw(
+        self,
+        points: Points,
+        material: Material,
+        query: Query | None,
+        sampler: EnvSampler,
+        seed: int,
+        coarse: Coarse | None = None,
+    ) -> Drawn:
+        """Draw and trace all samples. The same seed gives the same samples.
+
+        query   attributes at secondary hits; None leaves the bounce out
+        coarse  points that carry the bounce (`upsample.coarse_points`), None: every point
+        """
+        s = self.settings
+        # the streams of one estimate: far apart, so that seeds 0, 1, 2... of a caller do not meet each other's
+        first = 8 * seed
+        pool = make_pool(sampler, s.sampler, s.direct_samples, first)
+        direct = draw_light(points, material, pool, self.tracer, s.memory_mib)
+        hits = None
+        if query is not None and s.secondary_rays:
+            hits = draw_bounce(
+                points if coarse is None else points[coarse.rows],
+                self.surface,
+                query,
+                self.tracer,
+                sampler,
+                s.secondary_rays,
+                self._hit_pool(pool, sampler, first + 2),
+                first + 4,
+                s.memory_mib,
+            )
+        return Drawn(direct, hits, coarse)
+
+    def shade(
+        self,
+        drawn: Drawn,
+        points: Points,
+        material: Material,
+        query: Query | None,
+        environment: torch.Tensor,
+        strength: float = 1.0,
+    ) -> torch.Tensor:
+        """Radiance [N, 3] towards `points.view`; differentiable in points.normal, material, environment [H, W, 3] and
+        in what `query` reads. `strength` is lambda_ind."""
+        radiance = shade(drawn.direct, points.normal, points.view, material, environment)
+        if drawn.hits is None or query is None or strength == 0:
+            return radiance
+        coarse = drawn.coarse
+        here = points if coarse is None else points[coarse.rows]
+        stand_in = None
+        if not self.settings.secondary_material:
+            stand_in = material if coarse is None else material[coarse.rows]
+        arrived = bounce_irradiance(drawn.hits, here, query, environment, stand_in)
+        if coarse is not None:
+            arrived = coarse.spread(arrived)
+        return radiance + (strength / torch.pi) * material.diffuse() * arrived
+
+    def render(
+        self,
+        points: Points,
+        material: Material,
+        query: Query | None,
+        environment: torch.Tensor,
+        seed: int,
+        *,
+        sampler: EnvSampler | None = None,
+        coarse: Coarse | None = None,
+        strength: float = 1.0,
+    ) -> torch.Tensor:
+        """`draw` and `shade` in one; samples follow `sampler`, None: the environment as it is now."""
+        drawn = self.draw(points, material, query, sampler or EnvSampler(environment), seed, coarse)
+        return self.shade(drawn, points, material, query, environment, strength)
+
+    def _hit_pool(self, pool: LightPool, sampler: EnvSampler, seed: int) -> LightPool:
+        return secondary_pool(pool, sampler, self.settings.secondary_samples, seed)
+
+
+class SampleCache:
+    """The samples of `slots` estimates of one set of points: step t reuses the rays of slot t mod `slots`.
+
+    What is reused is directions, densities and visibility; radiance and material are read afresh, so the estimate
+    stays unbiased while both change, with densities of the time when the slot was drawn.
+    """
+
+    def __init__(self, slots: int) -> None:
+        if slots < 1:
+            raise ValueError(f"{slots} slots; expected at least 1")
+        self.slots = slots
+        self._drawn: dict[int, Drawn] = {}
+
+    def get(self, step: int, draw: Callable[[int], Drawn]) -> Drawn:
+        """The samples of `step`; `draw(seed)` makes those of a slot that is still empty, with seed = slot."""
+        slot = step % self.slots
+        if slot not in self._drawn:
+            self._drawn[slot] = draw(slot)
+        return self._drawn[slot]
+
+
+def independent_gradient(
+    estimate: Callable[..., torch.Tensor], seed: int, gradient_seed: int, *inputs: torch.Tensor
+) -> torch.Tensor:
+    """`estimate(seed, *inputs)`, whose gradient is that of `estimate(gradient_seed, *inputs)`.
+
+    `estimate` must be differentiable in `inputs` alone (nothing else it reads gets a gradient). For a loss l the
+    expected gradient is E[l'(X)] E[dX], without the covariance of the two. Raises ValueError for equal seeds.
+    """
+    if seed == gradient_seed:
+        raise ValueError(f"seed and gradient_seed are both {seed}; the gradient's noise must be independent")
+    return _IndependentGradient.apply(estimate, seed, gradient_seed, *inputs)
+
+
+class _IndependentGradient(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, estimate, seed, gradient_seed, *inputs):  # type: ignore[no-untyped-def]
+        ctx.estimate, ctx.gradient_seed = estimate, gradient_seed
+        ctx.save_for_backward(*inputs)
+        return estimate(seed, *inputs)
+
+    @staticmethod
+    def backward(ctx, gradient):  # type: ignore[no-untyped-def]
+        wanted = ctx.needs_input_grad[3:]
+        inputs = [t.detach().requires_grad_(need) for t, need in zip(ctx.saved_tensors, wanted, strict=True)]
+        with torch.enable_grad():
+            value = ctx.estimate(ctx.gradient_seed, *inputs)
+        chosen = [t for t in inputs if t.requires_grad]
+        found = iter(torch.autograd.grad(value, chosen, gradient, allow_unused=True))
+        return (None, None, None, *(next(found) if t.requires_grad else None for t in inputs))

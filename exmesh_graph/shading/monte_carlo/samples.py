@@ -1,0 +1,190 @@
+"""Where light is sampled: directions, densities and visibility of an estimate of eq. 17. Nothing here has gradients.
+
+A sample towards w, of any technique, has the weight visible / sum_i n_i p_i(w): the balance heuristic (Veach and Guibas
+1995), which with one technique is 1 / (n p). p_i are densities on the sphere; none is floored.
+
+Samples of the environment come from one pool for all points: blocks of N_d points of a scrambled Sobol sequence mapped
+to the sphere by `EnvSampler`; each point takes one block at random. An aligned block of 2^m such points is itself
+stratified (a (0, m, 2)-net), each of its samples alone has density p, so the estimate is unbiased; radiance and
+density are read once per pool entry and not once per sample. Lobe samples are one small net, shifted at random per
+point (Cranley and Patterson 1976).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import torch
+
+from exmesh_graph.raster.warp_runtime import launch
+from exmesh_graph.rays import RayTracer, offset_origins
+from exmesh_graph.shading.brdf_sampling import specular_share
+from exmesh_graph.shading.env_sampling import EnvSampler
+from exmesh_graph.shading.monte_carlo.points import Material, Points
+from exmesh_graph.shading.monte_carlo.shade import kernels
+
+Sampler = Literal["environment", "brdf", "mis", "cosine"]
+
+#: Limit of the pool's entries, where blocks are long.
+_MOST_POOL = 1 << 18
+
+#: Working memory of one traced ray on its way through torch, numpy and the tracer.
+_BYTES_PER_RAY = 200
+
+
+@dataclass(frozen=True)
+class LightPool:
+    """Directions drawn from the environment for all points of an estimate.
+
+    direction [P, 3]; pdf [P]; density [H W] and shape (H, W) of the sampler's table, for lobe samples;
+    lobe_points [n, 2] in [0, 1): the net of the points' own samples. pool_samples + own_samples = N_d.
+    """
+
+    direction: torch.Tensor
+    pdf: torch.Tensor
+    density: torch.Tensor
+    shape: tuple[int, int]
+    lobe_points: torch.Tensor
+    kind: Sampler
+    pool_samples: int
+    own_samples: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class LightSamples:
+    """The samples of N points: of each, block `block` [N] of the pool, then own directions [N, own, 3].
+
+    weight [N, pool_samples + own_samples]: visible / sum_i n_i p_i.
+    """
+
+    pool: LightPool
+    block: torch.Tensor
+    own_direction: torch.Tensor
+    weight: torch.Tensor
+
+    def directions(self) -> torch.Tensor:
+        """All directions, [N, samples, 3]."""
+        count = self.pool.pool_samples
+        index = self.block.long()[:, None] * count + torch.arange(count, device=self.block.device)
+        return torch.cat([self.pool.direction[index], self.own_direction], dim=1)
+
+
+def make_pool(sampler: EnvSampler, kind: Sampler, count: int, seed: int, blocks: int = 1024) -> LightPool:
+    """The pool for `count` samples a point: all from the environment, all from the BRDF's lobes ("brdf"), half and
+    half ("mis"), or from the cosine lobe ("cosine"). The same seed gives the same samples.
+
+    blocks    how many sets of environment samples the points choose from
+    """
+    if kind not in get_args(Sampler):
+        raise ValueError(f"sampler {kind!r}; expected one of {', '.join(get_args(Sampler))}")
+    if count < 1 or (kind == "mis" and count < 2):
+        raise ValueError(f"{count} samples by {kind!r}; expected at least {2 if kind == 'mis' else 1}")
+    pool_samples = {"environment": count, "mis": count // 2}.get(kind, 0)
+    own_samples = count - pool_samples
+    device = sampler.density.device
+    blocks = max(1, min(blocks, _MOST_POOL // max(pool_samples, 1)))
+    uniform = _sobol(blocks * pool_samples, seed).to(device)
+    direction, pdf = sampler.sample(uniform)
+    return LightPool(
+        direction=direction.to(device, torch.float32).contiguous(),
+        pdf=pdf.to(device, torch.float32).contiguous(),
+        density=sampler.density.reshape(-1).to(torch.float32).contiguous(),
+        shape=sampler.shape,
+        lobe_points=_sobol(own_samples, seed + 1).to(device, torch.float32).contiguous(),
+        kind=kind,
+        pool_samples=pool_samples,
+        own_samples=own_samples,
+        seed=seed,
+    )
+
+
+@torch.no_grad()
+def draw_light(
+    points: Points, material: Material, pool: LightPool, tracer: RayTracer, memory_mib: float = 256
+) -> LightSamples:
+    """Draw the samples of `points` and trace them, as many rays at a time as fit into `memory_mib`. float32."""
+    drawn = draw_directions(points.normal, points, material, pool)
+    rows = max(1, int(memory_mib * 2**20 / (_BYTES_PER_RAY * max(drawn.weight.shape[1], 1))))
+    origins = ray_origins(points, tracer)
+    for start in range(0, len(points), rows):
+        _occlude(drawn, slice(start, start + rows), origins, tracer)
+    return drawn
+
+
+@torch.no_grad()
+def draw_directions(normal: torch.Tensor, points: Points, material: Material, pool: LightPool) -> LightSamples:
+    """The samples of `points` around `normal` [N, 3], untraced: weights are 0 only under the horizons of `normal` and
+    of the surface itself."""
+    count, device = len(points), points.position.device
+    normal, flat, view = (v.detach().float().contiguous() for v in (normal, points.flat, points.view))
+    roughness = share = torch.zeros(count, device=device)
+    if material.roughness is not None and pool.kind in ("brdf", "mis"):
+        roughness = material.roughness.detach().float().contiguous()
+        share = specular_share(normal, view, material.base_color.detach(), material.metallic).float().contiguous()
+    samples = pool.pool_samples + pool.own_samples
+    block = torch.empty(count, dtype=torch.int32, device=device)
+    own = torch.empty(count * pool.own_samples, 3, device=device)
+    weight = torch.empty(count * samples, device=device)
+    if count:
+        launch(
+            kernels().draw_light,
+            count,
+            normal,
+            flat,
+            view,
+            roughness,
+            share,
+            pool.direction,
+            pool.pdf,
+            pool.density,
+            *pool.shape,
+            pool.lobe_points,
+            pool.pool_samples,
+            pool.own_samples,
+            max(len(pool.direction) // max(pool.pool_samples, 1), 1),
+            pool.seed & 0x7FFFFFFF,
+            block,
+            own if len(own) else weight.new_empty(1, 3),
+            weight,
+        )
+    return LightSamples(pool, block, own.view(count, pool.own_samples, 3), weight.view(count, samples))
+
+
+def _occlude(drawn: LightSamples, rows: slice, origins: np.ndarray, tracer: RayTracer) -> None:
+    """Set the weights of the rows' blocked samples to 0, in place."""
+    pool, weight = drawn.pool, drawn.weight[rows].view(-1)
+    chosen = torch.nonzero(weight)[:, 0]
+    samples = drawn.weight.shape[1]
+    row = torch.div(chosen, samples, rounding_mode="floor")
+    if pool.pool_samples == 0:
+        direction = drawn.own_direction[rows].reshape(-1, 3)[chosen]
+    else:
+        index = drawn.block[rows].long()[row] * pool.pool_samples + (chosen - row * samples)
+        if pool.own_samples:
+            own = drawn.own_direction[rows].reshape(-1, 3)
+            sample = chosen - row * samples - pool.pool_samples
+            direction = torch.where(
+                (sample >= 0)[:, None],
+                own[row * pool.own_samples + sample.clamp_min(0)],
+                pool.direction[torch.where(sample >= 0, 0, index)],
+            )
+        else:
+            direction = pool.direction[index]
+    blocked = tracer.any_hit(origins[rows][row.cpu().numpy()], direction.cpu().numpy())
+    weight[chosen[torch.from_numpy(blocked).to(chosen.device)]] = 0
+
+
+def ray_origins(points: Points, tracer: RayTracer) -> np.ndarray:
+    """Where the points' rays start, lifted along their geometric normals: float64 [N, 3]."""
+    return offset_origins(
+        points.position.detach().cpu().numpy().astype(np.float64), points.flat.cpu().numpy(), tracer.radius
+    )
+
+
+def _sobol(count: int, seed: int) -> torch.Tensor:
+    """`count` points (at least one) of a scrambled Sobol sequence in [0, 1)^2, float64."""
+    engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed & 0x7FFFFFFF)
+    return engine.draw(max(count, 1), dtype=torch.float64).clamp_max(1 - 1e-9)

@@ -1,0 +1,150 @@
+"""From light samples to radiance: the sum of eq. 17, differentiable in material, normal and environment.
+
+    L = sum_s w_s E(d_s) f(A, d_s, v) max(n.d_s, 0),     w_s = visible / sum_i n_i p_i, held fixed
+
+The reference is plain torch in any float type; float32 goes through a fused Warp kernel with its adjoint by hand.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch.autograd.function import once_differentiable
+
+from exmesh_graph.raster.warp_runtime import launch, warp
+from exmesh_graph.shading import brdf, envmap
+from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.monte_carlo.points import Material
+
+if TYPE_CHECKING:
+    from exmesh_graph.shading.monte_carlo.samples import LightSamples
+
+
+@cache
+def kernels() -> Any:
+    """The module of Warp kernels, imported after Warp has been configured."""
+    warp()
+    from exmesh_graph.shading.monte_carlo import kernels
+
+    return kernels
+
+
+def shade(
+    samples: LightSamples,
+    normal: torch.Tensor,
+    view: torch.Tensor,
+    material: Material,
+    environment: torch.Tensor,
+) -> torch.Tensor:
+    """Outgoing radiance [N, 3] of the samples' points under `environment` [H, W, 3].
+
+    normal, view [N, 3] unit. Gradients reach normal, base colour, roughness, metallic and the environment's texels;
+    directions, densities and visibility are constants. A material without roughness reflects diffusely only.
+    """
+    if environment.dtype != torch.float32 or material.base_color.dtype != torch.float32:
+        return shade_reference(samples, normal, view, material, environment)
+    height, width = environment.shape[:2]
+    if samples.pool.pool_samples:
+        u, v = envmap.uv_of(samples.pool.direction)
+        pool_radiance = gather_rows(environment.reshape(-1, 3), *envmap.bilinear(height, width, u, v))
+    else:
+        pool_radiance = environment.new_zeros(1, 3)
+    specular = material.roughness is not None
+    count = len(normal)
+    zero = normal.new_zeros(count)
+    return _Shade.apply(
+        normal,
+        material.base_color,
+        material.roughness if material.roughness is not None else zero,
+        material.metallic if material.metallic is not None else zero,
+        pool_radiance,
+        environment,
+        view,
+        samples,
+        specular,
+    )
+
+
+def shade_reference(
+    samples: LightSamples,
+    normal: torch.Tensor,
+    view: torch.Tensor,
+    material: Material,
+    environment: torch.Tensor,
+) -> torch.Tensor:
+    """`shade` in plain torch, for any float type."""
+    direction = samples.directions().to(environment)
+    radiance = envmap.lookup(environment, direction)
+    spread = direction.shape[:2]
+    n = normal[:, None].expand(*spread, 3)
+    base = material.base_color[:, None].expand(*spread, 3)
+    metallic = None if material.metallic is None else material.metallic[:, None].expand(spread)
+    if material.roughness is None:
+        f = brdf.diffuse(base, metallic)
+    else:
+        roughness = material.roughness[:, None].expand(spread)
+        f = brdf.evaluate(n, view[:, None].expand(*spread, 3), direction, base, roughness, metallic)
+    cosine = (n * direction).sum(-1).clamp_min(0)
+    return (radiance * f * (cosine * samples.weight)[..., None]).sum(1)
+
+
+class _Shade(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, normal, base, roughness, metallic, pool_radiance, environment, view, samples, specular):
+        inputs = [t.detach().contiguous() for t in (normal, base, roughness, metallic, pool_radiance, environment)]
+        view = view.detach().contiguous()
+        out = torch.zeros_like(inputs[1])
+        if len(out):
+            launch(kernels().shade_light, len(out), *_arguments(inputs, view, samples, specular), out)
+        ctx.save_for_backward(*inputs, view)
+        ctx.samples, ctx.specular = samples, specular
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, grad):
+        *inputs, view = ctx.saved_tensors
+        outputs = [torch.zeros_like(t) for t in inputs]
+        if len(grad):
+            to_normal, to_base, to_roughness, to_metallic, to_pool, to_environment = outputs
+            launch(
+                kernels().shade_light_adjoint,
+                len(grad),
+                *_arguments(inputs, view, ctx.samples, ctx.specular),
+                grad.contiguous(),
+                int(ctx.needs_input_grad[4] or ctx.needs_input_grad[5]),
+                to_normal,
+                to_base,
+                to_roughness,
+                to_metallic,
+                to_pool,
+                to_environment.view(-1, 3),
+            )
+        kept = [t if need else None for t, need in zip(outputs, ctx.needs_input_grad, strict=False)]
+        return (*kept, None, None, None)
+
+
+def _arguments(inputs: list[torch.Tensor], view: torch.Tensor, samples: LightSamples, specular: bool) -> list[Any]:
+    normal, base, roughness, metallic, pool_radiance, environment = inputs
+    pool = samples.pool
+    own = samples.own_direction.reshape(-1, 3)
+    return [
+        normal,
+        view,
+        base,
+        roughness,
+        metallic,
+        int(specular),
+        pool.direction,
+        pool_radiance,
+        samples.block,
+        own if len(own) else pool.direction[:1],
+        samples.weight.reshape(-1),
+        environment.view(-1, 3),
+        environment.shape[0],
+        environment.shape[1],
+        pool.pool_samples,
+        pool.own_samples,
+    ]
