@@ -54,22 +54,24 @@ class RayTracer(Protocol):
 
 
 def offset_origins(points: Array, normals: Array, radius: float) -> Array:
-    """Lift ray origins off the surface they lie on, along the unit *geometric* normal.
+    """Lift ray origins off the surface they lie on, along the unit *geometric* normal: float64 [N, 3].
 
-    The lift is 8 float32 steps of the point's largest coordinate plus `RELATIVE_OFFSET` of the scene's radius: it
-    follows the scene's scale and its distance from the world's origin, there is no absolute length in it. Waechter
-    and Binder (Ray Tracing Gems, ch. 6) move each coordinate by 256 of its steps and, near zero, by 1/65536 of the
-    unit; on the tracers' mesh (centred, unit radius) that is 1.5e-5 to 3e-5, the same lift with jumps in it.
+    The lift is `RELATIVE_OFFSET` of the scene's radius, for the tracer's rounding, plus 8 steps of the point's largest
+    coordinate in the precision it comes in, for the point's own. So it follows the scene's scale, and its distance
+    from the world's origin as far as the points have lost digits to it; there is no absolute length in it. Waechter
+    and Binder (Ray Tracing Gems, ch. 6) move each coordinate by 256 of its float32 steps and, near zero, by 1/65536
+    of the unit; on the tracers' mesh (centred, unit radius) that is 1.5e-5 to 3e-5, the same lift with jumps in it.
 
-    points, normals [N, 3]: both arrays or both tensors; normals on the side the rays leave to; radius as
-    `RayTracer.radius`.
+    points, normals [N, 3]: both arrays or both tensors; hand over points as they were computed, in float32 if in
+    float32. Normals on the side the rays leave to; radius as `RayTracer.radius`.
     """
-    rounding = 8 * float(np.finfo(np.float32).eps)
     if isinstance(points, np.ndarray):
-        reach = np.abs(points).max(axis=1, keepdims=True)
-    else:
-        reach = points.abs().amax(dim=1, keepdim=True)
-    return points + normals * (RELATIVE_OFFSET * radius + rounding * reach)
+        rounding = 8 * float(np.finfo(points.dtype).eps)
+        exact = points.astype(np.float64, copy=False)
+        return exact + normals * (RELATIVE_OFFSET * radius + rounding * np.abs(exact).max(axis=1, keepdims=True))
+    rounding = 8 * float(np.finfo(str(points.dtype).removeprefix("torch.")).eps)
+    wide = points.double()
+    return wide + normals * (RELATIVE_OFFSET * radius + rounding * wide.abs().amax(dim=1, keepdim=True))
 
 
 def unit_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -48,7 +48,7 @@ def traced_specular(
         useful = (weight > 0) & ((light * flat_normal[:, None]).sum(-1) > 0)
         row, column = torch.nonzero(useful, as_tuple=True)
         directions = light[row, column]
-        origins = offset_origins(surface.position[part].double(), flat_normal.double(), tracer.radius)
+        origins = offset_origins(surface.position[part], flat_normal.double(), tracer.radius)
         hits = tensors.closest_hit(tracer, origins[row], directions)
         face = hits.face.long()
         radiance = torch.zeros(len(row), 3, device=roughness.device)

@@ -55,8 +55,9 @@ def test_warp_agrees_with_embree(device, seed, exponent, shift):
     same = first.face == second.face
     assert (~same).sum() <= 2  # of 4000: rays within float32 of an edge
     both = same & (first.face != MISS)
-    np.testing.assert_allclose(first.bary[both], second.bary[both], atol=5e-3)
-    np.testing.assert_allclose(first.t[both], second.t[both], rtol=5e-3)
+    # rays along a face's plane tell neither well
+    assert (np.abs(first.bary[both] - second.bary[both]).max(axis=1) < 1e-3).mean() > 0.99
+    assert (np.abs(first.t[both] / second.t[both] - 1) < 1e-3).mean() > 0.99
     assert np.isinf(second.t[second.face == MISS]).all()
     limit = np.where(np.isfinite(first.t), first.t, 1.0) * np.random.default_rng(seed).uniform(0.3, 3, 4000)
     blocked = [tracer.any_hit(origins, directions, limit) for tracer in (fast, other)]
@@ -122,7 +123,7 @@ def test_visibility_does_not_depend_on_scale_and_position(scale, shift):
 
     found, expected = visible(vertices * scale + shift), visible(vertices)
     assert 0.1 < expected.mean() < 0.9
-    assert (found != expected).mean() <= 1e-4 if shift == 0 else (found != expected).mean() <= 2e-3
+    assert (found != expected).mean() <= 1e-4
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -144,14 +145,17 @@ def test_tensors_trace_as_arrays_do(device):
     assert len(tensors.closest_hit(WarpTracer(vertices, faces, device), o[:0], d[:0]).face) == 0
 
 
-def test_offsets_of_tensors_equal_those_of_arrays():
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_offsets_follow_radius_and_the_points_own_precision(dtype):
     rng = np.random.default_rng(0)
-    points, normals = rng.normal(size=(2, 50, 3)) * 30
-    expected = offset_origins(points, normals, 3.0)
-    found = offset_origins(torch.from_numpy(points), torch.from_numpy(normals), 3.0)
+    points, normals = (rng.normal(size=(2, 50, 3)) * 30).astype(dtype).astype(np.float64)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    expected = offset_origins(points.astype(dtype), normals, 3.0)
+    assert expected.dtype == np.float64
+    found = offset_origins(torch.from_numpy(points.astype(dtype)), torch.from_numpy(normals), 3.0)
     np.testing.assert_allclose(found.numpy(), expected, rtol=1e-15)
-    lift = np.linalg.norm(expected - points, axis=1) / np.linalg.norm(normals, axis=1)
-    np.testing.assert_allclose(lift, 3.0 * 2e-5 + 8 * 2.0**-23 * np.abs(points).max(axis=1), rtol=1e-9)
+    lift = np.linalg.norm(expected - points, axis=1)
+    np.testing.assert_allclose(lift, 3.0 * 2e-5 + 8 * np.finfo(dtype).eps * np.abs(points).max(axis=1), rtol=1e-8)
 
 
 def test_directions_of_any_length_and_mixed_limits():

@@ -121,3 +121,48 @@ def test_fibonacci_directions_integrate_low_orders():
     np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1, rtol=1e-12)
     np.testing.assert_allclose(d.mean(axis=0), 0, atol=1e-3)
     np.testing.assert_allclose(d.T @ d / len(d), np.eye(3) / 3, atol=2e-3)
+
+
+@pytest.mark.parametrize("degrees", [0, 60, 85, 89.9, 89.99])
+@pytest.mark.parametrize("roughness", [0.02, 0.08, 0.3, 1.0])
+def test_float32_equals_float64_over_the_whole_lobe(roughness, degrees):
+    """Value and gradients of lights spread over the lobe, both precisions given the same float32 vectors."""
+    generator = torch.Generator().manual_seed(0)
+    normal = torch.nn.functional.normalize(torch.randn(1, 3, generator=generator, dtype=torch.float64), dim=1)
+    tangent = torch.nn.functional.normalize(torch.linalg.cross(normal, torch.tensor([[0.0, 1, 0]]).double()), dim=1)
+    bitangent = torch.linalg.cross(normal, tangent)
+    angle = math.radians(degrees)
+    view = (normal * math.cos(angle) + tangent * math.sin(angle)).float()
+    u = torch.rand(3000, 2, generator=generator, dtype=torch.float64)
+    slope = roughness**2 * (0.98 * u[:, :1] / (1 - 0.98 * u[:, :1])).sqrt()
+    phi = 2 * math.pi * u[:, 1:]
+    half = torch.nn.functional.normalize(normal + slope * (phi.cos() * tangent + phi.sin() * bitangent), dim=1)
+    light = (2 * (view.double() * half).sum(-1, keepdim=True) * half - view).float()
+    light = light[(light.double() * normal).sum(-1) > 1.5e-4]
+    normal = normal.float()
+    assert len(light) > 500
+    found = []
+    for dtype in (torch.float32, torch.float64):
+        n, r, f0 = (x.to(dtype).requires_grad_() for x in (normal, torch.tensor(roughness), torch.full((3,), 0.3)))
+        value = brdf.specular(n, view.to(dtype), light.to(dtype), r, f0)
+        found.append([x.detach().double() for x in (value, *torch.autograd.grad(value.sum(), (n, r, f0)))])
+    for single, double in zip(*found, strict=True):
+        scale = double.abs() if single.shape == found[0][0].shape else double.norm()
+        assert float(((single - double).abs() / scale).max()) < 1e-3
+
+
+def test_gradients_in_every_vector_match_finite_differences_up_to_grazing():
+    generator = torch.Generator().manual_seed(1)
+    normal, view, light = torch.randn(3, 12, 3, generator=generator, dtype=torch.float64)
+    normal = torch.nn.functional.normalize(normal, dim=1)
+    view, light = (torch.nn.functional.normalize(x, dim=1) for x in (view, light))
+    # the second half at 88 to 89.9 degrees
+    lift = torch.cat([torch.full((6, 1), 0.5), torch.linspace(0.002, 0.03, 6)[:, None]]).double()
+    view, light = (
+        torch.nn.functional.normalize(x - (x * normal).sum(-1, keepdim=True) * normal, dim=1) + lift * normal
+        for x in (view, light)
+    )
+    view, light = (torch.nn.functional.normalize(x, dim=1) for x in (view, light))
+    rest = (torch.full((12, 3), 0.4).double(), torch.linspace(0.15, 1, 12).double(), torch.full((12,), 0.3).double())
+    inputs = [x.clone().requires_grad_() for x in (normal, view, light, *rest)]
+    assert torch.autograd.gradcheck(brdf.evaluate, inputs, eps=1e-7, atol=1e-4, rtol=1e-4)
