@@ -17,7 +17,7 @@ class TransportOut(NamedTuple):
     transport: Transport
 
 
-@node("transport.direct", version="1", libraries=("embreex", "torch", "scipy"))
+@node("transport.direct", version="1", libraries=("embreex", "torch", "scipy", "warp-lang"))
 def direct(ctx: Context, mesh: Carrier, *, p: DirectParams) -> TransportOut:
     """Trace the visibility and the secondary hits of the mesh along fixed directions."""
     from exmesh_graph.shading.transport import choose_subdivision, trace_transport

@@ -24,7 +24,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "evaluate.asset": {"pymeshlab", "open3d"},
     "init.tsdf": {"pymeshlab"},
     "init.visual_hull": {"open3d", "pymeshlab"},
-    "transport.bounce": {"embreex"},
+    "transport.bounce": {"embreex", "warp-lang"},
 }
 
 
