@@ -261,3 +261,13 @@ def scribble(ctx: Context, series: Series, *, p: NoParams) -> SeriesOut:
 def test_number(ctx: Context, *, p: NoParams) -> NumberOut:
     """A number of the test split, not promised as such."""
     return NumberOut(Number(1.0, "test"))
+
+
+class ShiftParams(Params):
+    by: float = param(1.0, doc="Added to the number.")
+
+
+@node("toy.shift", version="1")
+def shift(ctx: Context, number: Number, *, p: ShiftParams) -> NumberOut:
+    """number + by."""
+    return NumberOut(Number(number.value + p.by))

@@ -1,0 +1,148 @@
+"""One small graph in this framework and in its peers: `width` loads, a map of each, a reduction by pairs.
+
+    python -m benchmarks.framework_peers ours /tmp/folder 67
+
+Runs it once in the folder's cache and prints JSON: seconds to build the graph and to run it (imports apart), how many
+nodes ran, and the result. Every node returns one number, so the time is the framework's. Hamilton pickles results to
+files and keeps metadata in SQLite; in pytask every task writes its number to a text file, which its users read.
+`benchmarks.framework` calls this in fresh processes.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+TOY = Path(__file__).parent.parent / "tests" / "graph" / "toy"
+Row = tuple[str, str, list[str]]
+"""(name, load | map | reduce, the nodes it reads)."""
+
+
+def dag(width: int) -> list[Row]:
+    """The graph: 3 * width - 1 nodes; the last one is the sum of i + 1 over all loads i."""
+    rows: list[Row] = [(f"load_{i}", "load", []) for i in range(width)]
+    rows += [(f"map_{i}", "map", [f"load_{i}"]) for i in range(width)]
+    open_ends = [f"map_{i}" for i in range(width)]
+    while len(open_ends) > 1:
+        name = f"sum_{len(rows) - 2 * width}"
+        rows.append((name, "reduce", open_ends[:2]))
+        open_ends = [*open_ends[2:], name]
+    return rows
+
+
+def ours(folder: Path, width: int, backend: str = "inline") -> dict[str, Any]:
+    """Through `check_file` and `Run`, on a store in the folder."""
+    sys.path.append(str(TOY))
+    from exmesh_graph.graph.check import check_file
+    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.run import Run
+    from exmesh_graph.graph.rundir import RunFolder
+    from exmesh_graph.graph.store import Store
+
+    lines = []
+    for name, kind, above in dag(width):
+        if kind == "load":
+            lines.append(f"  {name}: {{type: toy.const, value: {name[5:]}}}")
+        elif kind == "map":
+            lines.append(f'  {name}: {{type: toy.shift, number: "@{above[0]}.number", by: 1}}')
+        else:
+            lines.append(f'  {name}: {{type: toy.add, a: "@{above[0]}.number", b: "@{above[1]}.number"}}')
+    graph = folder / "graph.yaml"
+    graph.write_text("nodes:\n" + "\n".join(lines) + "\n")
+    packs = load_packs()
+    began = time.perf_counter()
+    checked = check_file(graph, [], packs)
+    built = time.perf_counter()
+    store = Store(folder / "store")
+    place = RunFolder(folder / "runs", "dag")
+    record = Run(checked, store, place, lambda event: None, **engine(backend, store)).run()
+    done = time.perf_counter()
+    stored = record["nodes"][-1]["outputs"]["number"]
+    value = json.loads((store.data(stored["digest"]) / "number.json").read_text())["value"]
+    ran = sum(row["state"] == "done" for row in record["nodes"])
+    return {"build": built - began, "run": done - built, "ran": ran, "value": float.fromhex(value)}
+
+
+def engine(backend: str, store: Any) -> dict[str, Any]:
+    """The options of `Run` for a backend by name; ImportError where there is none."""
+    if backend == "inline":
+        return {}
+    raise ImportError(backend)
+
+
+def ours_unsynced(folder: Path, width: int) -> dict[str, Any]:
+    """The same with `fsync` switched off, as in the peers; not something the command line offers."""
+    from exmesh_graph.graph import files
+
+    files.sync = lambda path: None  # type: ignore[assignment]
+    return ours(folder, width)
+
+
+def hamilton(folder: Path, width: int) -> dict[str, Any]:
+    """Through `Builder().with_cache()`."""
+    from hamilton import driver
+
+    lines = ["RAN = []", ""]
+    for name, kind, above in dag(width):
+        body = {"load": name[5:], "map": f"{above[0]} + 1" if above else "", "reduce": " + ".join(above)}[kind]
+        given = ", ".join(f"{a}: float" for a in above)
+        lines += [f"def {name}({given}) -> float:", f"    RAN.append({name!r})", f"    return {body}", "", ""]
+    (folder / "hamilton_dag.py").write_text("\n".join(lines))
+    sys.path.append(str(folder))
+    module = importlib.import_module("hamilton_dag")
+    began = time.perf_counter()
+    built_driver = driver.Builder().with_modules(module).with_cache(path=folder / "cache").build()
+    built = time.perf_counter()
+    last = dag(width)[-1][0]
+    value = built_driver.execute([last])[last]
+    return {"build": built - began, "run": time.perf_counter() - built, "ran": len(module.RAN), "value": value}
+
+
+def pytask(folder: Path, width: int) -> dict[str, Any]:
+    """Through `pytask.build`; building and running are one call."""
+    import pytask as library
+
+    lines = ["from pathlib import Path", "from typing import Annotated", "from pytask import Product, task", ""]
+    lines.append(f"HERE = Path({str(folder)!r})")
+    for name, kind, above in dag(width):
+        given = "".join(f", {'ab'[i]}: Path = HERE / '{a}.txt'" for i, a in enumerate(above))
+        body = {
+            "load": name[5:],
+            "map": "float(a.read_text()) + 1",
+            "reduce": "float(a.read_text()) + float(b.read_text())",
+        }
+        lines += ["", "", f"def task_{name}(out: Annotated[Path, Product] = HERE / '{name}.txt'{given}):"]
+        lines.append(f"    out.write_text(str({body[kind]}))")
+    (folder / "task_dag.py").write_text("\n".join(lines) + "\n")
+    began = time.perf_counter()
+    session = library.build(paths=[folder], verbose=0)
+    seconds = time.perf_counter() - began
+    ran = sum(report.outcome.name == "SUCCESS" for report in session.execution_reports)
+    value = float((folder / f"{dag(width)[-1][0]}.txt").read_text())
+    return {"build": 0.0, "run": seconds, "ran": ran, "value": value}
+
+
+PEERS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
+    "ours": ours,
+    "ours, no fsync": ours_unsynced,
+    "hamilton": hamilton,
+    "pytask": pytask,
+}
+
+
+def main() -> None:
+    name, folder, width = sys.argv[1:]
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    found = PEERS[name](Path(folder), int(width))
+    expected = int(width) * (int(width) + 1) / 2
+    assert found["value"] == expected, (found, expected)
+    print("FOUND", json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
