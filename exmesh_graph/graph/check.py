@@ -14,10 +14,11 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
 from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec, expand
 from exmesh_graph.graph.language.components import MAX_NESTING, BoundComponent, Component
-from exmesh_graph.graph.language.wires import Wiring, link_form
+from exmesh_graph.graph.language.params import Declared
+from exmesh_graph.graph.language.wires import Wiring
 from exmesh_graph.graph.node import NodeDef, Params
 from exmesh_graph.graph.packs import Packs, library_version
-from exmesh_graph.graph.ports import RESERVED, Signature, signature
+from exmesh_graph.graph.ports import RESERVED, Signature, link_form, signature
 from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
 from exmesh_graph.graph.spec import Value, load_tree
 
@@ -57,6 +58,7 @@ class Checked:
     params: Mapping[str, Any]
     variant: str = ""
     components: Mapping[str, BoundComponent] = field(default_factory=dict)
+    declared: Mapping[str, Declared] = field(default_factory=dict)
 
     def resolved(self) -> dict[str, Any]:
         """The graph as plain JSON-like data, for the run record."""
@@ -113,14 +115,20 @@ class _Check:
             self._type(spec)
         self.wiring = Wiring(self.graph, self.signatures, self.problems)
         judged = {name: self._fields(self.graph.nodes[name]) for name in self.signatures}
+        for user, port, link, where in self.graph.given:
+            end = f"{user}.{port.name}"
+            source = self.wiring.source(link, where, f"{end} ({where})", port, user)
+            if source is not None:
+                self.wiring.judge(link, source, port, end, where, user)
         outputs = self._outputs()
         for name in dict.fromkeys([*self.wiring.order(), *judged]):  # components before what they plug into
             if name in judged:
                 self._bind(self.graph.nodes[name], *judged[name])
         self.problems.raise_if_any()
         return Checked(
-            self.graph.name, self.graph.file, self.nodes, outputs, self.graph.params, components=self.components
-        )
+            self.graph.name, self.graph.file, self.nodes, outputs, self.graph.params, components=self.components,
+            declared=self.graph.declared,
+        )  # fmt: skip
 
     def _type(self, spec: NodeSpec) -> None:
         definition = self.packs.types.get(spec.type)

@@ -10,16 +10,27 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.language.params import Declared
+from exmesh_graph.graph.language.parts import MAX_COPIED, Part, declare_part
 from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.ports import Port
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
-from exmesh_graph.graph.spec import BLOCK_KEYS, Tree, Value, _check_keys, _mapping, substitute
+from exmesh_graph.graph.spec import (
+    BLOCK_KEYS,
+    Tree,
+    Value,
+    _check_keys,
+    _mapping,
+    substitute,
+)
 
 MAX_ROUNDS = 1000
 MAX_NODES = 5000
+MAX_BLOCKS = 20_000
 
 
 @dataclass(frozen=True)
@@ -31,6 +42,9 @@ class Link:
 
     def __str__(self) -> str:
         return f"@{self.node}.{self.port}" if self.port else f"@{self.node}"
+
+
+ABSENT = Link("", "")  # an optional input that the user of a sub-graph left out
 
 
 class Broken:
@@ -50,23 +64,32 @@ class NodeSpec:
 
 @dataclass(frozen=True)
 class Graph:
-    """An expanded graph: nodes by full name in the order of the file."""
+    """An expanded graph: nodes by full name in the order of the file; `given` are the inputs of its sub-graphs."""
 
     name: str
     file: Path
     nodes: Mapping[str, NodeSpec]
     outputs: Mapping[str, Value]
     params: Mapping[str, Any]
+    declared: Mapping[str, Declared] = field(default_factory=dict)
+    given: tuple[tuple[str, Port, Link, Where], ...] = ()
 
 
 @dataclass
 class _Scope:
+    """Names that see each other. `root` is the prefix of the file they stand in, `outer` the rounds it is used in."""
+
     params: Mapping[str, Value]
+    seed: int
     prefix: str = ""
     parent: _Scope | None = None
     rounds: tuple[int, ...] = ()
-    nodes: dict[str, str | _Block] = field(default_factory=dict)
+    nodes: dict[str, str | _Block | Part] = field(default_factory=dict)
     block: _Block | None = None
+    part: Part | None = None
+    root: str = ""
+    outer: tuple[int, ...] = ()
+    files: tuple[Path, ...] = ()
 
     def chain(self) -> Iterator[_Scope]:
         scope: _Scope | None = self
@@ -89,6 +112,10 @@ class _Block:
                 where = (self.carry if key in self.carry else self.next).lines[key]
                 lacks = "next" if key in self.carry else "carry"
                 work.problems.add("repeat", where, f"{name}: {key!r} is missing in {lacks}:")
+
+    def value(self, key: str, where: Where) -> Link | None:
+        """The value after the last round."""
+        return self.carried(self.count, key, where)
 
     def carried(self, rounds_done: int, key: str, where: Where) -> Link | None:
         """The value of `key` after `rounds_done` rounds."""
@@ -113,6 +140,10 @@ class _Expansion:
     nodes: dict[str, NodeSpec] = field(default_factory=dict)
     pending: list[tuple[str, Map, _Scope]] = field(default_factory=list)
     names: set[str] = field(default_factory=set)
+    parts: list[tuple[Part, Mapping[str, Port]]] = field(default_factory=list)
+    files: dict[tuple[Path, Where], Map] = field(default_factory=dict)
+    budget: list[int] = field(default_factory=lambda: [MAX_COPIED])
+    blocks: int = 0
 
     def declare(self, nodes: Map, scope: _Scope) -> None:
         """Give every node its full name before any link is resolved, so that links may point forwards."""
@@ -120,12 +151,14 @@ class _Expansion:
             where = nodes.lines[name]
             if not isinstance(name, str):
                 continue
-            if name == "carry":
-                self.problems.add("name", where, "a node cannot be called 'carry'")
+            if name in ("carry", "inputs"):
+                self.problems.add("name", where, f"a node cannot be called {name!r}")
             if not isinstance(entry, Map):
                 self.problems.add("graph", where, f"node {name} must be a mapping", expected="{type: ..., ...}")
             elif "repeat" in entry:
                 self._declare_block(name, entry, scope)
+            elif "graph" in entry:
+                declare_part(self, name, entry, scope)
             else:
                 if len(self.pending) >= MAX_NODES:
                     fail("repeat", where, f"the graph unrolls to more than {MAX_NODES} nodes")
@@ -149,26 +182,47 @@ class _Expansion:
         scope.nodes[name] = block
         inner = _mapping(entry, "nodes", self.problems)
         for number in range(1, count + 1):
+            self.count_block(where)
             params = {
                 **scope.params,
                 "round": Value(number, where, where.base),
                 "rounds": Value(count, where, where.base),
             }
-            child = _Scope(params, f"{full}[{number}].", scope, (*scope.rounds, number), block=block)
+            child = replace(
+                scope, params=params, prefix=f"{full}[{number}].", parent=scope, rounds=(*scope.rounds, number),
+                nodes={}, block=block, part=None,
+            )  # fmt: skip
             block.scopes.append(child)
             self.declare(inner, child)
 
-    def finish(self) -> None:
-        """Build every declared node."""
+    def count_block(self, where: Where) -> None:
+        """Count a round or a sub-graph, which may hold no nodes."""
+        self.blocks += 1
+        if self.blocks > MAX_BLOCKS:
+            fail("repeat", where, f"the graph unrolls to more than {MAX_BLOCKS} rounds and sub-graphs")
+
+    def finish(self) -> tuple[tuple[str, Port, Link, Where], ...]:
+        """Build every declared node; returns the links that sub-graphs were given."""
         for full, entry, scope in self.pending:
             self._node(full, entry, scope)
+        given = []
+        for part, ports in self.parts:
+            for name in part.given:
+                link = part.input(name, part.where)
+                if link == ABSENT and name in ports and not ports[name].optional:
+                    where = part.given[name][1]
+                    self.problems.add("maybe-absent", where, f"{part.name} needs {name}, but nothing was given",
+                                      expected=str(ports[name]))  # fmt: skip
+                elif link not in (None, ABSENT) and name in ports:
+                    given.append((part.name, ports[name], link, part.given[name][1]))
         for override in self.tree.overrides:
             if not override.used:
                 self._unused(override.target)
+        return tuple(given)
 
     def _node(self, full: str, entry: Map, scope: _Scope) -> None:
         layers = [(entry, False)]
-        layers += [(patch, True) for patch in self._round_patches(full, entry, scope)]
+        layers += [(patch, True) for patch in self.round_patches(full, entry, scope)]
         kind: Value | None = None
         replaced = False
         raw: dict[str, tuple[Any, Where, bool]] = {}
@@ -191,7 +245,7 @@ class _Expansion:
         seed = self._seed(full, fields, scope)
         self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed)
 
-    def _round_patches(self, full: str, entry: Map, scope: _Scope) -> Iterator[Map]:
+    def round_patches(self, full: str, entry: Map, scope: _Scope) -> Iterator[Map]:
         for key in ("every", "at"):
             if key not in entry:
                 continue
@@ -219,7 +273,8 @@ class _Expansion:
         if isinstance(text, str) and text.startswith("@@"):
             return Value(text[1:], where, found.base)
         if isinstance(text, str) and text.startswith("@"):
-            return Value(self.link(text, scope, where) or Broken(), where, found.base)
+            link = self.link(text, scope, where)
+            return Value(None if link == ABSENT else link or Broken(), where, found.base)
         return found
 
     def link(self, text: Any, scope: _Scope, where: Where) -> Link | None:
@@ -234,29 +289,39 @@ class _Expansion:
         for level in scope.chain():
             if node == "carry" and level.block is not None:
                 return level.block.carried(level.rounds[-1] - 1, port, where)
+            if node == "inputs" and level.part is not None:
+                return level.part.input(port, where)
             target = level.nodes.get(node)
             if isinstance(target, str):
                 return Link(target, port)
             if target is not None:
-                return target.carried(target.count, port, where)
+                return target.value(port, where)
         if node == "carry":
             self.problems.add("link", where, f"{text}: there is no carried value outside a repeat block")
             return None
+        if node == "inputs":
+            self.problems.add("link", where, f"{text}: this graph declares no inputs")
+            return None
+        node = scope.root + node
         if f"{node}.{port}" in self.names:  # a component by its full name
             return Link(f"{node}.{port}", "")
         return Link(node, port)
 
-    def _apply_overrides(self, full: str, fields: dict[str, Value], kind: Value | None, scope: _Scope) -> Value | None:
+    def overrides_of(self, full: str) -> Iterator[tuple[str, Any]]:
+        """(key, value) of every `--set` that concerns a node or sub-graph."""
         for override in self.tree.overrides:
             target, _, key = override.target.rpartition(".")
-            if target not in (full, _plain(full)):
-                continue
-            override.used = True
-            here = Where(None)
+            if target in (full, _plain(full)):
+                override.used = True
+                yield key, override.value
+
+    def _apply_overrides(self, full: str, fields: dict[str, Value], kind: Value | None, scope: _Scope) -> Value | None:
+        here = Where(None)
+        for key, value in self.overrides_of(full):
             if key == "type":
-                kind = Value(override.value, here, here.base)
+                kind = Value(value, here, here.base)
             else:
-                fields[key] = self.value(override.value, scope, here)
+                fields[key] = self.value(value, scope, here)
         return kind
 
     def _unused(self, target: str) -> None:
@@ -266,28 +331,36 @@ class _Expansion:
         self.problems.add("set", Where(None), f"--set {target}: there is no node {node!r}", nearest=names)
 
     def _seed(self, full: str, fields: dict[str, Value], scope: _Scope) -> int:
-        seed = self.tree.seed
-        if "seed" in fields:
-            given = fields.pop("seed")
-            if isinstance(given.value, bool) or not isinstance(given.value, int) or given.value < 0:
-                self.problems.add("seed", given.where, f"{full}: seed must be a whole number >= 0")
-            else:
-                seed = given.value
-        if not scope.rounds:
+        seed = self.seed_given(full, fields.pop("seed")) if "seed" in fields else scope.seed
+        rounds = (*scope.outer, *scope.rounds)
+        if not rounds:
             return seed
-        text = ":".join(map(str, (seed, *scope.rounds)))
+        text = ":".join(map(str, (seed, *rounds)))
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
+
+    def seed_given(self, full: str, given: Value) -> int:
+        if isinstance(given.value, int) and not isinstance(given.value, bool) and given.value >= 0:
+            return given.value
+        self.problems.add("seed", given.where, f"{full}: seed must be a whole number >= 0")
+        return 0
 
 
 def expand(tree: Tree, problems: Problems) -> Graph:
     """Unroll all blocks and resolve all links. Problems are noted, not raised."""
+    if tree.inputs:
+        names = ", ".join(tree.inputs)
+        problems.add("input", tree.inputs.where, f"the graph has inputs ({names}) and can only be used in another",
+                     fix=f"{{graph: {tree.file.name}, {next(iter(tree.inputs))}: \"@node.port\", ...}}")  # fmt: skip
     work = _Expansion(tree, problems)
-    root = _Scope(tree.params)
-    work.declare(tree.nodes, root)
-    work.finish()
+    root = _Scope(tree.params, tree.seed, files=(tree.file.resolve(),))
+    try:
+        work.declare(tree.nodes, root)
+        given = work.finish()
+    except RecursionError:
+        fail("link", Where(tree.file, 1), "links pass through too many blocks or sub-graphs, one after another")
     outputs = {name: work.value(value, root, tree.outputs.lines[name]) for name, value in tree.outputs.items()}
     params = {name: value.value for name, value in tree.params.items()}
-    return Graph(tree.name, tree.file, work.nodes, outputs, params)
+    return Graph(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given)
 
 
 def _plain(name: str) -> str:

@@ -102,6 +102,22 @@ def type_name(kind: type) -> str:
     return kind.type_name if issubclass(kind, Artifact) else kind.__name__
 
 
+def link_form(port: Port) -> str:
+    """How a link to this port is written."""
+    return '"@component"' if port.plugged else '"@node.port"'
+
+
+def types_by_name() -> dict[str, type]:
+    """All wire types and component classes that loaded modules define, by the name that messages give them."""
+    found: dict[str, type] = {}
+    todo: list[type] = [Artifact, Component]
+    while todo:
+        kind = todo.pop()
+        found.setdefault(type_name(kind), kind)
+        todo += kind.__subclasses__()
+    return found
+
+
 @functools.cache
 def component_ports(cls: type[Component]) -> Mapping[str, Port]:
     """The fields of a component class that take components."""

@@ -18,16 +18,18 @@ from exmesh_graph.errors import GraphError
 
 @dataclass(frozen=True)
 class Where:
-    """A line of a graph file; `file` is None for the command line."""
+    """A line of a graph file; `file` is None for the command line, `via` is where a sub-graph is used."""
 
     file: Path | None
     line: int = 0
+    via: Where | None = None
 
     def __str__(self) -> str:
         if self.file is None:
             return "command line"
         shown = os.path.relpath(self.file)
-        return f"{self.file if shown.startswith('..' + os.sep + '..') else shown}:{self.line}"
+        place = f"{self.file if shown.startswith('..' + os.sep + '..') else shown}:{self.line}"
+        return place if self.via is None else f"{place} (used at {self.via})"
 
     @property
     def base(self) -> Path:
@@ -96,9 +98,9 @@ class Problems:
             raise GraphErrors(order)
 
 
-def fail(code: str, where: Where, what: str, *, expected: str = "", fix: str = "") -> NoReturn:
+def fail(code: str, where: Where, what: str, *, nearest: Iterable[str] = (), **more: Any) -> NoReturn:
     """Raise at once: for files so broken that nothing after this place can be judged."""
-    raise GraphErrors([Problem(code, where, what, expected=expected, fix=fix)])
+    raise GraphErrors([Problem(code, where, what, nearest=tuple(nearest), **more)])
 
 
 def nearest(name: str, candidates: Iterable[str], count: int = 3) -> list[str]:

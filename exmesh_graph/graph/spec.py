@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.language.params import Declared, declare, give
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, nearest
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
-TOP_KEYS = ("name", "doc", "extends", "params", "seed", "nodes", "outputs", *VARIANT_KEYS)
+TOP_KEYS = ("name", "doc", "extends", "params", "seed", "inputs", "nodes", "outputs", *VARIANT_KEYS)
 BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}]*)\}")
@@ -54,6 +55,8 @@ class Tree:
     seed: int
     params: dict[str, Value]
     overrides: list[Override] = field(default_factory=list)
+    inputs: Map = field(default_factory=lambda: Map(Where(None)))
+    declared: Mapping[str, Declared] = field(default_factory=dict)
 
 
 def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
@@ -62,21 +65,29 @@ def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
     return tree_of(load_merged(path, [], problems), path, overrides, problems)
 
 
-def tree_of(merged: Map, path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
-    """The tree of a merged file; what `variants` changes, it changes in `merged` before this."""
-    root = Where(path, 1)
+def tree_of(
+    merged: Map, path: Path, overrides: Iterable[str], problems: Problems, given: Mapping[str, Value] | None = None
+) -> Tree:
+    """The tree of a merged file; what `variants` changes, it changes in `merged` before this.
+
+    `given` holds the parameters that the user of a sub-graph sets.
+    """
+    root = replace(merged.where, line=1)
     _check_keys(merged, TOP_KEYS, "the graph", problems)
     nodes = _mapping(merged, "nodes", problems)
     if not nodes and not problems:
         fail("graph", root, "the graph has no nodes", expected="nodes: {name: {type: ...}, ...}")
     sets = [_override(text) for text in overrides]
     params = _mapping(merged, "params", problems)
-    scope = {name: Value(v, params.lines[name], params.lines[name].base) for name, v in params.items()}
+    declared = declare(params, problems)
+    scope = {name: Value(d.default, d.where, d.where.base) for name, d in declared.items()}
+    set_here = set(given or ())
     seed = merged.get("seed", 0)
     for override in sets:
         if override.target in scope:
             here = Where(None)
             scope[override.target] = Value(override.value, here, here.base)
+            set_here.add(override.target)
         elif override.target == "seed":
             seed = override.value
         elif "." in override.target:
@@ -85,13 +96,20 @@ def tree_of(merged: Map, path: Path, overrides: Iterable[str], problems: Problem
             _unknown_target(override.target, scope, nodes, problems)
         override.used = True
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**31:
-        given = any(override.target == "seed" for override in sets)
-        where = Where(None) if given else merged.lines.get("seed", root)
+        by_hand = any(override.target == "seed" for override in sets)
+        where = Where(None) if by_hand else merged.lines.get("seed", root)
         problems.add("seed", where, f"seed must be a whole number from 0 to {2**31 - 1}, not {seed!r}")
         seed = 0
     name = str(merged.get("name", path.stem))
     outputs = _mapping(merged, "outputs", problems)
-    return Tree(name, path, nodes, outputs, seed, _resolve_params(scope, problems), sets)
+    values = _resolve_params(scope, problems, given or {})
+    for key, found in declared.items():
+        if found.required and key not in set_here:
+            problems.add("param", found.where, f"the graph parameter {key} must be given", expected=str(found),
+                         fix=f"--set {key}=VALUE")  # fmt: skip
+        else:
+            values[key] = replace(values[key], value=found.judge(values[key].value, values[key].where, problems))
+    return Tree(name, path, nodes, outputs, seed, values, sets, _mapping(merged, "inputs", problems), declared)
 
 
 def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: Problems) -> Value:
@@ -152,7 +170,12 @@ def load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
     for key, value in child.items():
         if key == "nodes" and isinstance(value, Map) and isinstance(base.get(key), Map):
             value = _merge_nodes(base[key], value, problems)
-        elif key in ("params", "outputs", "variants") and isinstance(value, Map) and isinstance(base.get(key), Map):
+        elif key == "params" and isinstance(value, Map) and isinstance(base.get(key), Map):
+            merged = base[key].copy()
+            for name, item in value.items():
+                give(merged, name, item, value.lines[name])
+            value = merged
+        elif key in ("inputs", "outputs", "variants") and isinstance(value, Map) and isinstance(base.get(key), Map):
             value = _merge_plain(base[key], value)
         result.put(key, value, child.lines[key])
     if "name" not in child:
@@ -173,7 +196,7 @@ def _merge_nodes(base: Map, child: Map, problems: Problems) -> Map:
         old = base.get(name)
         if isinstance(entry, Map) and isinstance(old, Map) and _patches(entry, old):
             entry = _merge_entry(old, entry, problems)
-        elif name not in base and isinstance(entry, Map) and not {"type", "repeat"} & set(entry):
+        elif name not in base and isinstance(entry, Map) and not {"type", "repeat", "graph"} & set(entry):
             what = f"{name!r} has no type, and the base has no such node"
             problems.add("extends", where, what, nearest=nearest(str(name), map(str, base)))
             continue
@@ -182,7 +205,7 @@ def _merge_nodes(base: Map, child: Map, problems: Problems) -> Map:
 
 
 def _patches(entry: Map, old: Map) -> bool:
-    return "type" not in entry and ("repeat" not in entry or "repeat" in old)
+    return "type" not in entry and all(key not in entry or key in old for key in ("repeat", "graph"))
 
 
 def _merge_entry(base: Map, child: Map, problems: Problems) -> Map:
@@ -193,13 +216,26 @@ def _merge_entry(base: Map, child: Map, problems: Problems) -> Map:
             _remove(result, key, child.lines[key], problems)
             continue
         if isinstance(value, Map) and isinstance(old, Map):
-            if key == "nodes":
+            if key == "nodes" and "graph" in base:
+                value = _merge_patches(old, value, problems)
+            elif key == "nodes":
                 value = _merge_nodes(old, value, problems)
             elif key in ("every", "at"):
                 value = _merge_rounds(old, value, problems)
             elif key in ("carry", "next"):
                 value = _merge_plain(old, value)
         result.put(key, value, child.lines[key])
+    return result
+
+
+def _merge_patches(base: Map, child: Map, problems: Problems) -> Map:
+    """Changes to the nodes of a sub-graph over other changes to them; what they change is not looked at yet."""
+    result = base.copy()
+    for name, value in child.items():
+        old = base.get(name)
+        if isinstance(value, Map) and isinstance(old, Map) and _patches(value, old):
+            value = _merge_entry(old, value, problems)
+        result.put(name, value, child.lines[name])
     return result
 
 
@@ -255,8 +291,10 @@ def _unknown_target(target: str, params: Mapping[str, Value], nodes: Map, proble
                  nearest=nearest(target, [*params, "seed"]), fix=fix)  # fmt: skip
 
 
-def _resolve_params(raw: Mapping[str, Value], problems: Problems) -> dict[str, Value]:
-    done: dict[str, Value] = {}
+def _resolve_params(
+    raw: Mapping[str, Value], problems: Problems, given: Mapping[str, Value] | None = None
+) -> dict[str, Value]:
+    done: dict[str, Value] = dict(given or {})
 
     def resolve(name: str, chain: tuple[str, ...]) -> Value:
         if name in chain:

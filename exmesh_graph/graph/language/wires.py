@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec
-from exmesh_graph.graph.ports import Port, Signature
+from exmesh_graph.graph.ports import Port, Signature, link_form
 from exmesh_graph.graph.problems import Problems, Where, nearest
 from exmesh_graph.graph.spec import Value
 
@@ -32,8 +32,8 @@ class Wiring:
         if not isinstance(link, Link):
             self.problems.add(
                 "link", value.where, f"{spec.name}: {port.name} is an input port, not a parameter",
-                expected=f"a link {link_form(port)} that carries {port}", found=repr(link),
-                nearest=self.suitable(port, spec.name),
+                expected=f"a link {link_form(port)} that carries {port}",
+                found="nothing" if link is None else repr(link), nearest=self.suitable(port, spec.name),
             )  # fmt: skip
             return None
         source = self.source(link, value.where, f"{spec.name}.{port.name} ({value.where})", port, spec.name)
@@ -160,8 +160,3 @@ class Wiring:
         cycle = path[path.index(path[-1]) :]
         text = " <- ".join(cycle)
         self.problems.add("cycle", self.graph.nodes[cycle[0]].where, f"the nodes wait for each other: {text}")
-
-
-def link_form(port: Port) -> str:
-    """How a link to this port is written."""
-    return '"@component"' if port.plugged else '"@node.port"'

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
+from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.ports import Port, Signature, signature
@@ -159,7 +160,8 @@ class Draft:
         if key not in entry or not isinstance(entry[key], str):
             return entry.get(key)
         raw = self.top.get("params") or Map(self.top.where)
-        given = {name: Value(value, raw.lines[name], raw.lines[name].base) for name, value in raw.items()}
+        found = declare(raw, Problems())
+        given = {name: Value(param.default, param.where, param.where.base) for name, param in found.items()}
         return substitute(entry[key], _resolve_params(given, Problems()), entry.lines[key], Problems()).value
 
     def type_named(self, name: Any) -> Signature | None:

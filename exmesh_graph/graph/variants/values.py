@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from exmesh_graph.graph.language.params import give
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.ports import Signature
 from exmesh_graph.graph.problems import Where, nearest
@@ -27,7 +28,7 @@ def _set_one(draft: Draft, target: Any, value: Any, where: Where, there: Where) 
         if target == "seed":
             top.put("seed", value, there)
         elif isinstance(params, Map) and target in params:
-            params.put(target, value, there)
+            give(params, target, value, there)
         else:
             names = [*(params or ()), "seed"]
             fix = (
