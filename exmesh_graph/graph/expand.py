@@ -30,7 +30,7 @@ from exmesh_graph.graph.spec import (
 
 MAX_ROUNDS = 1000
 MAX_NODES = 5000
-MAX_BLOCKS = 20_000
+MAX_BLOCKS = 10_000
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,7 @@ class _Block:
         self.next = _mapping(entry, "next", work.problems)
         self.scopes: list[_Scope] = []
         self.known: dict[tuple[int, str], Link | None] = {}
+        self.busy: set[tuple[int, str]] = set()
         for key in {**self.carry, **self.next}:
             if (key in self.carry) != (key in self.next):
                 where = (self.carry if key in self.carry else self.next).lines[key]
@@ -127,9 +128,13 @@ class _Block:
         for done in range(rounds_done + 1):
             if (done, key) in self.known:
                 continue
-            self.known[done, key] = None  # a value that is defined by itself stays None
+            self.known[done, key] = None
+            self.busy.add((done, key))
             scope, source = (self.outer, self.carry) if done == 0 else (self.scopes[done - 1], self.next)
             self.known[done, key] = self.work.link(source[key], scope, source.lines[key])
+            self.busy.discard((done, key))
+        if (rounds_done, key) in self.busy:
+            self.work.problems.add("cycle", where, f"{self.name}: {key!r} is defined by itself")
         return self.known[rounds_done, key]
 
 
@@ -141,7 +146,8 @@ class _Expansion:
     pending: list[tuple[str, Map, _Scope]] = field(default_factory=list)
     names: set[str] = field(default_factory=set)
     parts: list[tuple[Part, Mapping[str, Port]]] = field(default_factory=list)
-    files: dict[tuple[Path, Where], Map] = field(default_factory=dict)
+    files: dict[Path, Map] = field(default_factory=dict)
+    copies: dict[tuple[Path, Where], Map] = field(default_factory=dict)
     budget: list[int] = field(default_factory=lambda: [MAX_COPIED])
     blocks: int = 0
 

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from exmesh_graph.graph.language.params import Declared, declare, give
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml, parse_yaml
@@ -18,6 +18,8 @@ from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, near
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
 TOP_KEYS = ("name", "doc", "extends", "params", "seed", "inputs", "nodes", "outputs", *VARIANT_KEYS)
 BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
+MAX_SIZE = 20_000
+MAX_EXTENDS = 32
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}]*)\}")
 
@@ -120,9 +122,10 @@ def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: P
     """
     if isinstance(value, Map | dict):
         items = {key: substitute(item, scope, where, problems).value for key, item in value.items()}
-        return Value(items, where, where.base)
+        return Value(_bounded(items, where), where, where.base)
     if isinstance(value, list):
-        return Value([substitute(item, scope, where, problems).value for item in value], where, where.base)
+        found = [substitute(item, scope, where, problems).value for item in value]
+        return Value(_bounded(found, where), where, where.base)
     if not isinstance(value, str) or "${" not in value:
         return Value(value, where, where.base)
 
@@ -134,20 +137,46 @@ def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: P
 
     whole = _REFERENCE.fullmatch(value)
     if whole and whole.group(1) is not None:
-        found = look_up(whole.group(1))
-        return Value(found.value, where, found.base)
+        single = look_up(whole.group(1))
+        return Value(single.value, where, single.base)
     first = _REFERENCE.match(value)
     base = where.base
     if first and first.group(1) in scope:
         base = scope[first.group(1)].base
+    size = 0
 
-    def replace(match: re.Match[str]) -> str:
+    def replacement(match: re.Match[str]) -> str:
+        nonlocal size
         if match.group(1) is None:
             return "${"
         inner = look_up(match.group(1)).value
-        return str(inner).lower() if isinstance(inner, bool) else str(inner)
+        if isinstance(inner, list | dict):
+            what = f"${{{match.group(1)}}} is {'a list' if isinstance(inner, list) else 'a mapping'}"
+            problems.add("param", where, f"{what}, which cannot be a part of a text")
+            return ""
+        text = str(inner).lower() if isinstance(inner, bool) else str(inner)
+        size += len(text)
+        if size > MAX_SIZE:
+            _too_large(where)
+        return text
 
-    return Value(_REFERENCE.sub(replace, value), where, base)
+    return Value(_REFERENCE.sub(replacement, value), where, base)
+
+
+def _bounded(value: Any, where: Where) -> Any:
+    """`value`, unless it holds more than MAX_SIZE values and characters: lists that repeat each other grow fast."""
+    size, todo = 0, [value]
+    while todo:
+        item = todo.pop()
+        size += 1 + (len(item) if isinstance(item, str) else 0)
+        if size > MAX_SIZE:
+            _too_large(where)
+        todo += item if isinstance(item, list) else item.values() if isinstance(item, dict) else ()
+    return value
+
+
+def _too_large(where: Where) -> NoReturn:
+    fail("param", where, f"with its parameters, this value grows beyond {MAX_SIZE} values and characters")
 
 
 def load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
@@ -155,6 +184,8 @@ def load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
     if path in chain:
         names = " -> ".join(p.name for p in [*chain, path])
         fail("extends", Where(chain[-1], 1), f"the files extend each other: {names}")
+    if len(chain) > MAX_EXTENDS:
+        fail("extends", Where(chain[-1], 1), f"more than {MAX_EXTENDS} files extend one another")
     child = load_yaml(path)
     if "extends" not in child:
         return child

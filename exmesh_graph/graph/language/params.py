@@ -54,7 +54,7 @@ class Declared:
             fix=f"its default is {self.default!r}; write {{type: any, default: ...}} if more makes sense"
             if self.inferred else "",
         )  # fmt: skip
-        return self.default
+        return value if isinstance(self.default, str) else self.default
 
 
 def declare(params: Map, problems: Problems) -> dict[str, Declared]:

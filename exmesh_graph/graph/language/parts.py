@@ -46,6 +46,7 @@ class Part:
     where: Where
     scope: _Scope = field(init=False)
     known: dict[str, Link | None] = field(default_factory=dict)
+    busy: set[str] = field(default_factory=set)
 
     def input(self, name: str, where: Where) -> Link | None:
         """What `@inputs.name` means: a link, ABSENT where it was not given, None after a problem."""
@@ -70,8 +71,12 @@ class Part:
 
     def _resolved(self, key: str, text: Any, where: Where, scope: _Scope) -> Link | None:
         if key not in self.known:
-            self.known[key] = None  # a value that is defined by itself stays None
+            self.known[key] = None
+            self.busy.add(key)
             self.known[key] = self.work.link(text, scope, where)
+            self.busy.discard(key)
+        elif key in self.busy:
+            self.work.problems.add("cycle", where, f"{self.name}: {key} is defined by itself")
         return self.known[key]
 
 
@@ -87,9 +92,11 @@ def declare_part(work: _Expansion, name: str, entry: Map, scope: _Scope) -> None
         raw[key] = value, Where(None)
     source = substitute(raw["graph"][0], scope.params, raw["graph"][1], work.problems)
     path = _part_file(source.value, source.base, raw["graph"][1], scope.files)
-    if (path, where) not in work.files:
-        work.files[path, where] = _used_at(load_merged(path, [], work.problems), where, work.budget)
-    merged = work.files[path, where].copy()
+    if path not in work.files:
+        work.files[path] = load_merged(path, [], work.problems)
+    if (path, where) not in work.copies:
+        work.copies[path, where] = _used_at(work.files[path], where, work.budget)
+    merged = work.copies[path, where].copy()
     nodes, patches = merged.get("nodes"), raw.get("nodes", (None, where))[0]
     if isinstance(nodes, Map) and isinstance(patches, Map):
         merged["nodes"] = _merge_nodes(nodes, patches, work.problems)

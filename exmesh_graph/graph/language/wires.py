@@ -110,22 +110,24 @@ class Wiring:
                 )  # fmt: skip
 
     def suitable(self, port: Port | None, user: str) -> list[str]:
-        """Links that would fit a port, those of the user's own block first."""
-        fits: list[str] = []
+        """Links that would fit a port: those known to have its facets first, then those of the user's own block."""
+        fits: dict[str, tuple[bool, bool]] = {}
+        prefix = user.rpartition(".")[0]
         if port is None:
-            return fits
+            return []
         for name, found in self.signatures.items():
+            far = not name.startswith(prefix)
             if (
                 name != user
                 and port.plugged
                 and found.component is not None
                 and issubclass(found.component, port.types)
             ):
-                fits.append(f"@{name}")
-            elif name != user:
-                fits += [f"@{name}.{output.name}" for output in found.outputs.values() if port.takes(output)]
-        prefix = "@" + user.rpartition(".")[0]
-        return sorted(fits, key=lambda name: not name.startswith(prefix))[:3]
+                fits[f"@{name}"] = (False, far)
+            for output in found.outputs.values() if name != user else ():
+                if port.takes(output):
+                    fits[f"@{name}.{output.name}"] = (not port.facets.keys() <= output.promises.keys(), far)
+        return sorted(fits, key=fits.__getitem__)[:3]
 
     def order(self) -> list[str]:
         """Topological order (Kahn), ties by the order of the file; nodes in and behind a cycle are left out."""

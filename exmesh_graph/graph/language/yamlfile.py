@@ -1,18 +1,22 @@
 """YAML 1.2 into plain values that remember their lines.
 
 Only mappings, lists, strings, numbers, booleans and null come out; any other tag is refused, so that a graph file
-cannot run code. Duplicate keys are refused. The number of values is bounded, so that aliases cannot explode.
+cannot run code. Duplicate keys are refused. Size, depth and the number of values are bounded, so that no file, and no
+alias that multiplies itself, can take more than a few seconds.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.problems import Where, fail
 
 MAX_VALUES = 100_000
+MAX_BYTES = 1 << 18
+MAX_DEPTH = 64
 _TAG = "tag:yaml.org,2002:"
 _HINTS = {
     "'@'": 'links are quoted: "@node.port"',
@@ -46,7 +50,13 @@ def load_yaml(path: Path) -> Map:
     """Read the graph file `path`. Raises GraphErrors for anything that is not one plain YAML 1.2 mapping."""
     where = Where(path, 1)
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
+            fail(
+                "file", where, f"a graph file holds at most {MAX_BYTES >> 10} KiB", fix="split it: extends, sub-graphs"
+            )
+        text = raw.decode("utf-8")
     except FileNotFoundError:
         fail("file", where, "no such graph file")
     except (OSError, UnicodeDecodeError) as error:
@@ -62,7 +72,23 @@ def parse_yaml(text: str, file: Path | None) -> Any:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
+    directive = re.match(r"(?:\s*(?:#[^\n]*)?\n)*%", text)
+    if directive:
+        line = text.count("\n", 0, directive.end()) + 1
+        fail("yaml", Where(file, line), "a graph file is YAML 1.2 and has no directives", fix="remove the line")
     loader = YAML(typ="safe", pure=True)
+    compose, depth = loader.composer.compose_node, 0
+
+    def bounded(parent: Any, index: Any) -> Any:
+        nonlocal depth
+        depth += 1
+        if depth > MAX_DEPTH:
+            fail("yaml", Where(file, parent.start_mark.line + 1), f"values nest deeper than {MAX_DEPTH} levels")
+        node = compose(parent, index)
+        depth -= 1
+        return node
+
+    loader.composer.compose_node = bounded
     try:
         root = loader.compose(text)
     except MarkedYAMLError as error:
@@ -95,6 +121,8 @@ class _Builder:
         if id(node) in self.open:
             fail("yaml", self.where(node), "an alias contains itself")
         self.open.add(id(node))
+        if len(self.open) > MAX_DEPTH:  # through aliases
+            fail("yaml", self.where(node), f"values nest deeper than {MAX_DEPTH} levels")
         value: Any
         if kind == "SequenceNode" and _short(node) == "seq":
             value = [self.build(item) for item in node.value]
@@ -141,7 +169,7 @@ class _Builder:
             if tag == "float":
                 return _real(text)
         except ValueError:
-            fail("yaml", self.where(node), f"cannot read the number {text!r}")
+            fail("yaml", self.where(node), f"cannot read the number {text[:40]!r}")
         if tag not in ("str", "timestamp", "value"):
             fail("yaml", self.where(node), f"tag {node.tag!s} is not allowed in a graph file")
         return text
