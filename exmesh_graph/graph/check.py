@@ -12,15 +12,15 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
-from exmesh_graph.graph.expand import Broken, Graph, Link, NodeSpec, expand
 from exmesh_graph.graph.language.components import MAX_NESTING, BoundComponent, Component
+from exmesh_graph.graph.language.expand import Broken, Graph, Link, NodeSpec, expand
 from exmesh_graph.graph.language.params import Declared
+from exmesh_graph.graph.language.spec import Value, load_tree
 from exmesh_graph.graph.language.wires import Wiring
 from exmesh_graph.graph.node import NodeDef, Params
 from exmesh_graph.graph.packs import Packs, library_version
 from exmesh_graph.graph.ports import RESERVED, Signature, link_form, signature
 from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
-from exmesh_graph.graph.spec import Value, load_tree
 
 
 @dataclass(frozen=True)

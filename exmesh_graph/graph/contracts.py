@@ -8,7 +8,7 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.check import Bound
-from exmesh_graph.graph.expand import Link
+from exmesh_graph.graph.language.expand import Link
 from exmesh_graph.graph.ports import Port
 from exmesh_graph.types import Artifact
 

@@ -18,9 +18,9 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, GraphError
 from exmesh_graph.graph import contracts
 from exmesh_graph.graph.check import Bound
-from exmesh_graph.graph.expand import Link
 from exmesh_graph.graph.fingerprint import fingerprint, sources_changed
 from exmesh_graph.graph.language.components import rebuild
+from exmesh_graph.graph.language.expand import Link
 from exmesh_graph.graph.node import REGISTRY
 from exmesh_graph.graph.ports import signature
 from exmesh_graph.graph.problems import Where

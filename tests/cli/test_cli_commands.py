@@ -18,10 +18,10 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.check import check, check_file
-from exmesh_graph.graph.expand import expand
+from exmesh_graph.graph.language.expand import expand
+from exmesh_graph.graph.language.spec import load_tree
 from exmesh_graph.graph.packs import load_packs
 from exmesh_graph.graph.problems import GraphErrors, Problems
-from exmesh_graph.graph.spec import load_tree
 
 TOY = Path(__file__).parent.parent / "graph" / "toy"
 START = [sys.executable, "-c", "from exmesh_graph.cli import main; main()"]

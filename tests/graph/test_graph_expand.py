@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.graph.expand import MAX_ROUNDS, Graph, Link, expand
+from exmesh_graph.graph.language.expand import MAX_ROUNDS, Graph, Link, expand
+from exmesh_graph.graph.language.spec import load_tree
 from exmesh_graph.graph.problems import GraphErrors, Problems
-from exmesh_graph.graph.spec import load_tree
 
 LOOP = """
 name: loop

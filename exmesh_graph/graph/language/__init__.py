@@ -1,1 +1,1 @@
-"""What graph files can say, beside plain nodes and rounds: the YAML they are made of, components, the wires' rules."""
+"""From graph files to nodes and wires: YAML, parameters, `extends`, sub-graphs, repeat blocks, components, wires."""

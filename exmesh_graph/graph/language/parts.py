@@ -21,13 +21,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.graph.language.spec import Tree, Value, _mapping, _merge_nodes, load_merged, substitute, tree_of
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.ports import Port, link_form, types_by_name
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
-from exmesh_graph.graph.spec import Tree, Value, _mapping, _merge_nodes, load_merged, substitute, tree_of
 
 if TYPE_CHECKING:
-    from exmesh_graph.graph.expand import Link, _Expansion, _Scope
+    from exmesh_graph.graph.language.expand import Link, _Expansion, _Scope
 
 MAX_DEPTH = 16
 MAX_COPIED = 1_000_000
@@ -55,7 +55,7 @@ class Part:
             self.work.problems.add("link", where, f"{self.tree.file.name} has no input {name!r}", nearest=names)
             return None
         if name not in self.given:
-            from exmesh_graph.graph.expand import ABSENT
+            from exmesh_graph.graph.language.expand import ABSENT
 
             return ABSENT
         return self._resolved(f"inputs.{name}", *self.given[name], self.outer)

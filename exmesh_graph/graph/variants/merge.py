@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from exmesh_graph.graph.check import Bound, Checked
-from exmesh_graph.graph.expand import Link
 from exmesh_graph.graph.keys import key_of, preimage_of
+from exmesh_graph.graph.language.expand import Link
 
 
 @dataclass(frozen=True)

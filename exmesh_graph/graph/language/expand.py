@@ -16,10 +16,7 @@ from typing import Any
 
 from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.parts import MAX_COPIED, Part, declare_part
-from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.ports import Port
-from exmesh_graph.graph.problems import Problems, Where, fail, nearest
-from exmesh_graph.graph.spec import (
+from exmesh_graph.graph.language.spec import (
     BLOCK_KEYS,
     Tree,
     Value,
@@ -27,6 +24,9 @@ from exmesh_graph.graph.spec import (
     _mapping,
     substitute,
 )
+from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.ports import Port
+from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 MAX_ROUNDS = 1000
 MAX_NODES = 5000
