@@ -4,8 +4,8 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from raster_meshes import camera, icosphere, soup
 
+from benchmarks.stability.scenes import camera, icosphere, soup
 from exmesh_graph.raster import (
     antialias,
     barycentrics,

@@ -2,8 +2,8 @@
 
 import pytest
 import torch
-from raster_meshes import camera, icosphere, soup
 
+from benchmarks.stability.scenes import camera, icosphere, soup
 from exmesh_graph.raster import (
     antialias,
     edge_table,

@@ -2,9 +2,8 @@
 
 import pytest
 import torch
-from raster_meshes import camera, icosphere, soup
-from test_raster_silhouette import coverage
 
+from benchmarks.stability.scenes import camera, coverage, icosphere, soup
 from exmesh_graph.raster import (
     antialias,
     edge_table,

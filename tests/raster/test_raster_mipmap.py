@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 import torch
-from raster_meshes import camera, icosphere
 
+from benchmarks.stability.scenes import camera, icosphere
 from exmesh_graph.raster import (
     barycentrics,
     interpolate,

@@ -2,35 +2,15 @@
 
 import pytest
 import torch
-from raster_meshes import camera, icosphere, smooth_field, smooth_image
 from scipy.spatial import ConvexHull
 
+from benchmarks.stability.scenes import camera, coverage, icosphere, smooth_field, smooth_image
 from exmesh_graph.raster import (
-    antialias,
     edge_table,
     find_silhouette,
-    interpolate,
     project,
     rasterize_projected,
 )
-
-
-def coverage(vertices, faces, intrinsics, pose, height, width, colours=None):
-    """Antialiased [H, W, 1 + C]: coverage, and vertex colours interpolated."""
-    projected = project(vertices, intrinsics, pose)
-    fragments = rasterize_projected(projected, faces, height, width)
-    layers = [(fragments.face_id >= 0).to(vertices.dtype)[..., None]]
-    if colours is not None:
-        from exmesh_graph.raster import barycentrics
-
-        flat = fragments.face_id.view(-1)
-        pixels = torch.nonzero(flat >= 0)[:, 0]
-        bary = barycentrics(projected, faces, flat[pixels], pixels, width)
-        values = interpolate(colours, faces, flat[pixels], bary)
-        image = values.new_zeros((height * width, colours.shape[1])).index_copy(0, pixels, values)
-        layers.append(image.view(height, width, -1))
-    silhouette = find_silhouette(projected, edge_table(faces), fragments)
-    return antialias(torch.cat(layers, dim=-1), projected, silhouette)
 
 
 def outline_area(vertices, intrinsics, pose) -> float:
