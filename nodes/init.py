@@ -17,6 +17,10 @@ class MeshOut(NamedTuple):
     mesh: Mesh
 
 
+class FileMeshOut(NamedTuple):
+    mesh: Annotated[Mesh, facets(units=None)]  # what the file holds is seen when it is used
+
+
 class ClosedMeshOut(NamedTuple):
     mesh: Annotated[Mesh, facets(manifold=True, closed=True)]
 
@@ -106,7 +110,7 @@ def _mesh_file_sources(p: MeshFileParams) -> Mapping[str, Path]:
 
 
 @node("init.mesh_file", version="1", libraries=("scipy", "scikit-image"), sources=_mesh_file_sources)
-def mesh_file(ctx: Context, frame: Frame | None = None, *, p: MeshFileParams) -> MeshOut:
+def mesh_file(ctx: Context, frame: Frame | None = None, *, p: MeshFileParams) -> FileMeshOut:
     """A mesh from an OBJ or PLY file."""
     import numpy as np
 
@@ -124,4 +128,4 @@ def mesh_file(ctx: Context, frame: Frame | None = None, *, p: MeshFileParams) ->
         if p.units == "scene":
             vertices = vertices @ frame.dataset_from_scene[:3, :3].T
         vertices = points_to_normalised(vertices, frame)
-    return MeshOut(Mesh(vertices.astype(np.float32), faces))
+    return FileMeshOut(Mesh(vertices.astype(np.float32), faces))

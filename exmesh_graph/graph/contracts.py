@@ -17,18 +17,19 @@ _SAMPLES = 4096
 
 def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str, Any]) -> None:
     """Facets that the port asks for and the wire does not promise, measured on the value itself."""
-    open_facets = {k: v for k, v in bound.signature.inputs[port].facets.items() if k not in promised}
+    wanted = bound.signature.inputs[port].wanted(type(value))
+    open_facets = {k: v for k, v in wanted.items() if k not in promised}
     if not open_facets:
         return
-    measured = value.facets()
-    for name, wanted in open_facets.items():
-        if measured.get(name) != wanted:
+    measured = {**value.conventions, **value.facets()}
+    for name, asked in open_facets.items():
+        if measured.get(name) != asked:
             found = f"{name}={measured[name]!r}" if name in measured else f"no facet {name!r}"
             raise GraphError(
                 f"the wire {bound.wire(port)} carries {value.type_name} with {found}",
                 where=str(bound.where),
-                expected=str(bound.signature.inputs[port]),
-                fix=f"put a node before {bound.name} whose output has {name}={wanted!r}",
+                expected=f"{bound.signature.inputs[port]}, {name}={asked!r}",
+                fix=f"put a node before {bound.name} whose output has {name}={asked!r}",
             )
 
 
@@ -51,10 +52,8 @@ def outputs_of(bound: Bound, result: Any) -> dict[str, Artifact | None]:
 
 
 def _check_promise(bound: Bound, port: Port, value: Artifact) -> None:
-    if not port.facets:
-        return
-    measured = value.facets()
-    for name, promised in port.facets.items():
+    measured = {**value.conventions, **(value.facets() if port.facets else {})}
+    for name, promised in port.promises.items():
         if name in measured and measured[name] != promised:
             raise GraphError(
                 f"{bound.definition.type} promises {port.name} with {name}={promised!r} "

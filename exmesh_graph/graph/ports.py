@@ -39,21 +39,24 @@ class Port:
 
     @property
     def promises(self) -> dict[str, Any]:
-        """What is known of every value of an output before it is made."""
-        return {**getattr(self.type, "conventions", {}), **self.facets}
+        """What is known of every value of an output before it is made; `facets(x=None)` takes a promise back."""
+        known = {**getattr(self.type, "conventions", {}), **self.facets}
+        return {name: value for name, value in known.items() if value is not None}
+
+    def wanted(self, kind: Any) -> dict[str, Any]:
+        """The facets that an input asks of a value of the type `kind`."""
+        base = next((getattr(own, "conventions", {}) for own in self.types if issubclass(kind, own)), {})
+        return {name: value for name, value in {**base, **self.facets}.items() if value is not None}
 
     def clashes(self, source: Port) -> dict[str, tuple[Any, Any]]:
         """Facets that this input asks for and `source` promises otherwise: {name: (wanted, promised)}."""
         promised = source.promises
-        wanted = {**self._conventions(source.type), **self.facets}
+        wanted = self.wanted(source.type)
         return {k: (v, promised[k]) for k, v in wanted.items() if k in promised and promised[k] != v}
 
     def takes(self, source: Port) -> bool:
         """Whether the output `source` may be wired to this input, as far as is known before a run."""
         return issubclass(source.type, self.types) and not self.clashes(source)
-
-    def _conventions(self, source: Any) -> Mapping[str, Any]:
-        return next((getattr(kind, "conventions", {}) for kind in self.types if issubclass(source, kind)), {})
 
     def __str__(self) -> str:
         extra = ", ".join(f"{key}={value!r}" for key, value in self.facets.items())

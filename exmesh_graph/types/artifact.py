@@ -7,6 +7,7 @@ store give the same bytes downstream; and `save` writes the same bytes for equal
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -15,9 +16,14 @@ if TYPE_CHECKING:
 
 
 class Artifact:
-    """Base of the wire types. Ports match nominally: a subclass fits where its base is asked for."""
+    """Base of the wire types. Ports match nominally: a subclass fits where its base is asked for.
+
+    `conventions` are facets that hold for every value of the type: camera axes, up axis, units, colour space. A port
+    asks for the conventions of its type and an output promises them, so that a subclass with others is refused.
+    """
 
     type_name: ClassVar[str] = "artifact"
+    conventions: ClassVar[Mapping[str, Any]] = {}
 
     def save(self, folder: Path) -> None:
         """Write this value into the existing empty `folder`."""

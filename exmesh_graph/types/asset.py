@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from exmesh_graph.types.mesh import Carrier, _Arrays
 
@@ -19,6 +20,7 @@ class EnvMap(_Arrays):
     """
 
     type_name: ClassVar[str] = "EnvMap"
+    conventions: ClassVar[Mapping[str, Any]] = {"environment": "openexr", "up": "y", "color": "linear"}
     radiance: np.ndarray
 
 
@@ -35,6 +37,7 @@ class Asset(Carrier):
     """
 
     type_name: ClassVar[str] = "Asset"
+    conventions: ClassVar[Mapping[str, Any]] = {**Carrier.conventions, "maps": "linear", "environment": "openexr"}
     base_color: np.ndarray
     roughness: np.ndarray
     seen: np.ndarray

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -10,6 +11,9 @@ from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
 
 if TYPE_CHECKING:
     import numpy as np
+
+
+NORMALISED_REACH = 2.0  # objects lie in the unit sphere; a surface under refinement may stray
 
 
 class _Arrays(Artifact):
@@ -38,13 +42,18 @@ class Mesh(_Arrays):
     """
 
     type_name: ClassVar[str] = "Mesh"
+    conventions: ClassVar[Mapping[str, Any]] = {"up": "y", "units": "normalised"}
     vertices: np.ndarray
     faces: np.ndarray
 
     def facets(self) -> dict[str, Any]:
         from exmesh_graph.geometry.adjacency import is_closed, is_edge_manifold
 
-        return {"manifold": is_edge_manifold(self.faces), "closed": is_closed(self.faces)}
+        reach = float((self.vertices.astype("float64") ** 2).sum(axis=1).max(initial=0.0)) ** 0.5
+        units = "normalised" if reach <= NORMALISED_REACH else "unknown"
+        return {
+            "manifold": is_edge_manifold(self.faces), "closed": is_closed(self.faces), "uv": False, "units": units,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +66,13 @@ class Carrier(Mesh):
     """
 
     type_name: ClassVar[str] = "Carrier"
+    conventions: ClassVar[Mapping[str, Any]] = {**Mesh.conventions, "uv": True, "color": "srgb"}
     uvs: np.ndarray
     uv_faces: np.ndarray
     texture: np.ndarray
+
+    def facets(self) -> dict[str, Any]:
+        return {**super().facets(), "uv": len(self.uvs) > 0 and self.uv_faces.shape == self.faces.shape}
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -60,3 +61,4 @@ class UsdAsset(Files):
     """An exported USD asset: `asset.usdz`, `asset.usdc`, `textures/`, ..."""
 
     type_name: ClassVar[str] = "UsdAsset"
+    conventions: ClassVar[Mapping[str, Any]] = {"up": "y"}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from exmesh_graph.types.mesh import _Arrays
+from exmesh_graph.types.mesh import Mesh, _Arrays
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,6 +31,7 @@ class Transport(_Arrays):
     """
 
     type_name: ClassVar[str] = "Transport"
+    conventions: ClassVar[Mapping[str, Any]] = Mesh.conventions
     directions: np.ndarray
     face_points: np.ndarray
     points: np.ndarray

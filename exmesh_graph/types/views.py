@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -27,6 +28,9 @@ class Views(Artifact):
     """
 
     type_name: ClassVar[str] = "Views"
+    conventions: ClassVar[Mapping[str, Any]] = {
+        "camera": "opencv", "up": "y", "color": "linear", "units": "normalised",
+    }  # fmt: skip
     names: tuple[str, ...]
     images: np.ndarray
     alpha: np.ndarray
@@ -92,6 +96,9 @@ class Frame(Artifact):
     dataset_from_scene: np.ndarray
     metres_per_unit: float = 0.0
 
+    def facets(self) -> dict[str, Any]:
+        return {"metric": self.metres_per_unit > 0}
+
     def save(self, folder: Path) -> None:
         arrays = {
             "scene_from_normalised": self.scene_from_normalised,
@@ -113,6 +120,7 @@ class DepthMaps(Artifact):
     """
 
     type_name: ClassVar[str] = "DepthMaps"
+    conventions: ClassVar[Mapping[str, Any]] = {"depth": "z", "units": "normalised"}
     names: tuple[str, ...]
     depth: np.ndarray
 
