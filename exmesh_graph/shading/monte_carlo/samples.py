@@ -179,9 +179,7 @@ def _occlude(drawn: LightSamples, rows: slice, origins: np.ndarray, tracer: RayT
 
 def ray_origins(points: Points, tracer: RayTracer) -> np.ndarray:
     """Where the points' rays start, lifted along their geometric normals: float64 [N, 3]."""
-    return offset_origins(
-        points.position.detach().cpu().numpy().astype(np.float64), points.flat.cpu().numpy(), tracer.radius
-    )
+    return offset_origins(points.position.detach().cpu().numpy(), points.flat.cpu().numpy(), tracer.radius)
 
 
 def _sobol(count: int, seed: int) -> torch.Tensor:
