@@ -56,15 +56,36 @@ def run(
     ] = None,
     store: StoreFolder = None,
     runs: RunsFolder = Path("runs"),
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Worker processes at most; 0 runs all nodes in this process.")
+    ] = None,
+    tokens: Annotated[str, typer.Option(metavar="cpu=4,gpu=1", help="What nodes may use together.")] = "",
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going", help="After a failure run what does not need it.")
+    ] = False,
 ) -> None:
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
     from exmesh_graph.cli.running import run_graph
+    from exmesh_graph.graph.schedule import parse_tokens
 
+    offered = parse_tokens(tokens)
     checked, packs = _checked(graph, set_, variant)
     targets = checked.needed_for(_names(checked, node)) if node else None
     forced = set(_names(checked, force))
     command = _command(graph, set_, store, runs, variant)
-    code = run_graph(checked, _store(store), runs, targets, forced, command, tuple(set_ or ()), packs)
+    code = run_graph(
+        checked,
+        _store(store),
+        runs,
+        packs,
+        workers,
+        targets=targets,
+        force=forced,
+        command=command,
+        overrides=tuple(set_ or ()),
+        tokens=offered,
+        keep_going=keep_going,
+    )
     raise typer.Exit(code)
 
 

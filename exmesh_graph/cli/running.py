@@ -12,6 +12,7 @@ import typer
 from exmesh_graph.cli.live import view
 from exmesh_graph.cli.show import clock
 from exmesh_graph.errors import StoreError
+from exmesh_graph.graph.backends import Backend
 from exmesh_graph.graph.check import Checked
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.run import NodeFailed, Run
@@ -20,38 +21,19 @@ from exmesh_graph.graph.store import Store, artifact_types
 from exmesh_graph.types import Artifact
 
 
-def run_graph(
-    graph: Checked,
-    store: Store,
-    runs: Path,
-    targets: set[str] | None,
-    force: set[str],
-    command: str,
-    overrides: tuple[str, ...],
-    packs: Packs,
-) -> int:
-    """Run a checked graph, print what happens, return the exit code."""
+def run_graph(graph: Checked, store: Store, runs: Path, packs: Packs, workers: int | None, **options: Any) -> int:
+    """Run a checked graph, print what happens, return the exit code. `options` are those of `Run`."""
     folder = RunFolder(runs, graph.name)
     for module, why in packs.broken.items():
         typer.echo(f"warning: the node module {module} cannot be imported: {why}", err=True)
     try:
         with view(graph, folder.id) as listener:
-            work = Run(
-                graph,
-                store,
-                folder,
-                listener,
-                targets=targets,
-                force=force,
-                command=command,
-                overrides=overrides,
-            )
-            record = work.run()
+            record = Run(graph, store, folder, listener, backend=backend_of(workers, store), **options).run()
     except NodeFailed as failure:
         _show_failure(failure, folder.path)
         return 1
     except KeyboardInterrupt:
-        typer.echo(f"\ninterrupted; go on with the same command:\n  {command}", err=True)
+        typer.echo(f"\ninterrupted; go on with the same command:\n  {options['command']}", err=True)
         return 130
     finally:
         folder.close()
@@ -66,6 +48,14 @@ def run_graph(
         code = 1
     summary(folder.path, record)
     return code
+
+
+def backend_of(workers: int | None, store: Store) -> Backend:
+    """This process for 0 workers, else worker processes, as many as the machine can take for None."""
+    from exmesh_graph.graph.backends.inline import Inline
+    from exmesh_graph.graph.backends.local import Local
+
+    return Inline(store) if workers == 0 else Local(workers)
 
 
 def make_report(folder: Path, record: Mapping[str, Any], store: Store) -> None:
@@ -141,11 +131,17 @@ def _figure(value: Any) -> str:
 
 
 def _show_failure(failure: NodeFailed, folder: Path) -> None:
-    typer.echo(f"\nfailed: {failure}", err=True)
-    if failure.record.get("at"):
-        typer.echo(f"  at {failure.record['at']}", err=True)
-    typer.echo(f"  details: {_short(folder / 'failure.json')}", err=True)
-    typer.echo(f"  only this node: {failure.record['replay']}", err=True)
+    typer.echo("", err=True)
+    for record in failure.records:
+        typer.echo(f"failed: {record['node']}: {record['message']}", err=True)
+        if record.get("at"):
+            typer.echo(f"  at {record['at']}", err=True)
+        typer.echo(f"  details: {_short(folder / record['file'])}", err=True)
+        if record["job"] is not None:
+            typer.echo(
+                f"  this node alone, on the same inputs: exmesh replay {_short(folder / record['file'])}", err=True
+            )
+        typer.echo(f"  this node as the graph is now: {record['replay']}", err=True)
     typer.echo(f"  go on when mended: {failure.record['run_again']}", err=True)
 
 

@@ -6,19 +6,24 @@ outcomes, never data. Whoever executes also writes the record, after the objects
 
 from __future__ import annotations
 
+import contextlib
+import signal
+import threading
 import time
 import traceback
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.errors import ExmeshError, GraphError
+from exmesh_graph.errors import ExmeshError, GraphError, StoreError
 from exmesh_graph.graph import contracts
 from exmesh_graph.graph.check import Bound
-from exmesh_graph.graph.fingerprint import fingerprint, sources_changed
+from exmesh_graph.graph.checkpoint import Checkpoints
+from exmesh_graph.graph.fingerprint import fingerprint, remember_in, sources_changed
+from exmesh_graph.graph.keys import key_of
 from exmesh_graph.graph.language.components import rebuild
 from exmesh_graph.graph.language.expand import Link
 from exmesh_graph.graph.node import REGISTRY
@@ -30,6 +35,7 @@ from exmesh_graph.types import Artifact, Files
 
 Emit = Callable[[Mapping[str, Any]], None]
 DONE, FAILED, BROKEN, STOPPED = "done", "failed", "broken", "stopped"
+_CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time
 FIGURES = ("seconds", "store_seconds", "peak_rss", "warnings")  # of a record, those that a run shows
 
 
@@ -39,7 +45,8 @@ class Job:
 
     inputs: {port: [type, digest]}; components: {port: BoundComponent.describe()};
     wires: {port: "node.port"} for messages; promised: facets that need no measuring;
-    code: the fingerprint that the planner saw; threads: CPU threads granted; devices: GPU numbers granted.
+    code: the fingerprints that the planner saw; threads and devices: CPU threads and GPU numbers granted; log: the file
+    for what the node prints; checkpoint_every: seconds, 0 for each step.
     """
 
     name: str
@@ -51,7 +58,7 @@ class Job:
     promised: Mapping[str, Mapping[str, Any]]
     sources: Mapping[str, str]
     preimage: Mapping[str, Any]
-    code: str
+    code: list[str]
     store: str
     where: tuple[str | None, int] = (None, 0)
     graph: str = ""
@@ -60,6 +67,11 @@ class Job:
     threads: int = 1
     devices: tuple[int, ...] = ()
     log: str = ""
+    checkpoint_every: float = 30.0
+
+    @property
+    def key(self) -> str:
+        return key_of(self.preimage)
 
     def bound(self) -> Bound:
         """The node, its parameters validated again. Raises GraphError where no pack defines the type."""
@@ -98,7 +110,7 @@ def job_of(
         {port: dict(contracts.promised_by(link, nodes)) for port, link in bound.inputs.items()},
         {name: str(path) for name, path in bound.sources.items()},
         preimage,
-        fingerprint(bound.definition).digest,
+        [fingerprint(definition).digest for definition in bound.definitions()],
         str(store.root),
         (None if file is None else str(file), bound.where.line),
         components={port: plug.describe() for port, plug in bound.components.items()},
@@ -159,11 +171,13 @@ class Memory:
 
 
 class NodeContext:
-    """The `Context` that a running node sees."""
+    """The `Context` that a running node sees. `stopping` makes the next checkpoint the last step."""
 
-    def __init__(self, job: Job, scratch: Path, emit: Emit) -> None:
-        self._job, self._scratch, self._emit = job, scratch, emit
+    def __init__(self, job: Job, scratch: Path, checkpoints: Checkpoints | None, emit: Emit) -> None:
+        self._job, self._scratch, self._checkpoints, self._emit = job, scratch, checkpoints, emit
         self._next = 0.0
+        self._due = time.monotonic() + job.checkpoint_every
+        self.stopping = False
         self.warnings: list[str] = []
 
     @property
@@ -184,10 +198,34 @@ class NodeContext:
         return self._scratch
 
     def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
-        """Not kept yet: an interrupted node starts again."""
+        kept, began = self._kept(), time.monotonic()
+        if began < self._due and not self.stopping:
+            return
+        try:
+            kept.save(step, state)
+        except StoreError as error:  # the work itself may still come through
+            self.warn(f"no checkpoint at step {step}: {error.what}")
+        now = time.monotonic()
+        every = self._job.checkpoint_every
+        self._due = now + (max(every, _CHECKPOINT_SHARE * (now - began)) if every else 0.0)
+        if self.stopping:
+            self.log(f"stopped at step {step}; the same command goes on from there")
+            raise KeyboardInterrupt
 
     def resume(self) -> tuple[int, dict[str, Any]] | None:
-        return None
+        kept = self._kept()
+        found = kept.load()
+        for note in kept.notes:
+            self.log(note)
+        if found is not None:
+            self.log(f"goes on from the checkpoint at step {found[0]}")
+        return found
+
+    def _kept(self) -> Checkpoints:
+        if self._checkpoints is None:
+            what = f"{self._job.type} uses checkpoints, which its declaration does not say"
+            raise GraphError(what, where=self.node, fix="@node(..., resumable=True)")
+        return self._checkpoints
 
     def progress(self, step: int, total: int, **figures: float) -> None:
         now = time.monotonic()
@@ -238,15 +276,18 @@ def failure(name: str, error: BaseException) -> Outcome:
 
 def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
     bound = job.bound()
+    remember_in(store.code)
     inputs = {port: _value(job, port, store, memory) for port in job.inputs}
     for port, given in inputs.items():
         contracts.check_input(bound, port, given, job.promised.get(port, {}))
+    checkpoints = Checkpoints(store.root, job.key) if bound.definition.resumable else None
     with store.attempt() as attempt:
-        context = NodeContext(job, attempt / "scratch", emit)
+        context = NodeContext(job, attempt / "scratch", checkpoints, emit)
         marks = contracts.sample(inputs)
         reset_peak_memory()
         started, began = time.time(), time.perf_counter()
-        result = _call(bound, context, inputs)
+        with _stoppable(context, bound.definition.resumable):
+            result = _call(bound, context, inputs)
         seconds, peak = time.perf_counter() - began, peak_memory()
         contracts.check_untouched(bound, inputs, marks)
         values = contracts.outputs_of(bound, result)
@@ -262,6 +303,10 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         "code_parts": fingerprint(bound.definition).parts,
     }  # fmt: skip
     _record(job, bound, store, stored, info, context)
+    if checkpoints is not None:
+        checkpoints.clear()
+    if context.stopping:  # it ended without another checkpoint
+        raise KeyboardInterrupt
     return Outcome(job.name, DONE, stored, {name: info[name] for name in FIGURES})
 
 
@@ -292,6 +337,28 @@ def _call(bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) ->
         return bound.definition.function(context, **inputs, **extra)
 
 
+@contextlib.contextmanager
+def _stoppable(context: NodeContext, resumable: bool) -> Iterator[None]:
+    """While a resumable node runs, the first SIGINT or SIGTERM asks it to stop at its next checkpoint."""
+    if not resumable or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def ask(number: int, frame: Any) -> None:
+        if context.stopping:
+            raise KeyboardInterrupt
+        context.stopping = True
+
+    for number in before:
+        signal.signal(number, ask)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def _record(
     job: Job, bound: Bound, store: Store, stored: Mapping[str, Stored], info: Mapping[str, Any], context: NodeContext
 ) -> None:
@@ -300,7 +367,7 @@ def _record(
         if store.sources.digest(path) != job.preimage["sources"][name]:
             raise GraphError(f"the source file {name} changed while {bound.name} ran", where=str(path))
     changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
-    if not changed and fingerprint(bound.definition).digest != job.code:
+    if not changed and [fingerprint(definition).digest for definition in bound.definitions()] != job.code:
         changed = ["since the run was planned"]
     if changed:
         context.warn(f"not remembered: its code changed during the run ({', '.join(changed)})")

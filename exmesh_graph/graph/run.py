@@ -11,6 +11,7 @@ import bisect
 import heapq
 import shlex
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -20,8 +21,9 @@ from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.backends import Backend
 from exmesh_graph.graph.backends.inline import Inline
 from exmesh_graph.graph.check import Bound, Checked
-from exmesh_graph.graph.job import BROKEN, DONE, FAILED, FIGURES, Job, Outcome, failure, job_of
+from exmesh_graph.graph.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
 from exmesh_graph.graph.keys import key_of
+from exmesh_graph.graph.lease import BEAT, Holder, Lease, Leases
 from exmesh_graph.graph.plan import preimage_for
 from exmesh_graph.graph.rundir import RunFolder, past_seconds
 from exmesh_graph.graph.schedule import Pool, remaining_seconds
@@ -29,6 +31,8 @@ from exmesh_graph.graph.store import NOTHING, Action, Store, Stored
 from exmesh_graph.machine import machine_facts
 
 Listener = Callable[[Mapping[str, Any]], None]
+_ASK = 0.3  # seconds between looks at a result that another process computes
+_GRACE = {True: 60.0, False: 3.0}  # seconds to stop in, for nodes that are resumable and for others
 HIT, WAITING, RUNNING, BLOCKED, INTERRUPTED = "hit", "waiting", "running", "blocked", "interrupted"
 
 
@@ -60,9 +64,11 @@ class Run:
         backend: Backend | None = None,
         tokens: Mapping[str, float] | None = None,
         keep_going: bool = False,
+        checkpoint_every: float = 30.0,
     ) -> None:
         self.graph, self.store, self.folder, self.listener = graph, store, folder, listener
         self.force, self.keep_going, self.tokens = set(force or ()), keep_going, tokens or {}
+        self.checkpoint_every = checkpoint_every
         self.backend: Backend = Inline(store) if backend is None else backend
         self.nodes = {n: b for n, b in graph.nodes.items() if targets is None or n in targets}
         self.index = {name: index for index, name in enumerate(self.nodes)}
@@ -79,8 +85,12 @@ class Run:
         self.queue: list[tuple[float, int]] = []  # misses, the most urgent first
         self.planned: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self.running: dict[str, tuple[Job, float]] = {}
+        self.leases, self.held = Leases(store.root), dict[str, Lease]()
+        self.elsewhere: dict[str, Holder] = {}  # nodes that another process computes
         self.needed: Counter[str] = Counter()  # digests that nodes to come will read
         self.remade: set[str] = set()
+        self.notices: set[str] = set()
+        self.stopping = False
         self.failures: list[Mapping[str, Any]] = []
         self.cause: BaseException | None = None
         self.pool: Pool | None = None
@@ -104,6 +114,8 @@ class Run:
         self._save(now=True)
         self._emit({"event": "run_started", "run": self.folder.id, "nodes": list(self.nodes)})
         state = FAILED
+        over = threading.Event()
+        threading.Thread(target=self._beat, args=(over,), daemon=True).start()
         try:
             self._loop()
             if self.failures:
@@ -111,11 +123,17 @@ class Run:
             state = DONE
         except KeyboardInterrupt:
             state = INTERRUPTED
+            self._stop()
             raise
         finally:
+            over.set()
+            self.backend.close()
             for name in self.running:
                 self.rows[name]["state"] = INTERRUPTED
-            self.backend.close()
+            for lease in self.held.values():
+                lease.release()
+            if self.running:
+                self.store.sweep()
             self.store.save()
             self.record["store_notes"] = list(self.store.notes)
             self.record["machine"] = machine_facts()
@@ -135,10 +153,31 @@ class Run:
             self._dispatch()
             if self.ready and self._going():
                 continue
-            if not self.running:
+            if not self.running and not (self.elsewhere and self._going()):
                 return
-            for outcome in self.backend.poll(1.0, self._emit):
+            for outcome in self.backend.poll(_ASK if self.elsewhere else 1.0, self._emit):
                 self._take(outcome)
+
+    def _stop(self) -> None:
+        """Let running nodes write a checkpoint and end; those that do not are killed."""
+        self.stopping = True
+        self.backend.stop()
+        self._emit({"event": "stopping", "nodes": list(self.running)})
+        began = time.monotonic()
+        while self.running:
+            for outcome in self.backend.poll(0.2, self._emit):
+                self._take(outcome)
+            for name in list(self.running):
+                grace = _GRACE[self.nodes[name].definition.resumable]
+                if time.monotonic() - began > grace:
+                    self.backend.cancel(name)
+                    self._take(Outcome(name, STOPPED))
+        self.store.sweep()
+
+    def _beat(self, over: threading.Event) -> None:
+        while not over.wait(BEAT):
+            for lease in list(self.held.values()):
+                lease.beat()
 
     def _going(self) -> bool:
         return self.keep_going or not self.failures
@@ -179,27 +218,46 @@ class Run:
             return
         if self.pool is None:
             self.pool = Pool({**self.backend.capacity(), **self.tokens})
-        busy = {key_of(job.preimage) for job, _ in self.running.values()}
+            self.store.save()  # what was learned about the code, for workers
+        busy = {self.rows[name]["key"] for name in self.running}
         for entry in list(self.queue):
             if self.pool.free["jobs"] < 1:
                 return
             name = self.names[entry[1]]
             key, preimage = self.planned[name]
+            if key in busy:
+                continue
             try:
                 wanted = self.pool.wish(self.nodes[name])
+                if not self.pool.fits(wanted) or not self._lease(name, key):
+                    continue
+                action = None if name in self.force else self._look_up(self.nodes[name], key)
             except ExmeshError as error:
                 self.queue.remove(entry)
                 self._fail(name, failure(name, error), None)
                 continue
-            if key in busy or not self.pool.fits(wanted):
-                continue
             self.queue.remove(entry)
-            action = None if name in self.force else self._look_up(self.nodes[name], key)
-            if action is not None:  # made since by a twin
+            if action is not None:  # made meanwhile by a twin
+                self.held.pop(name).release()
                 self._settle(name, HIT, action.outputs, action.info, 0.0)
                 continue
             busy.add(key)
             self._start(name, preimage, wanted)
+
+    def _lease(self, name: str, key: str) -> bool:
+        """Whether this run may compute a key now; else another process does, and its record will come."""
+        found = self.leases.acquire(key)
+        if isinstance(found, Holder):
+            if name not in self.elsewhere:
+                self._emit({"event": "log", "node": name, "message": f"waits for {found}, which computes the same"})
+            self.elsewhere[name] = found
+            return False
+        self.elsewhere.pop(name, None)
+        self.held[name] = found
+        if found.notice and found.notice not in self.notices:
+            self.notices.add(found.notice)
+            self._emit({"event": "log", "node": name, "message": found.notice})
+        return True
 
     def _start(self, name: str, preimage: Mapping[str, Any], wanted: dict[str, float]) -> None:
         assert self.pool is not None
@@ -207,6 +265,7 @@ class Run:
         job = job_of(
             self.nodes[name], self.graph.nodes, preimage, self.store, graph=self.graph.name, run=self.folder.id,
             threads=max(1, int(wanted["cpu"])), devices=devices, log=str(self.folder.log_of(name)),
+            checkpoint_every=self.checkpoint_every,
         )  # fmt: skip
         self.rows[name]["state"] = RUNNING
         self.running[name] = job, time.perf_counter()
@@ -220,14 +279,15 @@ class Run:
         job, started = self.running.pop(name)
         assert self.pool is not None
         self.pool.give_back(name)
+        self.held.pop(name).release()
         if outcome.state == DONE:
             self._settle(name, DONE, outcome.outputs, outcome.info, time.perf_counter() - started)
+        elif outcome.state == STOPPED or self.stopping:
+            self.rows[name]["state"] = INTERRUPTED
         elif outcome.state == BROKEN:
             self._make_again(name, outcome)
-        elif outcome.state == FAILED:
-            self._fail(name, outcome, job, time.perf_counter() - started)
         else:
-            self.rows[name]["state"] = INTERRUPTED
+            self._fail(name, outcome, job, time.perf_counter() - started)
 
     def _settle(
         self, name: str, state: str, outputs: Mapping[str, Stored], info: Mapping[str, Any], spent: float
@@ -305,8 +365,9 @@ class Run:
             "params": bound.params.model_dump(mode="json"), "seed": bound.seed,
             "run_again": self.record["command"], "replay": f"{self.record['command']} --node {shlex.quote(name)}",
             "argv": sys.argv, "job": None if job is None else job.to_json(),
+            "file": f"failures/{self.folder.log_of(name).stem}.json",
         }  # fmt: skip
-        self.folder.write(f"failures/{self.folder.log_of(name).stem}.json", record)
+        self.folder.write(record["file"], record)
         if not self.failures:
             self.folder.write("failure.json", record)
             self.cause = outcome.cause

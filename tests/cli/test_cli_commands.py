@@ -46,7 +46,8 @@ Exmesh = Callable[..., Any]  # of conftest.py
 
 
 def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(TOY), "COLUMNS": "100", "NO_COLOR": "1"}
+    path = os.pathsep.join(filter(None, [str(TOY), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": path, "COLUMNS": "100", "NO_COLOR": "1"}
 
 
 @pytest.fixture
@@ -251,7 +252,7 @@ def test_shipped_graphs_lack_at_most_their_data(path: Path) -> None:
 PROBE = """
 import sys
 from exmesh_graph.cli import main
-sys.argv = ["exmesh", "run", "g.yaml"]
+sys.argv[:1] = ["exmesh", "run", "g.yaml"]
 try:
     main()
 except SystemExit as end:
@@ -267,8 +268,8 @@ def test_a_run_of_nothing_but_hits_loads_nothing_heavy(folder: Path) -> None:
         '  hull: {type: init.visual_hull, views: "@views.train", resolution: 16}\n'
     )
     shown = []
-    for _ in range(2):
-        words = [sys.executable, "-c", PROBE]
+    for options in (["--workers", "0"], []):  # the nodes in this process, then nothing but hits
+        words = [sys.executable, "-c", PROBE, *options]
         done = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         shown.append(done.stdout)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 
-from exmesh_graph.graph.job import Emit, Job, Memory, Outcome, execute
+from exmesh_graph.graph.job import STOPPED, Emit, Job, Memory, Outcome, execute
 from exmesh_graph.graph.schedule import machine_tokens
 from exmesh_graph.graph.store import Store
 
@@ -15,6 +16,7 @@ class Inline:
     def __init__(self, store: Store) -> None:
         self.store, self.memory = store, Memory()
         self.waiting: list[Job] = []
+        self.stopped = False
 
     def capacity(self) -> Mapping[str, float]:
         return {**machine_tokens(), "jobs": 1}
@@ -23,7 +25,13 @@ class Inline:
         self.waiting.append(job)
 
     def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
-        done = [execute(job, self.store, self.memory, emit) for job in self.waiting]
+        if self.stopped:
+            done = [Outcome(job.name, STOPPED) for job in self.waiting]
+        elif self.waiting:
+            done = [execute(job, self.store, self.memory, emit) for job in self.waiting]
+        else:
+            time.sleep(timeout)  # something else than a job is waited for
+            done = []
         self.waiting.clear()
         return done
 
@@ -32,7 +40,7 @@ class Inline:
             self.memory.forget(digest)
 
     def stop(self) -> None:
-        """Nothing runs between two polls."""
+        self.stopped = True  # nothing runs between two polls
 
     def cancel(self, name: str) -> None:
         self.waiting = [job for job in self.waiting if job.name != name]

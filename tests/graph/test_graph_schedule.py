@@ -1,0 +1,97 @@
+"""Tokens and priorities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.schedule import Pool, machine_tokens, parse_tokens, remaining_seconds
+
+CHAIN = """
+nodes:
+  a: {type: toy.const}
+  b: {type: toy.step, state: "@a.number"}
+  c: {type: toy.step, state: "@b.state"}
+  d: {type: toy.sign, number: "@a.number"}
+"""
+
+
+def wishing(bench: Any, **resources: float) -> Any:
+    bound = bench.check(CHAIN).nodes["a"]
+    return replace(bound, definition=replace(bound.definition, resources=resources))
+
+
+def test_the_longest_remaining_path_counts(bench: Any) -> None:
+    nodes = bench.check(CHAIN).nodes
+    assert remaining_seconds(nodes, {}) == {"a": 3.0, "b": 2.0, "c": 1.0, "d": 1.0}
+    found = remaining_seconds(nodes, {"d": 9.0, "b": 2.0})
+    assert found == {"c": 2.0, "b": 4.0, "d": 9.0, "a": 10.0}  # c as the other toy.step; a never ran: 1 s
+
+
+def test_wishes_are_cut_or_refused(bench: Any) -> None:
+    pool = Pool({"cpu": 4, "jobs": 4, "gpu": 1})
+    assert pool.wish(wishing(bench))["cpu"] == 1
+    assert pool.wish(wishing(bench, cpu=0))["cpu"] == 4
+    assert pool.wish(wishing(bench, cpu=64))["cpu"] == 4
+    with pytest.raises(GraphError, match="asks for gpu=2, licence=1, and there is gpu=1, licence=0"):
+        pool.wish(wishing(bench, gpu=2, licence=1))
+
+
+def test_gpus_are_lent_whole_or_in_parts() -> None:
+    pool = Pool({"gpu": 3, "vram_gb": 40})
+    assert pool.take("a", {"gpu": 1.0}) == (0,)
+    assert pool.take("b", {"gpu": 0.5}) == (1,)
+    assert pool.take("c", {"gpu": 0.5}) == (1,)
+    assert pool.fits({"gpu": 1.0})
+    assert not pool.fits({"gpu": 2.0})
+    assert not pool.fits({"gpu": 1.0, "vram_gb": 41})
+    assert pool.take("d", {"gpu": 0.4}) == (2,)
+    assert not pool.fits({"gpu": 1.0})
+    pool.give_back("b")
+    assert pool.take("e", {"gpu": 0.5}) == (1,)
+    for name in "acde":
+        pool.give_back(name)
+    assert pool.take("f", {"gpu": 3.0}) == (0, 1, 2)
+
+
+@given(st.lists(st.tuples(st.sampled_from("xyz"), st.floats(0, 5)), max_size=30))
+def test_tokens_are_never_given_out_twice(wishes: list[tuple[str, float]]) -> None:
+    pool = Pool({"x": 5, "y": 2, "z": 0})
+    held: dict[str, dict[str, float]] = {}
+    for number, (token, count) in enumerate(wishes):
+        name = f"n{number}"
+        if pool.fits({token: count}):
+            pool.take(name, {token: count})
+            held[name] = {token: count}
+        elif held:
+            gone = next(iter(held))
+            pool.give_back(gone)
+            del held[gone]
+        for each, capacity in (("x", 5), ("y", 2), ("z", 0)):
+            assert sum(wish.get(each, 0.0) for wish in held.values()) <= capacity + 1e-6
+    for name in held:
+        pool.give_back(name)
+    assert pool.free == pytest.approx(pool.capacity)
+
+
+def test_the_command_line_s_tokens() -> None:
+    assert parse_tokens("cpu=4, gpu=1,licence=0.5") == {"cpu": 4, "gpu": 1, "licence": 0.5}
+    assert parse_tokens("") == {}
+    for text in ("cpu", "cpu=many", "=3", "cpu=-1", "cpu=inf", "cpu=nan"):
+        with pytest.raises(GraphError, match="cannot read --tokens"):
+            parse_tokens(text)
+
+
+def test_the_machine_s_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
+    found = machine_tokens()
+    assert found["cpu"] >= 1
+    assert found["ram_gb"] > 0.5
+    assert found["gpu"] == 2
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    assert machine_tokens()["gpu"] == 0

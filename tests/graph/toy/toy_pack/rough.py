@@ -1,0 +1,141 @@
+"""Nodes that crash, hang, print, and go on from checkpoints."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.graph import Context, Params, node, param
+from toy_pack.nodes import NoParams, Number, NumberOut, Series, SeriesOut
+
+
+class CrashParams(Params):
+    how: str = param("segfault", doc="segfault, kill, exit, abort or nothing.")
+
+
+class PathParams(Params):
+    path: str = param(doc="A file outside of the graph, as a signal between tests and nodes.")
+
+
+class CountParams(Params):
+    steps: int = param(100, ge=1, doc="How far to count.")
+    seconds: float = param(0.0, ge=0, tuning=True, doc="For each step.")
+    trace: str = param("", tuning=True, doc="A file that gets a line per step.")
+    stop_at: int = param(0, ge=0, tuning=True, doc="Kill -9 itself there if it began at 0.")
+
+
+class MeetParams(Params):
+    folder: str = param(tuning=True, doc="Where the parties leave a mark.")
+    parties: int = param(2, tuning=True, doc="How many must be there at once.")
+
+
+@node("toy.crash", version="1")
+def crash(ctx: Context, number: Number, *, p: CrashParams) -> NumberOut:
+    """Dies as it is told."""
+    print("about to", p.how)
+    os.write(2, b"a native library says so\n")
+    if p.how == "segfault":
+        import ctypes
+
+        ctypes.string_at(0)
+    elif p.how == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    elif p.how == "abort":
+        os.abort()
+    elif p.how == "exit":
+        os._exit(7)
+    elif p.how == "leave":
+        raise SystemExit(3)
+    return NumberOut(Number(number.value))
+
+
+@node("toy.meet", version="1")
+def meet(ctx: Context, number: Number, *, p: MeetParams) -> NumberOut:
+    """Ends only when all parties run at the same time."""
+    folder = Path(p.folder)
+    (folder / ctx.node).touch()
+    end = time.monotonic() + 20
+    while len(list(folder.iterdir())) < p.parties:
+        if time.monotonic() > end:
+            raise DataError("the others did not come")
+        time.sleep(0.01)
+    return NumberOut(Number(number.value))
+
+
+@node("toy.alone", version="1", resources={"licence": 1})
+def alone(ctx: Context, number: Number, *, p: MeetParams) -> NumberOut:
+    """Fails when another one runs at the same time."""
+    mark = Path(p.folder) / "busy"
+    mark.touch(exist_ok=False)
+    time.sleep(0.05)
+    mark.unlink()
+    return NumberOut(Number(number.value))
+
+
+@node("toy.gpu", version="1", resources={"gpu": 1})
+def gpu(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
+    """The number of the one GPU it may see."""
+    return NumberOut(Number(float(os.environ["CUDA_VISIBLE_DEVICES"])))
+
+
+@node("toy.wide", version="1", resources={"cpu": 0})
+def wide(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
+    """Its CPU threads, as granted and as native libraries see them."""
+    assert int(os.environ["OMP_NUM_THREADS"]) == ctx.threads
+    return NumberOut(Number(float(ctx.threads)))
+
+
+@node("toy.who", version="1")
+def who(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
+    """The process it runs in."""
+    return NumberOut(Number(float(os.getpid())))
+
+
+@node("toy.where", version="1")
+def where(ctx: Context, series: Series, *, p: NoParams) -> NumberOut:
+    """The process it runs in."""
+    return NumberOut(Number(float(os.getpid())))
+
+
+@node("toy.count", version="1", resumable=True)
+def count(ctx: Context, number: Number, *, p: CountParams) -> SeriesOut:
+    """A random walk that can be cut off: each step draws from a generator whose state is kept."""
+    import numpy as np
+
+    generator = np.random.default_rng(ctx.seed)
+    values = np.full(4, number.value, np.float32)
+    found = ctx.resume()
+    first = 0
+    if found is not None:
+        first, state = found
+        values = state["values"]
+        generator.bit_generator.state = state["generator"]
+    for step in range(first, p.steps):
+        if p.stop_at and first == 0 and step == p.stop_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        values = values + generator.random(4, np.float32)
+        if p.trace:
+            with Path(p.trace).open("a") as file:
+                file.write(f"{step}\n")
+        time.sleep(p.seconds)
+        ctx.progress(step + 1, p.steps, value=float(values[0]))
+        ctx.checkpoint(step + 1, {"values": values, "generator": generator.bit_generator.state})
+    return SeriesOut(Series(values))
+
+
+@node("toy.undeclared", version="1")
+def undeclared(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
+    """Uses checkpoints without saying so."""
+    ctx.checkpoint(1, {})
+    return NumberOut(number)
+
+
+@node("toy.hang", version="1")
+def hang(ctx: Context, number: Number, *, p: PathParams) -> NumberOut:
+    """Runs native code that no signal handler of Python gets in between."""
+    Path(p.path).touch()
+    sum(range(10**11))
+    return NumberOut(number)
