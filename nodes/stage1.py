@@ -72,7 +72,7 @@ class RefineOut(NamedTuple):
     history: Metrics
 
 
-@node("stage1.refine", version="1", libraries=_LIBRARIES)
+@node("stage1.refine", version="1", libraries=_LIBRARIES, resumable=True)
 def refine(
     ctx: Context, state: Stage1State, views: Train, depths: DepthMaps | None = None, *, p: RefineParams
 ) -> RefineOut:
@@ -94,5 +94,7 @@ def refine(
             progress=ctx.progress,
             where=ctx.node,
             device=pick_device(p.device),
+            checkpoint=ctx.checkpoint,
+            resumed=ctx.resume(),
         )
     return RefineOut(new, Metrics(history))

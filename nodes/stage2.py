@@ -37,7 +37,7 @@ class FitOut(NamedTuple):
     history: Metrics
 
 
-@node("stage2.fit", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"))
+@node("stage2.fit", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resumable=True)
 def fit(
     ctx: Context,
     carrier: Carrier,
@@ -56,5 +56,14 @@ def fit(
 
     settings = FitSettings(**p.model_dump(exclude={"threads"}))
     with torch_threads(p.threads):
-        asset, curves = run(carrier, views, transport, settings, seed=ctx.seed, progress=progress)
+        asset, curves = run(
+            carrier,
+            views,
+            transport,
+            settings,
+            seed=ctx.seed,
+            progress=progress,
+            checkpoint=ctx.checkpoint,
+            resumed=ctx.resume(),
+        )
     return FitOut(asset, Metrics({"curves": curves}))

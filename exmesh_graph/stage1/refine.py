@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -34,6 +34,8 @@ from exmesh_graph.stage1.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Stage1State, Views
 
 Progress = Callable[..., None]
+Checkpoint = Callable[[int, dict[str, Any]], None]
+Resumed = tuple[int, Mapping[str, Any]]
 
 GRAZED = 0.05
 """A texel whose gradient stays below this share of a full pixel's is only grazed by lookups, not seen."""
@@ -80,17 +82,20 @@ def refine(
     progress: Progress | None = None,
     where: str = "stage1.refine",
     device: torch.device | str = "cpu",
+    checkpoint: Checkpoint | None = None,
+    resumed: Resumed | None = None,
 ) -> tuple[Stage1State, dict[str, Any]]:
     """Optimise vertices and texture of `state` against `views` for `settings.iterations` iterations.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
-    name where they are fitted. Same inputs and seed give the same bytes on a CPU. Raises NumericsError with step, view
-    and term if anything is not finite, and GeometryError for a carrier without faces.
+    name where they are fitted. Same inputs and seed give the same bytes on a CPU, also when a call was cut off and
+    another one with the same arguments goes on from `resumed`, what `checkpoint(step, state)` was last given. Raises
+    NumericsError with step, view and term if anything is not finite, and GeometryError for a carrier without faces.
     """
     if len(state.faces) == 0:
         raise GeometryError("the carrier has no faces", where=where, fix="look at the node that made its mesh")
     targets = prepare_targets(views, downscale=settings.downscale, depths=depths, device=device)
-    return _Loop(state, targets, settings, seed, where, device).run(progress)
+    return _Loop(state, targets, settings, seed, where, device).run(progress, checkpoint, resumed)
 
 
 class _Loop:
@@ -122,12 +127,20 @@ class _Loop:
         self.touched = torch.zeros(self.surface.texture.shape[:2], dtype=torch.bool, device=device)
         self.gains = initial_gains(self.surface, targets) if settings.gains else None
 
-    def run(self, progress: Progress | None) -> tuple[Stage1State, dict[str, Any]]:
+    def run(
+        self, progress: Progress | None, checkpoint: Checkpoint | None, resumed: Resumed | None
+    ) -> tuple[Stage1State, dict[str, Any]]:
         count = self.settings.iterations
         block = max(1, math.ceil(count / 50))
         curve = Curve([], [], [])
         sums = [0.0, 0.0]
-        for k in range(count):
+        first = 0
+        if resumed is not None:
+            first, kept = resumed
+            curve, sums = Curve(*kept["curve"]), list(kept["sums"])
+            for name, tensor in self.changing().items():
+                tensor.detach().copy_(kept["tensors"][name])
+        for k in range(first, count):
             loss, error = self.step(k)
             sums = [sums[0] + loss, sums[1] + error]
             if (k + 1) % block == 0 or k + 1 == count:
@@ -138,7 +151,24 @@ class _Loop:
                 sums = [0.0, 0.0]
                 if progress is not None:
                     progress(k + 1, count, loss=curve.loss[-1], psnr=curve.psnr[-1])
+            if checkpoint is not None:
+                checkpoint(k + 1, {"tensors": self.changing(), "curve": list(curve), "sums": sums})
         return self.result(), self.history(curve)
+
+    def changing(self) -> dict[str, torch.Tensor]:
+        """All that steps change, in place: with the arguments of the call it determines what follows."""
+        found = {
+            "vertices": self.surface.vertices,
+            "texture": self.surface.texture,
+            "vertex_m": self.vertex_m,
+            "vertex_v": self.vertex_v,
+            "texture_m": self.texture_m,
+            "texture_v": self.texture_v,
+            "gradient_ema": self.gradient_ema,
+            "reference": self.reference,
+            "touched": self.touched,
+        }
+        return found if self.gains is None else {**found, "gains": self.gains}
 
     def step(self, k: int) -> tuple[float, float]:
         """One iteration: (loss, mean squared error of the display image)."""

@@ -6,8 +6,9 @@ and moves the texels and the environment by Adam. Maps are sigmoids, the environ
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -30,6 +31,8 @@ from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Asset, Carrier, Transport, Views
 
 Progress = Callable[[int, int, dict[str, float]], None]
+Checkpoint = Callable[[int, dict[str, Any]], None]
+Resumed = tuple[int, Mapping[str, Any]]
 
 #: Bilinear weight over all pixels of all views from which a texel counts as seen: one pixel's worth, or this share of
 #: the median texel's where maps are finer than pixels. Adam moves a texel that the corner of one footprint touches as
@@ -151,10 +154,14 @@ def fit(
     seed: int = 0,
     device: str = "cpu",
     progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+    resumed: Resumed | None = None,
 ) -> tuple[Asset, dict[str, list[float]]]:
     """Decompose the carrier's appearance into materials and light.
 
     Returns the asset and curves over iterations (`iteration`, `loss`, `image`, `psnr`: sRGB over the view's pixels).
+    A call that was cut off goes on with the same arguments and `resumed`, what `checkpoint(step, state)` was last
+    given, and ends with the same bytes.
     Raises GeometryError when `transport` belongs to another mesh, DataError when no pixel sees the mesh and
     NumericsError, naming step, view and term, when a loss stops being finite.
     """
@@ -163,13 +170,19 @@ def fit(
     model = Model(carrier, views, transport, settings, device)
     tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
     generator = torch.Generator().manual_seed(seed)
-    initial_specular_scale(model)
-    model.level_light()
     optimiser = Adam([model.material, model.environment], [settings.material_rate, settings.environment_rate])
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
     curves: dict[str, list[float]] = {"iteration": [], "loss": [], "image": [], "psnr": []}
     order: list[int] = []
-    for step in range(settings.iterations):
+    first = 0
+    if resumed is None:
+        initial_specular_scale(model)
+        model.level_light()
+    else:
+        first, kept = resumed
+        curves, order = kept["curves"], kept["order"]
+        _restore(model, optimiser, generator, kept)
+    for step in range(first, settings.iterations):
         if step in refresh:
             measure_specular_scale(model, tracer, _indirect(settings, step), generator)
         if not order:
@@ -193,7 +206,32 @@ def fit(
                 curves[name].append(value)
             if progress:
                 progress(step + 1, settings.iterations, figures)
+        if checkpoint is not None:
+            checkpoint(step + 1, {**_changing(model, optimiser, generator), "curves": curves, "order": order})
     return _asset(carrier, model), curves
+
+
+def _changing(model: Model, optimiser: Adam, generator: torch.Generator) -> dict[str, Any]:
+    """All that steps change: with the arguments of `fit` it determines what follows."""
+    return {
+        "parameters": optimiser.parameters,
+        "first": optimiser.first,
+        "second": optimiser.second,
+        "steps": optimiser.steps,
+        "generator": generator.get_state(),
+        "specular_scale": [buffer.specular_scale for buffer in model.buffers],
+    }
+
+
+@torch.no_grad()
+def _restore(model: Model, optimiser: Adam, generator: torch.Generator, kept: Mapping[str, Any]) -> None:
+    for name in ("parameters", "first", "second"):
+        for tensor, value in zip(getattr(optimiser, name), kept[name], strict=True):
+            tensor.copy_(value)
+    optimiser.steps = kept["steps"]
+    generator.set_state(kept["generator"])
+    for buffer, scale in zip(model.buffers, kept["specular_scale"], strict=True):
+        buffer.specular_scale = scale.to(buffer.specular_scale)
 
 
 def _indirect(settings: FitSettings, step: int) -> float:

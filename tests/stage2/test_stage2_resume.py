@@ -1,0 +1,40 @@
+"""A fit that is cut off at any step and goes on from files ends with the bytes of an uninterrupted one."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.types.state import load_state, save_state
+
+SETTINGS = FitSettings(
+    environment_height=8, iterations=20, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=3,
+    correction_samples=2, metallic=True,
+)  # fmt: skip
+
+
+class CutOff(Exception):
+    pass
+
+
+def test_a_cut_off_fit_goes_on_to_the_same_bytes(carrier, train_views, transport, tmp_path):
+    whole, curves = fit(carrier, train_views, transport, SETTINGS, seed=3)
+    steps = [5, int(np.random.default_rng().integers(1, 20))]  # a correction comes at step 5
+    for number, step in enumerate(steps):
+        folder = tmp_path / str(number)
+
+        def checkpoint(now, state, step=step, folder=folder):
+            if now == step:
+                folder.mkdir()
+                save_state(folder, state)
+                raise CutOff
+
+        with pytest.raises(CutOff):
+            fit(carrier, train_views, transport, SETTINGS, seed=3, checkpoint=checkpoint)
+        again, same = fit(carrier, train_views, transport, SETTINGS, seed=3, resumed=(step, load_state(folder)))
+        assert same == curves, step
+        for field in fields(whole):
+            expected, found = getattr(whole, field.name), getattr(again, field.name)
+            assert np.asarray(expected).tobytes() == np.asarray(found).tobytes(), (step, field.name)
