@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import os
 import platform
 import sys
@@ -38,6 +39,15 @@ def _processor() -> str:
     except OSError:
         pass
     return platform.processor()
+
+
+def user_and_host() -> str:
+    """`name@machine`, for records of what people decided."""
+    try:
+        name = getpass.getuser()
+    except (OSError, KeyError):  # a user id without a name, as in some containers
+        name = str(os.getuid())
+    return f"{name}@{platform.node()}"
 
 
 def reset_peak_memory() -> None:

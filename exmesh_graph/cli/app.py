@@ -9,17 +9,24 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from exmesh_graph.cli import authoring
+from exmesh_graph.cli import authoring, upkeep
+from exmesh_graph.cli.options import (
+    GraphFile,
+    RunsFolder,
+    Sets,
+    StoreFolder,
+    Targets,
+    VariantName,
+    checked_graph,
+    named,
+    open_store,
+    show_notes,
+)
 from exmesh_graph.errors import ExmeshError
-
-if TYPE_CHECKING:
-    from exmesh_graph.graph.check import Checked
-    from exmesh_graph.graph.packs import Packs
-    from exmesh_graph.graph.store import Store
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -27,22 +34,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Photographs to relightable USD assets, as a cached graph of typed nodes.",
 )
-
-GraphFile = Annotated[Path, typer.Argument(metavar="GRAPH", help="The graph file (YAML).")]
-Sets = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Change a graph parameter, or node.param; repeatable."),
-]
-VariantName = Annotated[
-    str | None, typer.Option("--variant", metavar="NAME", help="A variant that the graph file declares.")
-]
-Targets = Annotated[
-    list[str] | None, typer.Option("--node", metavar="NODE", help="Only what this node needs; repeatable.")
-]
-StoreFolder = Annotated[
-    Path | None, typer.Option("--store", help="The artifact store (default: $EXMESH_STORE or ./.exmesh).")
-]
-RunsFolder = Annotated[Path, typer.Option("--runs", help="Where run folders go.")]
 
 
 @app.command()
@@ -69,13 +60,13 @@ def run(
     from exmesh_graph.graph.schedule import parse_tokens
 
     offered = parse_tokens(tokens)
-    checked, packs = _checked(graph, set_, variant)
-    targets = checked.needed_for(_names(checked, node)) if node else None
-    forced = set(_names(checked, force))
+    checked, packs = checked_graph(graph, set_, variant)
+    targets = checked.needed_for(named(checked, node)) if node else None
+    forced = set(named(checked, force))
     command = _command(graph, set_, store, runs, variant)
     code = run_graph(
         checked,
-        _store(store),
+        open_store(store),
         runs,
         packs,
         workers,
@@ -92,7 +83,7 @@ def run(
 @app.command()
 def check(graph: GraphFile, set_: Sets = None, variant: VariantName = None) -> None:
     """Check a graph: types, wires, parameters, source files. Nothing runs."""
-    checked, _ = _checked(graph, set_, variant)
+    checked, _ = checked_graph(graph, set_, variant)
     sources = sum(len(bound.sources) for bound in checked.nodes.values())
     typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
 
@@ -109,16 +100,16 @@ def plan(
     from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN
     from exmesh_graph.graph.plan import plan as make_plan
 
-    checked, _ = _checked(graph, set_, variant)
-    targets = checked.needed_for(_names(checked, node)) if node else None
-    opened = _store(store)
+    checked, _ = checked_graph(graph, set_, variant)
+    targets = checked.needed_for(named(checked, node)) if node else None
+    opened = open_store(store)
     steps = make_plan(checked, opened, targets)
     width = max(len(step.name) for step in steps)
     for step in steps:
         typer.echo(f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip())
     counts = {state: sum(step.state == state for step in steps) for state in (HIT, RUN, UNKNOWN)}
     typer.echo(f"{counts[HIT]} hit, {counts[RUN]} to run, {counts[UNKNOWN]} unknown (below a node that must run)")
-    _show_notes(opened)
+    show_notes(opened)
 
 
 @app.command()
@@ -137,9 +128,9 @@ def why(
         record = read_run(runs / "latest")
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
         variant = variant or record["resolved"].get("variant")
-    checked, _ = _checked(graph, set_, variant)
-    name = _names(checked, [node])[0]
-    show_why(checked, name, _store(store))
+    checked, _ = checked_graph(graph, set_, variant)
+    name = named(checked, [node])[0]
+    show_why(checked, name, open_store(store))
 
 
 @app.command()
@@ -154,23 +145,8 @@ def report(
     load_packs()
     record = read_run(run)
     folder = run.resolve()
-    make_report(folder, record, _store(store))
+    make_report(folder, record, open_store(store))
     typer.echo(str(folder / "report.html"))
-
-
-@app.command()
-def verify(store: StoreFolder = None) -> None:
-    """Read the whole store and check every byte; what is broken goes to quarantine and is made again."""
-    opened = _store(store)
-    if not opened.root.is_dir():
-        raise ExmeshError("there is no store here", where=str(opened.root), fix="name its folder with --store")
-    objects, actions = opened.count()
-    broken = 0
-    for what, reason in opened.verify():
-        broken += 1
-        typer.echo(f"{what}: {reason}")
-    typer.echo(f"{objects} objects and {actions} actions read, {broken} moved to quarantine")
-    raise typer.Exit(1 if broken else 0)
 
 
 @app.command()
@@ -182,6 +158,7 @@ def status(runs: RunsFolder = Path("runs"), last: Annotated[int, typer.Option(he
 
 
 authoring.register(app)
+upkeep.register(app)
 
 
 def run_app() -> None:
@@ -205,40 +182,6 @@ def run_app() -> None:
 
 def _interrupt(signum: int, frame: Any) -> None:
     raise KeyboardInterrupt
-
-
-def _checked(graph: Path, sets: list[str] | None, variant: str | None = None) -> tuple[Checked, Packs]:
-    from exmesh_graph.graph.check import check_file
-    from exmesh_graph.graph.packs import load_packs
-
-    packs = load_packs()
-    if variant:
-        from exmesh_graph.graph.variants import check_variant
-
-        return check_variant(graph, sets or [], packs, variant), packs
-    return check_file(graph, sets or [], packs), packs
-
-
-def _store(folder: Path | None) -> Store:
-    from exmesh_graph.graph.store import Store
-
-    return Store(folder or Path(os.environ.get("EXMESH_STORE") or ".exmesh"))
-
-
-def _show_notes(store: Store) -> None:
-    for note in store.notes:
-        typer.echo(f"store: {note}", err=True)
-
-
-def _names(checked: Checked, names: list[str] | None) -> list[str]:
-    from exmesh_graph.errors import GraphError
-    from exmesh_graph.graph.problems import nearest
-
-    for name in names or []:
-        if name not in checked.nodes:
-            close = nearest(name, checked.nodes) or list(checked.nodes)
-            raise GraphError(f"the graph has no node {name!r}", where="command line", expected=", ".join(close[:8]))
-    return list(names or [])
 
 
 def _command(graph: Path, sets: list[str] | None, store: Path | None, runs: Path, variant: str | None = None) -> str:

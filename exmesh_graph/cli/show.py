@@ -14,11 +14,13 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.check import Checked
 from exmesh_graph.graph.fingerprint import fingerprint
 from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.plan import differences, explain, plan, record_time
+from exmesh_graph.graph.plan import plan
 from exmesh_graph.graph.ports import Signature, signature
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.rundir import is_alive
 from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.upkeep.accepted import accepted_between
+from exmesh_graph.graph.upkeep.why import differences, explain, record_time
 
 
 def clock(seconds: float) -> str:
@@ -99,6 +101,8 @@ def show_why(graph: Checked, name: str, store: Store) -> None:
                    f"in {clock(float(info.get('seconds', 0)))}")  # fmt: skip
         for line in differences(step.preimage, step.action, bound):
             typer.echo(f"  {line}")
+        for entry in accepted_between(store, step.preimage, step.action.preimage):
+            typer.echo(f"  accepted: {entry}; take it back with exmesh accept --revoke {entry.id}")
     else:
         for line in explain(bound, step.preimage, store):
             typer.echo(f"  {line}")

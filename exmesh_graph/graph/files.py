@@ -17,6 +17,7 @@ from typing import Any
 from exmesh_graph.errors import StoreError
 
 _DENIED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EEXIST)
+_USED = 600.0  # seconds that a note of use may be old
 _RACY = 2_000_000_000  # ns: a file changed this recently may change again without a new time stamp
 
 
@@ -78,10 +79,14 @@ def unseal(text: str) -> dict[str, Any]:
     return dict(json.loads("{" + body))
 
 
-def read_sealed(path: str | Path) -> dict[str, Any]:
-    """The sealed record in a file. Raises OSError or ValueError."""
+def read_sealed(path: str | Path, *, use: bool = False) -> dict[str, Any]:
+    """The sealed record in a file; `use` notes by the file's time that it was used. Raises OSError or ValueError."""
     with open(path, encoding="utf-8") as file:
-        return unseal(file.read())
+        record = unseal(file.read())
+        if use and time.time() - os.fstat(file.fileno()).st_mtime > _USED:
+            with contextlib.suppress(OSError):  # by its handle: also a file that `gc` is moving away shows the use
+                os.utime(file.fileno())
+        return record
 
 
 def walk_files(folder: Path) -> list[tuple[str, Path]]:
@@ -169,6 +174,14 @@ def sweep_abandoned(parent: Path) -> None:
             if lock is not None:
                 remove_tree(entry)
                 os.close(lock)
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a living process holds the lock of an `own_folder`."""
+    handle = _locked(path)
+    if handle is not None:
+        os.close(handle)
+    return handle is None
 
 
 def _locked(path: Path) -> int | None:

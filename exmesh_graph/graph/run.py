@@ -111,6 +111,7 @@ class Run:
         """Run everything; returns the record. Raises NodeFailed or KeyboardInterrupt, with the record written."""
         started = time.perf_counter()
         self.store.sweep()
+        self.store.note_runs(self.folder.path.parent)
         self._save(now=True)
         self._emit({"event": "run_started", "run": self.folder.id, "nodes": list(self.nodes)})
         state = FAILED
@@ -191,11 +192,11 @@ class Run:
         try:
             preimage = preimage_for(bound, self.store, lambda node, port: self.outputs[node][port])
             key = key_of(preimage)
-            action = None if name in self.force else self._look_up(bound, key)
+            action = None if name in self.force else self._look_up(bound, preimage)
         except ExmeshError as error:
             self._fail(name, failure(name, error), None)
             return
-        self.rows[name]["key"] = key
+        self.rows[name]["key"] = key if action is None else action.key
         if action is not None:
             self._settle(name, HIT, action.outputs, action.info, time.perf_counter() - started)
             return
@@ -204,8 +205,8 @@ class Run:
         self.planned[name] = key, preimage
         bisect.insort(self.queue, (-self.remaining[name], self.index[name]))
 
-    def _look_up(self, bound: Bound, key: str) -> Action | None:
-        action = self.store.look_up(key)
+    def _look_up(self, bound: Bound, preimage: Mapping[str, Any]) -> Action | None:
+        action = self.store.find(preimage)
         if action is None or set(action.outputs) != set(bound.signature.outputs):
             return None
         shown = [link.port for link in self.graph.outputs.values() if link.node == bound.name]
@@ -231,7 +232,7 @@ class Run:
                 wanted = self.pool.wish(self.nodes[name])
                 if not self.pool.fits(wanted) or not self._lease(name, key):
                     continue
-                action = None if name in self.force else self._look_up(self.nodes[name], key)
+                action = None if name in self.force else self._look_up(self.nodes[name], preimage)
             except ExmeshError as error:
                 self.queue.remove(entry)
                 self._fail(name, failure(name, error), None)

@@ -3,6 +3,7 @@
     objects/ab/<digest>/data/...        the artifact's files, read-only
     objects/ab/<digest>/artifact.json   {type, digest, files: {name: [bytes, sha256]}}, written last
     actions/ab/<key>.json               {key, preimage, outputs: {port: {type, digest, bytes}}, ...}, with a checksum
+    accepted/<id>.json                  {type, new, old, ...}: code changes that do not matter (upkeep/accepted.py)
     work/<attempt>/                     everything unfinished;  quarantine/  everything doubtful
 
 Invariants: an object or record is visible only when complete (written in work/, synced, renamed). Any doubt on
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import platform
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -75,6 +77,14 @@ class Store:
         """Remove what killed processes left in work/."""
         files.sweep_abandoned(self.work)
 
+    def note_runs(self, folder: Path) -> None:
+        """Note that the runs in a folder use this store: what they show is kept by `gc`."""
+        host, place = platform.node(), str(folder.resolve())
+        path = self.root / "roots" / digest_of([host, place])[:16]
+        if not path.exists():
+            with files.writing("the store", self.root, "--store"):
+                files.write_durably(path, files.seal_text({"host": host, "path": place}), self.work)
+
     def save(self) -> None:
         """Keep what was learned about source files and modules for the next process."""
         self.sources.save()
@@ -110,13 +120,15 @@ class Store:
         target = self._object(digest)
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists() and not self.holds(digest):
-            self._quarantine(target, "found broken when the same artifact was written again")
+            self.quarantine(target, "found broken when the same artifact was written again")
         try:
             os.rename(draft, target)
         except OSError:
             if not self.holds(digest):
                 raise
             files.remove_tree(draft)
+            with contextlib.suppress(OSError):
+                os.utime(target)  # `gc` leaves alone what was made or used a short while ago
 
     def holds(self, digest: str) -> bool:
         """Whether the object is there, with all its files at their sizes."""
@@ -137,14 +149,14 @@ class Store:
             try:
                 return kind.load(self.data(digest))
             except Exception as error:
-                self._quarantine(self._object(digest), f"{kind.type_name} cannot be read: {error}")
+                self.quarantine(self._object(digest), f"{kind.type_name} cannot be read: {error}")
         return None
 
     def sound(self, digest: str) -> bool:
         """Whether all bytes of an object are as they were stored; quarantined where not."""
         reason = self.doubt(digest)
         if reason is not None:
-            self._quarantine(self._object(digest), reason)
+            self.quarantine(self._object(digest), reason)
         return reason is None
 
     def doubt(self, digest: str) -> str | None:
@@ -179,22 +191,33 @@ class Store:
             files.write_durably(self._action(key), files.seal_text(record), self.work)
         return key
 
-    def look_up(self, key: str) -> Action | None:
-        """The sound record of `key` whose outputs are all there, or None."""
+    def look_up(self, key: str, use: bool = True) -> Action | None:
+        """The sound record of `key` whose outputs are all there, or None; noted as used, unless it is not for use."""
         path = self._action(key)
-        action = self._read(path)
+        action = self.read(path, use)
         if action is None:
             return None
         for stored in action.outputs.values():
             if stored.digest != NOTHING.digest and not self.holds(stored.digest):
-                self._quarantine(self._object(stored.digest), "incomplete")
-                self._quarantine(path, f"its output {stored.digest} is missing or incomplete")
+                self.quarantine(self._object(stored.digest), "incomplete")
+                self.quarantine(path, f"its output {stored.digest} is missing or incomplete")
                 return None
         return action
 
-    def _read(self, path: Path) -> Action | None:
+    def find(self, preimage: Mapping[str, Any]) -> Action | None:
+        """`look_up` of the pre-image's key; else of one that differs in accepted code changes, and only in these."""
+        action = self.look_up(key_of(preimage))
+        if action is None and (self.root / "accepted").is_dir():
+            from exmesh_graph.graph.upkeep.accepted import equivalents
+
+            found = (self.look_up(key_of(other)) for other in equivalents(self, preimage))
+            action = next((other for other in found if other is not None), None)
+        return action
+
+    def read(self, path: Path, use: bool = False) -> Action | None:
+        """The record in a file below actions/, None (and quarantine) when it is not sound."""
         try:
-            record = files.read_sealed(path)
+            record = files.read_sealed(path, use=use)
             outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
             key, preimage = record.pop("key"), record.pop("preimage")
             if key != path.stem or key_of(preimage) != key or record.pop("format") != FORMAT:
@@ -202,7 +225,7 @@ class Store:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            self._quarantine(path, str(error))
+            self.quarantine(path, str(error))
             return None
         return Action(key, preimage, outputs, record)
 
@@ -212,7 +235,7 @@ class Store:
             self._records = {}
             paths = [(path.stat().st_mtime_ns, path) for path in (self.root / "actions").glob("*/*.json")]
             for _, path in sorted(paths, reverse=True)[:RECENT]:
-                action = self._read(path)
+                action = self.read(path)
                 if action is not None:
                     self._records.setdefault(str(action.preimage["type"]), []).append(action)
         return self._records.get(node_type, [])
@@ -223,7 +246,7 @@ class Store:
             if not self.sound(folder.name):
                 yield f"object {folder.name}", self.notes[-1]
         for path in sorted((self.root / "actions").glob("*/*.json")):
-            if self._read(path) is None or self.look_up(path.stem) is None:
+            if self.read(path) is None or self.look_up(path.stem, use=False) is None:
                 yield f"action {path.stem}", self.notes[-1]
 
     def count(self) -> tuple[int, int]:
@@ -231,7 +254,8 @@ class Store:
         objects = sum(1 for _ in (self.root / "objects").glob("*/*"))
         return objects, sum(1 for _ in (self.root / "actions").glob("*/*.json"))
 
-    def _quarantine(self, path: Path, reason: str) -> None:
+    def quarantine(self, path: Path, reason: str) -> None:
+        """Move away what is in doubt, and note why."""
         if not path.exists():
             return
         name = path.relative_to(self.root)

@@ -1,0 +1,68 @@
+"""What the commands share: their common options, and how a graph and a store are opened."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.check import Checked
+    from exmesh_graph.graph.packs import Packs
+    from exmesh_graph.graph.store import Store
+
+GraphFile = Annotated[Path, typer.Argument(metavar="GRAPH", help="The graph file (YAML).")]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Change a graph parameter, or node.param; repeatable."),
+]
+VariantName = Annotated[
+    str | None, typer.Option("--variant", metavar="NAME", help="A variant that the graph file declares.")
+]
+Targets = Annotated[
+    list[str] | None, typer.Option("--node", metavar="NODE", help="Only what this node needs; repeatable.")
+]
+StoreFolder = Annotated[
+    Path | None, typer.Option("--store", help="The artifact store (default: $EXMESH_STORE or ./.exmesh).")
+]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="Where run folders go.")]
+
+
+def checked_graph(graph: Path, sets: list[str] | None, variant: str | None = None) -> tuple[Checked, Packs]:
+    """A graph file, or one of its variants, checked against the installed packs."""
+    from exmesh_graph.graph.check import check_file
+    from exmesh_graph.graph.packs import load_packs
+
+    packs = load_packs()
+    if variant:
+        from exmesh_graph.graph.variants import check_variant
+
+        return check_variant(graph, sets or [], packs, variant), packs
+    return check_file(graph, sets or [], packs), packs
+
+
+def open_store(folder: Path | None) -> Store:
+    """The store that --store, $EXMESH_STORE or the working folder names."""
+    from exmesh_graph.graph.store import Store
+
+    return Store(folder or Path(os.environ.get("EXMESH_STORE") or ".exmesh"))
+
+
+def show_notes(store: Store) -> None:
+    """What the store found doubtful."""
+    for note in store.notes:
+        typer.echo(f"store: {note}", err=True)
+
+
+def named(checked: Checked, names: list[str] | None) -> list[str]:
+    """Names of nodes that the graph has. Raises GraphError with the nearest names."""
+    from exmesh_graph.errors import GraphError
+    from exmesh_graph.graph.problems import nearest
+
+    for name in names or []:
+        if name not in checked.nodes:
+            close = nearest(name, checked.nodes) or list(checked.nodes)
+            raise GraphError(f"the graph has no node {name!r}", where="command line", expected=", ".join(close[:8]))
+    return list(names or [])

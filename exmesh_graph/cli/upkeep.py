@@ -1,0 +1,159 @@
+"""`exmesh verify`, `accept`, `pin`, `gc`, `doctor`: looking after a store and after the machine."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from exmesh_graph.cli.options import (
+    RunsFolder,
+    Sets,
+    StoreFolder,
+    Targets,
+    VariantName,
+    checked_graph,
+    named,
+    open_store,
+    show_notes,
+)
+from exmesh_graph.errors import ExmeshError
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.store import Store
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    for command in (verify, accept, pin, unpin, gc):
+        app.command()(command)
+
+
+def verify(store: StoreFolder = None) -> None:
+    """Read the whole store and check every byte; what is broken goes to quarantine and is made again."""
+    from exmesh_graph.graph.upkeep.verify import verify as check_all
+
+    opened = _existing(store)
+    objects, actions = opened.count()
+    quarantine = opened.root / "quarantine"
+    before = len(list(quarantine.glob("*")))
+    broken = 0
+    for what, reason in check_all(opened):
+        broken += what != "lease"
+        typer.echo(f"{what}: {reason}")
+    moved = len(list(quarantine.glob("*"))) - before
+    typer.echo(f"{objects} objects and {actions} actions read, {broken} faults, {moved} moved to quarantine")
+    raise typer.Exit(1 if broken else 0)
+
+
+def accept(
+    graph: Annotated[Path | None, typer.Argument(metavar="GRAPH", help="The graph whose code changed.")] = None,
+    node: Targets = None,
+    set_: Sets = None,
+    variant: VariantName = None,
+    revoke: Annotated[
+        list[str] | None, typer.Option("--revoke", metavar="ID", help="Take an accepted change back; repeatable.")
+    ] = None,
+    store: StoreFolder = None,
+) -> None:
+    """Let results of earlier code count where only the code changed and you know that it does not matter.
+
+    Holds for the node type in every graph of this store. Without a graph: list what was accepted.
+    """
+    from exmesh_graph.graph.upkeep import accept as accepting
+    from exmesh_graph.graph.upkeep.accepted import accepted
+
+    opened = open_store(store)
+    for id in revoke or []:
+        typer.echo(f"revoked: {accepting.revoke(opened, id)}")
+    if graph is not None:
+        checked, _ = checked_graph(graph, set_, variant)
+        only = set(named(checked, node)) if node else None
+        for name, words in accepting.accept(checked, opened, only):
+            typer.echo(f"{name}: {words}")
+    elif not revoke:
+        for entry in accepted(opened):
+            typer.echo(str(entry))
+
+
+def pin(
+    what: Annotated[
+        str | None, typer.Argument(metavar="RUN|KEY", help="A run (its folder or id), or a key of `exmesh why`.")
+    ] = None,
+    name: Annotated[str | None, typer.Option("--name", help="How the pin is called.")] = None,
+    store: StoreFolder = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Keep the results of a run, or of one key, whatever `gc` removes. Without arguments: list the pins."""
+    from exmesh_graph.cli.show import read_run
+    from exmesh_graph.graph.upkeep import pins
+
+    opened = _existing(store)
+    if what is None:
+        for entry in pins.pins(opened):
+            typer.echo(str(entry))
+        return
+    if name is None:
+        raise ExmeshError("a pin needs a name", fix=f"exmesh pin {what} --name NAME")
+    key = pins.key_of_prefix(opened, what)
+    if key is not None:
+        typer.echo(f"pinned: {pins.pin(opened, name, f'key {key[:12]}', [key])}")
+        return
+    folder = Path(what) if (Path(what) / "run.json").is_file() else runs / what
+    record = read_run(folder)
+    keys = [row["key"] for row in record["nodes"] if row["key"]]
+    typer.echo(f"pinned: {pins.pin(opened, name, 'run ' + record['id'], keys)}")
+
+
+def unpin(name: Annotated[str, typer.Argument(help="The pin's name.")], store: StoreFolder = None) -> None:
+    """Remove a pin; what it kept goes with the next `gc` that finds no other need for it."""
+    from exmesh_graph.graph.upkeep import pins
+
+    typer.echo(f"removed: {pins.unpin(_existing(store), name)}")
+
+
+def gc(
+    delete: Annotated[bool, typer.Option("--delete", help="Remove it; without this, only say what would go.")] = False,
+    budget: Annotated[
+        str | None, typer.Option(metavar="SIZE", help="Most bytes to keep, e.g. 5GB: the oldest unpinned go first.")
+    ] = None,
+    age: Annotated[str, typer.Option(metavar="TIME", help="Keep what was used within this time, e.g. 30d.")] = "1h",
+    store: StoreFolder = None,
+    runs: Annotated[
+        list[Path] | None,
+        typer.Option("--runs", help="A folder of runs that are needed, beside the known; repeatable."),
+    ] = None,
+) -> None:
+    """Find what no run and no pin needs any more, and remove it with --delete. Safe beside runs."""
+    from exmesh_graph.graph.upkeep import collect
+    from exmesh_graph.graph.upkeep.units import shown_bytes, to_bytes, to_seconds
+
+    opened = _existing(store)
+    limit = None if budget is None else to_bytes(budget)
+    found = collect.survey(opened, runs or [Path("runs")], to_seconds(age), limit)
+    gone = found.items
+    if delete:
+        gone, spared = collect.delete(opened, found)
+        found.kept_bytes += sum(item.bytes for item in spared)
+    for item in gone if len(gone) <= 40 else sorted(gone, key=lambda item: -item.bytes)[:40]:
+        typer.echo(f"{shown_bytes(item.bytes):>10}  {item.kind} {item.name[:16]}  {item.why}")
+    if len(gone) > 40:
+        typer.echo(f"{'':>10}  ... and {len(gone) - 40} smaller ones")
+    for note in found.notes:
+        typer.echo(f"note: {note}")
+    counts = Counter(item.kind for item in gone)
+    kinds = ", ".join(f"{count} {kind}{'s' if count > 1 else ''}" for kind, count in counts.items())
+    words = "removed" if delete else "would be removed (with --delete)"
+    size = sum(item.bytes for item in gone)
+    typer.echo(f"{kinds or 'nothing'} {words}, {shown_bytes(size)}; {shown_bytes(found.kept_bytes)} stay, "
+               f"needed by {found.roots.runs} runs and {len(found.roots.pinned)} pinned results")  # fmt: skip
+    show_notes(opened)
+
+
+def _existing(folder: Path | None) -> Store:
+    opened = open_store(folder)
+    if not opened.root.is_dir():
+        raise ExmeshError("there is no store here", where=str(opened.root), fix="name its folder with --store")
+    return opened

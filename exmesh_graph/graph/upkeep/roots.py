@@ -1,0 +1,69 @@
+"""What keeps results in a store: the runs that show them, pins, leases, and work in progress.
+
+roots/<id>   sealed {host, path}: a folder of runs that used this store, noted by the run itself
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from exmesh_graph.errors import StoreError
+from exmesh_graph.graph import files
+from exmesh_graph.graph.lease import Leases
+from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.upkeep.pins import pins
+from exmesh_graph.machine import Process
+
+
+@dataclass
+class Roots:
+    """Keys that stay, by what holds them; `notes` is what the user should know before anything goes."""
+
+    pinned: set[str] = field(default_factory=set)
+    shown: set[str] = field(default_factory=set)
+    busy: set[str] = field(default_factory=set)
+    runs: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+def find_roots(store: Store, runs: Iterable[Path]) -> Roots:
+    """The roots of a store. Raises StoreError when a pin or a run of a known folder cannot be read."""
+    found = Roots()
+    for entry in pins(store):
+        found.pinned.update(entry.keys)
+    found.busy.update(holder.key for holder in Leases(store.root).holders())
+    folders = {path.resolve() for path in runs}
+    here = Process.here().host
+    for host, path in known_folders(store):
+        if path.is_dir():
+            folders.add(path.resolve())
+        elif host != here:
+            found.notes.append(f"the runs in {path} of {host} cannot be seen from here: their results count as unused")
+    for folder in sorted(folders):
+        for run in sorted(folder.glob("*/run.json")):
+            if not run.parent.is_symlink():
+                found.runs += 1
+                found.shown.update(_keys(run))
+    return found
+
+
+def known_folders(store: Store) -> Iterator[tuple[str, Path]]:
+    """(host, folder of runs) of every folder whose runs used this store."""
+    for path in sorted((store.root / "roots").glob("*")):
+        try:
+            raw = files.read_sealed(path)
+            yield str(raw["host"]), Path(raw["path"])
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+
+
+def _keys(run: Path) -> set[str]:
+    try:
+        rows = json.loads(run.read_text(encoding="utf-8"))["nodes"]
+        return {row["key"] for row in rows if row.get("key")}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        what = f"a run cannot be read ({type(error).__name__}), so that what it needs is not known"
+        raise StoreError(what, where=str(run), fix="remove that run's folder if it is of no use") from error

@@ -1,0 +1,88 @@
+"""accept, pin, gc and verify as their users meet them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from exmesh_graph.graph import fingerprint as fp
+
+Exmesh = Callable[..., Any]
+GRAPH = 'nodes: {a: {type: toy.const}, s: {type: toy.sign, number: "@a.number"}}\noutputs: {s: "@s.number"}\n'
+
+
+@pytest.fixture
+def helper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
+    """`helper(old, new)` edits a copy of the helper module of `toy.sign`, seen by the next command."""
+    copy, real = tmp_path / "helpers.py", fp._find
+    shutil.copy(Path(__file__).parent.parent / "graph" / "toy" / "toy_pack" / "helpers.py", copy)
+    monkeypatch.setattr(fp, "_find", lambda name: copy if name == "toy_pack.helpers" else real(name))
+
+    def forget() -> None:
+        fp._fingerprint.cache_clear()
+        fp._module.cache_clear()
+
+    def edit(old: str, new: str) -> None:
+        text = copy.read_text()
+        assert old in text
+        copy.write_text(text.replace(old, new))
+        forget()
+
+    forget()
+    yield edit
+    forget()
+
+
+def test_accept_and_revoke(exmesh: Exmesh, tmp_path: Path, helper: Callable[[str, str], None]) -> None:
+    (tmp_path / "g.yaml").write_text(GRAPH)
+    exmesh("run", "g.yaml")
+    helper("1.0 if value", "2.0 if value")
+    assert "1 hit, 1 to run" in exmesh("plan", "g.yaml").stdout
+    done = exmesh("accept", "g.yaml").stdout
+    assert done.startswith("s: accepted: ")
+    assert "toy.sign  toy_pack.helpers" in done
+    assert "its code changed, which was accepted" in exmesh("plan", "g.yaml").stdout
+    why = exmesh("why", "s", "g.yaml").stdout
+    assert "code changed: toy_pack.helpers" in why
+    id = why.split("--revoke ")[1].split()[0]
+    assert exmesh("accept").stdout.startswith(id)
+    assert "2 from the store, 0 run" in exmesh("run", "g.yaml").stdout
+    assert exmesh("accept", "--revoke", id[:6]).stdout.startswith(f"revoked: {id}")
+    assert "1 hit, 1 to run" in exmesh("plan", "g.yaml").stdout
+    assert "names 0 accepted changes" in exmesh("accept", "--revoke", id, code=1).stderr
+
+
+def test_pin_gc_verify(exmesh: Exmesh, tmp_path: Path) -> None:
+    (tmp_path / "g.yaml").write_text(GRAPH)
+    exmesh("run", "g.yaml")
+    exmesh("run", "g.yaml", "--set", "a.value=5")
+    first, second = sorted(path for path in (tmp_path / "runs").iterdir() if not path.is_symlink())
+    assert exmesh("gc").stdout.startswith("nothing would be removed (with --delete), 0 B;")
+    assert "pinned: best  run" in exmesh("pin", first.name, "--name", "best").stdout
+    key = exmesh("why", "a", "g.yaml").stdout.split("key ")[1].split()[0]
+    exmesh("pin", key[:8], "--name", "one")
+    assert [line.split()[0] for line in exmesh("pin").stdout.splitlines()] == ["best", "one"]
+    assert "needs a name" in exmesh("pin", key[:8], code=1).stderr
+    assert "is no run folder" in exmesh("pin", "nothing", "--name", "x", code=1).stderr
+    shutil.rmtree(first)
+    shutil.rmtree(second)
+    (tmp_path / "runs" / "latest").unlink()
+    assert exmesh("gc").stdout.startswith("nothing")
+    for path in [*(tmp_path / ".exmesh").glob("actions/*/*"), *(tmp_path / ".exmesh").glob("objects/*/*")]:
+        os.utime(path, (1e9, 1e9))
+    shown = exmesh("gc", "--age", "0s").stdout
+    assert "result" in shown
+    assert "2 results, 1 object would be removed" in shown
+    assert "2 pinned results" in shown
+    assert exmesh("verify").stdout.startswith("2 objects and 4 actions read, 0 faults")
+    assert "2 results, 1 object removed" in exmesh("gc", "--delete").stdout
+    assert "2 hit, 0 to run" in exmesh("plan", "g.yaml").stdout
+    assert "removed: best" in exmesh("unpin", "best").stdout
+    assert "needed by 0 runs" in exmesh("gc", "--delete", "--budget", "1B").stdout
+    assert "is no size" in exmesh("gc", "--budget", "much", code=1).stderr
+    assert "no store here" in exmesh("gc", "--store", "elsewhere", code=1).stderr
