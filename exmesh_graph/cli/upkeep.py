@@ -44,7 +44,7 @@ def verify(store: StoreFolder = None) -> None:
         broken += what != "lease"
         typer.echo(f"{what}: {reason}")
     moved = len(list(quarantine.glob("*"))) - before
-    typer.echo(f"{objects} objects and {actions} actions read, {broken} faults, {moved} moved to quarantine")
+    typer.echo(f"{objects} objects and {actions} actions read, {moved} moved to quarantine")
     raise typer.Exit(1 if broken else 0)
 
 

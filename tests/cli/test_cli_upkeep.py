@@ -79,7 +79,7 @@ def test_pin_gc_verify(exmesh: Exmesh, tmp_path: Path) -> None:
     assert "result" in shown
     assert "2 results, 1 object would be removed" in shown
     assert "2 pinned results" in shown
-    assert exmesh("verify").stdout.startswith("2 objects and 4 actions read, 0 faults")
+    assert exmesh("verify").stdout.startswith("2 objects and 4 actions read, 0 moved")
     assert "2 results, 1 object removed" in exmesh("gc", "--delete").stdout
     assert "2 hit, 0 to run" in exmesh("plan", "g.yaml").stdout
     assert "removed: best" in exmesh("unpin", "best").stdout

@@ -225,6 +225,25 @@ def test_sweep_spares_the_living(tmp_path: Path) -> None:
     assert not mine.exists()
 
 
+def test_a_folder_swept_between_open_and_lock_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sweep may come between opening the lock and locking it: the lock of a removed file protects nothing."""
+    from exmesh_graph.graph import files
+
+    work, real = tmp_path / "work", files.fcntl.flock
+    swept = []
+
+    def flock(handle: int, how: int) -> None:
+        if not swept:
+            swept.append(next(work.iterdir()))
+            shutil.rmtree(swept[0])
+        real(handle, how)
+
+    monkeypatch.setattr(files.fcntl, "flock", flock)
+    with own_folder(work) as mine:
+        (mine / "draft").write_text("x")
+        assert mine != swept[0]
+
+
 def test_records_hold_no_pickle(store: Store) -> None:
     stored = put(store, Metrics({"x": 1}))
     note = json.loads((store.data(stored.digest).parent / "artifact.json").read_text())
