@@ -79,11 +79,24 @@ class Store:
 
     def note_runs(self, folder: Path) -> None:
         """Note that the runs in a folder use this store: what they show is kept by `gc`."""
-        host, place = platform.node(), str(folder.resolve())
-        path = self.root / "roots" / digest_of([host, place])[:16]
-        if not path.exists():
+        facts = {"host": platform.node(), "path": str(folder.resolve())}
+        path = self.root / "roots" / digest_of(facts)[:16]
+        if self.folder_of_runs(path) is None:
             with files.writing("the store", self.root, "--store"):
-                files.write_durably(path, files.seal_text({"host": host, "path": place}), self.work)
+                files.write_durably(path, files.seal_text(facts), self.work)
+
+    def folder_of_runs(self, path: Path) -> tuple[str, Path] | None:
+        """(host, folder) in a note of `note_runs`, None (and quarantine) when it is not sound."""
+        try:
+            facts = files.read_sealed(path)
+            if digest_of(facts)[:16] != path.name:
+                raise ValueError("its name does not belong to its contents")
+            return facts["host"], Path(facts["path"])
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError) as error:
+            self.quarantine(path, str(error))
+            return None
 
     def save(self) -> None:
         """Keep what was learned about source files and modules for the next process."""
@@ -248,6 +261,9 @@ class Store:
         for path in sorted((self.root / "actions").glob("*/*.json")):
             if self.read(path) is None or self.look_up(path.stem, use=False) is None:
                 yield f"action {path.stem}", self.notes[-1]
+        for path in sorted((self.root / "roots").glob("*")):
+            if self.folder_of_runs(path) is None:
+                yield f"note of runs {path.name}", self.notes[-1]
 
     def count(self) -> tuple[int, int]:
         """(objects, actions) in the store."""

@@ -6,12 +6,11 @@ roots/<id>   sealed {host, path}: a folder of runs that used this store, noted b
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import files
 from exmesh_graph.graph.lease import Leases
 from exmesh_graph.graph.store import Store
 from exmesh_graph.graph.upkeep.pins import pins
@@ -37,7 +36,11 @@ def find_roots(store: Store, runs: Iterable[Path]) -> Roots:
     found.busy.update(holder.key for holder in Leases(store.root).holders())
     folders = {path.resolve() for path in runs}
     here = Process.here().host
-    for host, path in known_folders(store):
+    for note in sorted((store.root / "roots").glob("*")):
+        told = store.folder_of_runs(note)
+        if told is None:
+            raise StoreError(store.notes[-1], fix="name the folders of runs that are needed with --runs and go on")
+        host, path = told
         if path.is_dir():
             folders.add(path.resolve())
         elif host != here:
@@ -48,16 +51,6 @@ def find_roots(store: Store, runs: Iterable[Path]) -> Roots:
                 found.runs += 1
                 found.shown.update(_keys(run))
     return found
-
-
-def known_folders(store: Store) -> Iterator[tuple[str, Path]]:
-    """(host, folder of runs) of every folder whose runs used this store."""
-    for path in sorted((store.root / "roots").glob("*")):
-        try:
-            raw = files.read_sealed(path)
-            yield str(raw["host"]), Path(raw["path"])
-        except (OSError, ValueError, KeyError, TypeError):
-            continue
 
 
 def _keys(run: Path) -> set[str]:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import StoreError
+from exmesh_graph.graph import store as store_module
 from exmesh_graph.graph.checkpoint import Checkpoints
 from exmesh_graph.graph.files import own_folder
 from exmesh_graph.graph.lease import Lease, Leases
@@ -102,14 +103,28 @@ def test_folders_of_runs_note_themselves(bench: Any) -> None:
     assert names(survey(store)) == {row["key"], row["outputs"]["number"]["digest"]}
 
 
-def test_runs_of_other_machines_are_named(store: Store, tmp_path: Path) -> None:
-    from exmesh_graph.graph.files import seal_text
-
+def test_runs_of_other_machines_are_named(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store.note_runs(tmp_path / "gone")
     assert survey(store).notes == []
-    (store.root / "roots" / "other").write_text(seal_text({"host": "elsewhere", "path": "/there"}))
+    monkeypatch.setattr(store_module.platform, "node", lambda: "elsewhere")
+    store.note_runs(Path("/there"))
+    monkeypatch.undo()
+    monkeypatch.setattr(collect, "SETTLE", 0.0)
     (note,) = survey(store).notes
     assert "/there of elsewhere cannot be seen from here" in note
+
+
+def test_a_spoilt_note_of_runs_is_told(store: Store, tmp_path: Path) -> None:
+    for look in (lambda: survey(store), lambda: dict(store.verify())):
+        store.note_runs(tmp_path / "there")
+        (path,) = (store.root / "roots").iterdir()
+        path.write_text(path.read_text().replace("there", "where"))
+        try:
+            found = look()
+        except StoreError as error:
+            found = {"note of runs": str(error)}
+        assert any("note of runs" in what and "checksum does not fit" in why for what, why in found.items())
+        assert not path.exists()
 
 
 def test_an_unreadable_run_stops_gc(store: Store, tmp_path: Path) -> None:
