@@ -1,7 +1,8 @@
-"""Commands for those who write graphs and nodes: `exmesh nodes`."""
+"""Commands for those who write graphs and nodes: `exmesh nodes`, `schema`, `new-node`."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,6 +11,7 @@ import typer
 def register(app: typer.Typer) -> None:
     """Add the commands of this module to the `exmesh` command."""
     app.command()(nodes)
+    app.command()(schema)
 
 
 def nodes(
@@ -24,3 +26,18 @@ def nodes(
         show_nodes(packs)
     else:
         show_node(packs, type)
+
+
+def schema(
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")] = None,
+) -> None:
+    """Print the JSON schema of graph files with the node types at hand, for editors."""
+    from exmesh_graph.graph.language.schema import schema_text
+    from exmesh_graph.graph.packs import load_packs
+
+    text = schema_text(load_packs())
+    if output is None:
+        typer.echo(text, nl=False)
+    else:
+        output.write_text(text, encoding="utf-8")
+        typer.echo(str(output))
