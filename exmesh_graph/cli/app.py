@@ -82,10 +82,12 @@ def run(
 
 @app.command()
 def check(graph: GraphFile, set_: Sets = None, variant: VariantName = None) -> None:
-    """Check a graph: types, wires, parameters, source files. Nothing runs."""
+    """Check a graph: types, wires, parameters, source files; list what --set can change. Nothing runs."""
     checked, _ = checked_graph(graph, set_, variant)
     sources = sum(len(bound.sources) for bound in checked.nodes.values())
     typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
+    for name, declared in checked.declared.items():
+        typer.echo(f"  {name} = {checked.params[name]!r}{'' if declared.inferred else f'  ({declared})'}")
 
 
 @app.command()
