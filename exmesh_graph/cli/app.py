@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from exmesh_graph.cli import authoring, upkeep
+from exmesh_graph.cli import authoring, upkeep, variants
 from exmesh_graph.cli.options import (
     GraphFile,
     RunsFolder,
@@ -161,6 +161,7 @@ def status(runs: RunsFolder = Path("runs"), last: Annotated[int, typer.Option(he
 
 authoring.register(app)
 upkeep.register(app)
+variants.register(app)
 
 
 def run_app() -> None:

@@ -1,137 +1,181 @@
-"""The run's graph as inline SVG: layers from top to bottom, repeat blocks folded.
-
-Layers are topological generations. A wire that skips layers runs through one way point per layer, shared by all
-wires from the same node, so that it passes beside the boxes; boxes are ordered by the mean place of their
-neighbours (the barycentre heuristic of Sugiyama et al. 1981).
-"""
+"""A graph as SVG that stands alone: boxes coloured by state, repeat blocks as frames, ports on hover."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
+from importlib import resources
 
-from exmesh_graph.report.text import seconds
+from exmesh_graph.report.layout import Layout, Piece, arrange
+from exmesh_graph.report.text import seconds, size
 
-_BOX = (150.0, 40.0)
-_GAP = (22.0, 34.0)
-_WAY_WIDTH = 14.0
-_SWEEPS = 8
+_NAME, _UNDER = 7.3, 6.0  # widths of letters
+_HEIGHT, _LINE = 42.0, 15.0
+_STATES = {"done": "ran", "hit": "from the store", "run": "would run", "unknown": "unknown", "failed": "failed",
+           "running": "running", "blocked": "blocked", "waiting": "waiting", "interrupted": "interrupted",
+           "added": "added", "removed": "removed", "changed": "changed", "rerun": "would run again"}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Box:
-    """What a box shows: `count` executions folded into one, their common state and summed seconds."""
+    """A node as drawn: `count` executions folded into one, their common state, summed seconds and bytes.
+
+    `note` stands in the third line instead of seconds and bytes; `hover` are lines shown under the pointer.
+    """
 
     name: str
     type: str
-    state: str
-    seconds: float
-    count: int
+    state: str = ""
+    seconds: float | None = None
+    count: int = 1
+    bytes: int = 0
+    note: str = ""
+    hover: tuple[str, ...] = ()
+
+    @property
+    def scopes(self) -> tuple[str, ...]:
+        """The repeat blocks around it: `rounds.uv` lies in rounds, `rounds[2].uv` in rounds[2]."""
+        return tuple(self.name.split(".")[:-1])
+
+    @property
+    def short(self) -> str:
+        return self.name.split(".")[-1]
+
+    @property
+    def third(self) -> str:
+        """The third line."""
+        parts = [seconds(self.seconds) if self.seconds else "", size(self.bytes) if self.bytes else ""]
+        return self.note or " · ".join(part for part in parts if part)
 
 
-Key = tuple[str, int]  # (node, layer): the node's box in its own layer, a way point in later ones
+@dataclass(frozen=True)
+class Picture:
+    """What is drawn: boxes, (source, target) wires, wires back to the next round, states of wires that stand out."""
+
+    boxes: Sequence[Box]
+    edges: Sequence[tuple[str, str]]
+    loops: Sequence[tuple[str, str]] = ()
+    edge_states: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    title: str = ""
 
 
-def graph_picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]]) -> str:
-    """SVG of the graph; an empty string when there is nothing to draw."""
-    if not boxes:
-        return ""
-    layer_of = _layers(boxes, edges)
-    links = _links(layer_of, edges)
-    rows = _order(boxes, layer_of, links)
-    centre = _places(rows, layer_of)
-    width = max(x for x, _ in centre.values()) + _BOX[0] / 2 + 12
-    height = max(y for _, y in centre.values()) + _BOX[1] / 2 + 12
+def graph_picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], loops: Sequence[tuple[str, str]] = ()) -> str:
+    """SVG of boxes and wires; an empty string when there is nothing to draw."""
+    return draw(Picture(boxes, edges, loops)) if boxes else ""
+
+
+def draw(picture: Picture) -> str:
+    """The SVG text."""
+    boxes = {box.name: box for box in picture.boxes}
+    third = any(box.third for box in picture.boxes)
+    sizes = {name: _size(box, third) for name, box in boxes.items()}
+    layout = arrange(sizes, picture.edges, {name: box.scopes for name, box in boxes.items()})
+    legend = _legend(picture)
+    top = (30 if picture.title else 0) + (24 if legend else 0)
+    width = max(layout.width, 30 + 8 * len(picture.title), 420 if legend else 0)
+    name = escape(picture.title or "graph", quote=True)
+    style = (resources.files(__package__) / "graph_picture.css").read_text(encoding="utf-8")
     parts = [
-        f'<svg class="graph" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}" '
-        'role="img" aria-label="graph of the run">'
+        f'<svg class="graph" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {layout.height + top:.0f}" '
+        f'width="{width:.0f}" height="{layout.height + top:.0f}" role="img" aria-label="{name}"><style>{style}</style>'
     ]
-    half = _BOX[1] / 2
-    for a, b in links:  # between two rows, so that no wire runs under a box
-        (x0, y0), (x1, y1) = centre[a], centre[b]
-        y0, y1 = y0 + half, y1 - half
-        middle = (y0 + y1) / 2
+    if picture.title:
+        parts.append(f'<text class="gp-title" x="16" y="26">{escape(picture.title)}</text>')
+    parts += _legend_items(legend, 16, top - 10)
+    parts.append(f'<g transform="translate({(width - layout.width) / 2:.1f} {top})">')
+    for frame in layout.frames:
         parts.append(
-            f'<path class="wire" d="M{x0:.1f} {y0:.1f}C{x0:.1f} {middle:.1f} {x1:.1f} {middle:.1f} {x1:.1f} {y1:.1f}"/>'
+            f'<g class="gp-frame"><rect x="{frame.x:.1f}" y="{frame.y:.1f}" width="{frame.width:.1f}" '
+            f'height="{frame.height:.1f}" rx="10"/></g>'
         )
-    for (name, layer), (x, y) in centre.items():
-        if layer != layer_of[name]:  # a way point: straight past the boxes of its row
-            parts.append(f'<path class="wire" d="M{x:.1f} {y - half:.1f}v{_BOX[1]:.1f}"/>')
-    for box in boxes:
-        parts.append(_box(box, *centre[box.name, layer_of[box.name]]))
-    return "".join(parts) + "</svg>"
+    parts += [_loop(a, b, layout, sizes) for a, b in picture.loops if a in layout.boxes and b in layout.boxes]
+    parts += [_wire(piece, picture.edge_states) for piece in layout.pieces]
+    for frame in layout.frames:
+        title = escape(_frame_title(frame.name, picture.boxes))
+        parts.append(f'<text class="gp-frame-title" x="{frame.x + 12:.1f}" y="{frame.y + 19:.1f}">{title}</text>')
+    parts += [_box(box, *layout.boxes[name], *sizes[name]) for name, box in boxes.items()]
+    return "".join(parts) + "</g></svg>"
 
 
-def _box(box: Box, x: float, y: float) -> str:
-    name = box.name if box.count == 1 else f"{box.name} ×{box.count}"
-    left, top = x - _BOX[0] / 2, y - _BOX[1] / 2
+def _size(box: Box, third: bool) -> tuple[float, float]:
+    letters = (_NAME * len(_heading(box)), _UNDER * len(box.type), _UNDER * len(box.third))
+    return max(118.0, max(letters) + 30), _HEIGHT + (_LINE if third else 0)
+
+
+def _heading(box: Box) -> str:
+    return box.short if box.count == 1 or box.scopes else f"{box.short} ×{box.count}"
+
+
+def _frame_title(name: str, boxes: Iterable[Box]) -> str:
+    count = max((box.count for box in boxes if box.name.startswith(f"{name}.")), default=1)
+    short = name.split(".")[-1]
+    return f"{short}  ×{count}" if count > 1 else short
+
+
+def _box(box: Box, x: float, y: float, width: float, height: float) -> str:
+    left, top = x - width / 2, y - height / 2
+    lines = [("gp-name", _heading(box)), ("gp-type", box.type)]
+    if box.third:
+        lines.append(("gp-note", box.third))
+    first = y - (len(lines) - 1) * _LINE / 2 + 4
+    texts = [
+        f'<text class="{kind}" x="{x + 2:.1f}" y="{first + index * _LINE:.1f}">{escape(text)}</text>'
+        for index, (kind, text) in enumerate(lines)
+    ]
+    hover = [f"{box.name}  {box.type}", *([_STATES.get(box.state, box.state)] if box.state else []), *box.hover]
     return (
-        f'<g class="box {escape(box.state)}"><title>{escape(f"{box.type}, {box.state}")}</title>'
-        f'<rect x="{left:.1f}" y="{top:.1f}" width="{_BOX[0]:.0f}" height="{_BOX[1]:.0f}" rx="6"/>'
-        f'<text class="name" x="{x:.1f}" y="{y - 3:.1f}" text-anchor="middle">{escape(_cut(name, 22))}</text>'
-        f'<text class="under" x="{x:.1f}" y="{y + 12:.1f}" text-anchor="middle">'
-        f"{escape(_cut(box.type, 16))} · {escape(seconds(box.seconds))}</text></g>"
+        f'<g class="gp-box {escape(box.state)}" data-name="{escape(box.name, quote=True)}">'
+        f"<title>{escape(chr(10).join(hover))}</title>"
+        f'<rect class="gp-body" x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}" rx="7"/>'
+        f'<path class="gp-stripe" d="M{left + 5:.1f} {top + 8:.1f}v{height - 16:.1f}"/>{"".join(texts)}</g>'
     )
 
 
-def _cut(text: str, length: int) -> str:
-    return text if len(text) <= length else text[: length - 1] + "…"
+def _wire(piece: Piece, states: Mapping[tuple[str, str], str]) -> str:
+    found = {states.get((piece.source, target), "") for target in piece.to}
+    state = found.pop() if len(found) == 1 else ""
+    end = piece.y1 - (6 if piece.arrow else 0)
+    if piece.x0 == piece.x1:
+        path = f"M{piece.x0:.1f} {piece.y0:.1f}V{end:.1f}"
+    else:
+        half = (piece.y0 + end) / 2
+        path = f"M{piece.x0:.1f} {piece.y0:.1f}C{piece.x0:.1f} {half:.1f} {piece.x1:.1f} {half:.1f} "
+        path += f"{piece.x1:.1f} {end:.1f}"
+    head = f'<path class="gp-head" d="M{piece.x1 - 3.5:.1f} {end:.1f}h7l-3.5 6z"/>' if piece.arrow else ""
+    to = escape(" ".join(sorted(piece.to)), quote=True)
+    data = f'data-from="{escape(piece.source, quote=True)}" data-to="{to}"'
+    return f'<g class="gp-wire {escape(state)}" {data}><path d="{path}"/>{head}</g>'
 
 
-def _layers(boxes: Sequence[Box], edges: Sequence[tuple[str, str]]) -> dict[str, int]:
-    import networkx as nx
-
-    graph = nx.DiGraph()
-    graph.add_nodes_from(box.name for box in boxes)
-    graph.add_edges_from(edges)
-    return {name: layer for layer, names in enumerate(nx.topological_generations(graph)) for name in names}
-
-
-def _links(layer_of: Mapping[str, int], edges: Sequence[tuple[str, str]]) -> list[tuple[Key, Key]]:
-    """Every wire cut into pieces from one layer to the next."""
-    links: dict[tuple[Key, Key], None] = {}
-    for producer, consumer in edges:
-        for layer in range(layer_of[producer], layer_of[consumer]):
-            end = (consumer, layer + 1) if layer + 1 == layer_of[consumer] else (producer, layer + 1)
-            links[(producer, layer), end] = None
-    return list(links)
+def _loop(a: str, b: str, layout: Layout, sizes: Mapping[str, tuple[float, float]]) -> str:
+    """The dashed wire from the end of a round to the start of the next, along the right side of the frame."""
+    (x0, y0), (x1, y1) = layout.boxes[a], layout.boxes[b]
+    inside = [
+        f
+        for f in layout.frames
+        if f.x <= min(x0, x1) and max(x0, x1) <= f.x + f.width and f.y <= y1 and y0 <= f.y + f.height
+    ]
+    frame = min(inside, key=lambda frame: frame.width) if inside else None
+    right = (frame.x + frame.width - 7) if frame else max(x0, x1) + 90
+    start, end = x0 + sizes[a][0] / 2, x1 + sizes[b][0] / 2
+    path = f"M{start:.1f} {y0:.1f}H{right - 6:.1f}q6 0 6 -6V{y1 + 6:.1f}q0 -6 -6 -6H{end + 6:.1f}"
+    head = f'<path class="gp-head" d="M{end + 6:.1f} {y1 - 3.5:.1f}v7l-6 -3.5z"/>'
+    return f'<g class="gp-wire gp-loop"><title>to the next round</title><path d="{path}"/>{head}</g>'
 
 
-def _order(boxes: Sequence[Box], layer_of: Mapping[str, int], links: Sequence[tuple[Key, Key]]) -> list[list[Key]]:
-    keys: dict[Key, None] = {(box.name, layer_of[box.name]): None for box in boxes}
-    for a, b in links:
-        keys[a] = keys[b] = None
-    rows: list[list[Key]] = [[] for _ in range(max(layer_of.values()) + 1)]
-    for key in keys:
-        rows[key[1]].append(key)
-    above: dict[Key, list[Key]] = {key: [] for key in keys}
-    below: dict[Key, list[Key]] = {key: [] for key in keys}
-    for a, b in links:
-        above[b].append(a)
-        below[a].append(b)
-    for sweep in range(_SWEEPS):
-        down = sweep % 2 == 0
-        for row in rows if down else reversed(rows):
-            place = {key: index / max(1, len(r) - 1) for r in rows for index, key in enumerate(r)}
-            near = above if down else below
-            mean = {key: sum(place[n] for n in near[key]) / len(near[key]) if near[key] else place[key] for key in row}
-            row.sort(key=lambda key: mean[key])
-    return rows
+def _legend(picture: Picture) -> list[tuple[str, str]]:
+    states = {*(box.state for box in picture.boxes), *picture.edge_states.values()}
+    return [(state, _STATES[state]) for state in _STATES if state in states]
 
 
-def _places(rows: Sequence[Sequence[Key]], layer_of: Mapping[str, int]) -> dict[Key, tuple[float, float]]:
-    """Centres, every row centred on the widest one."""
-
-    def width(key: Key) -> float:
-        return _BOX[0] if layer_of[key[0]] == key[1] else _WAY_WIDTH
-
-    widths = [sum(width(key) + _GAP[0] for key in row) - _GAP[0] for row in rows]
-    centre: dict[Key, tuple[float, float]] = {}
-    for index, row in enumerate(rows):
-        x = 12 + (max(widths) - widths[index]) / 2
-        y = 12 + _BOX[1] / 2 + index * (_BOX[1] + _GAP[1])
-        for key in row:
-            centre[key] = (x + width(key) / 2, y)
-            x += width(key) + _GAP[0]
-    return centre
+def _legend_items(items: Sequence[tuple[str, str]], x: float, y: float) -> list[str]:
+    parts = []
+    for state, words in items:
+        parts.append(
+            f'<g class="gp-box {state}">'
+            f'<rect class="gp-body" x="{x:.1f}" y="{y - 11:.1f}" width="14" height="12" rx="3"/>'
+            f'<text class="gp-legend" x="{x + 20:.1f}" y="{y:.1f}">{escape(words)}</text></g>'
+        )
+        x += 20 + 6.6 * len(words) + 22
+    return parts

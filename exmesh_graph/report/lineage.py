@@ -62,3 +62,13 @@ def fold_edges(edges: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
         if not next_round and pair[0] != pair[1]:
             folded[pair] = None
     return list(folded)
+
+
+def fold_loops(edges: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The folded edges that carry state from one round to the next."""
+    folded: dict[tuple[str, str], None] = {}
+    for producer, consumer in edges:
+        a, b = _ROUND.match(producer), _ROUND.match(consumer)
+        if a and b and a["block"] == b["block"] and a["round"] != b["round"]:
+            folded[fold_name(producer), fold_name(consumer)] = None
+    return list(folded)

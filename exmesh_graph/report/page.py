@@ -8,7 +8,7 @@ from typing import Any
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
 from exmesh_graph.report.collect import Figure, Node, Report
 from exmesh_graph.report.graph_picture import Box, graph_picture
-from exmesh_graph.report.lineage import fold_edges, fold_name
+from exmesh_graph.report.lineage import fold_edges, fold_loops, fold_name
 from exmesh_graph.report.text import number, seconds, size
 
 _STATES = ("failed", "running", "done", "hit")  # the most telling state of a folded block comes first
@@ -28,10 +28,10 @@ def render_page(report: Report) -> str:
         report=report,
         style=Markup((here / "style.css").read_text(encoding="utf-8")),
         tiles=[_tile(figure) for figure in _last_stages(report.headline)],
-        bars=Markup(bar_chart([(_label(box), box.seconds, box.state) for box in boxes])),
+        bars=Markup(bar_chart([(_label(box), box.seconds or 0.0, box.state) for box in boxes])),
         error_charts=[Markup(chart) for chart in _error_charts(report.headline)],
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
-        graph=Markup(graph_picture(boxes, fold_edges(report.edges))),
+        graph=Markup(graph_picture(boxes, fold_edges(report.edges), fold_loops(report.edges))),
         galleries=_galleries(report),
         tables={node: list(_rows(values)) for node, values in report.metrics.items()},
         hits=sum(node.state == "hit" for node in report.nodes),
@@ -48,7 +48,8 @@ def fold_nodes(nodes: list[Node]) -> list[Box]:
         types = list(dict.fromkeys(node.type for node in members))
         states = [node.state for node in members]
         state = next((state for state in _STATES if state in states), states[0])
-        boxes.append(Box(name, " / ".join(types), state, sum(node.seconds for node in members), len(members)))
+        spent, stored = sum(node.seconds for node in members), sum(node.bytes for node in members)
+        boxes.append(Box(name, " / ".join(types), state, spent, len(members), stored))
     return boxes
 
 

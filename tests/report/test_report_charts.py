@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from exmesh_graph.report import text
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
-from exmesh_graph.report.graph_picture import Box, graph_picture
 from exmesh_graph.report.lineage import cumulative_seconds, fold_edges, fold_name
 
 
@@ -57,25 +56,6 @@ def test_thinning_keeps_both_ends(count, at_most):
     assert kept[0] == 0
     assert kept[-1] == count - 1
     assert len(kept) <= max(at_most, 2)
-
-
-@given(st.data())
-def test_boxes_never_overlap_and_wires_point_down(data):
-    count = data.draw(st.integers(1, 12))
-    names = [f"n{i}" for i in range(count)]
-    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-    edges = data.draw(st.lists(st.sampled_from(pairs), max_size=20, unique=True)) if pairs else []
-    svg = graph_picture([Box(name, "t", "done", 1.0, 1) for name in names], edges)
-    boxes = [
-        tuple(float(v) for v in m)
-        for m in re.findall(r'<rect x="([-\d.]+)" y="([-\d.]+)" width="([\d.]+)" height="([\d.]+)"', svg)
-    ]
-    assert len(boxes) == count
-    for i, (x0, y0, w, h) in enumerate(boxes):
-        for x1, y1, _, _ in boxes[i + 1 :]:
-            assert abs(x0 - x1) >= w or abs(y0 - y1) >= h
-    top = {name: box[1] for name, box in zip(names, boxes, strict=True)}
-    assert all(top[a] < top[b] for a, b in edges)
 
 
 @pytest.mark.parametrize(

@@ -155,6 +155,11 @@ class Draft:
         """The signature of an entry's type; None where the type is unknown (`check` will say so)."""
         return self.type_named(self.read(entry, "type"))
 
+    def kinds(self, entry: Map) -> list[Signature]:
+        """The signatures a node has over its rounds."""
+        found = [self.kind(holder) for holder in (entry, *(layer for layer, _ in layers_of(entry)))]
+        return [kind for kind in found if kind is not None]
+
     def read(self, entry: Map, key: str) -> Any:
         """A value of an entry with `${name}` replaced by the graph's parameters; None where there is none."""
         if key not in entry or not isinstance(entry[key], str):

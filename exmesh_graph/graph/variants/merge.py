@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.keys import key_of, preimage_of
+from exmesh_graph.graph.language.components import BoundComponent
 from exmesh_graph.graph.language.expand import Link
 
 
@@ -42,6 +43,7 @@ def merge(graphs: Iterable[tuple[str, Checked]], name: str = "") -> Merged:
     nodes: dict[str, Bound] = {}
     known: dict[str, str] = {}
     members = []
+    components: dict[str, BoundComponent] = {}
     for index, (label, graph) in enumerate(pairs):
         ids = identities(graph)
         names: dict[str, str] = {}
@@ -52,8 +54,10 @@ def merge(graphs: Iterable[tuple[str, Checked]], name: str = "") -> Merged:
                 nodes[new] = replace(bound, name=new, inputs=inputs)
             names[own] = known[ids[own]]
         members.append(Member(label, names))
+        components.update({n if index == 0 else f"{label}:{n}": plug for n, plug in graph.components.items()})
     first = pairs[0][1]
-    return Merged(Checked(name or first.name, first.file, nodes, {}, first.params), tuple(members))
+    whole = Checked(name or first.name, first.file, nodes, {}, first.params, components=components)
+    return Merged(whole, tuple(members))
 
 
 def identities(graph: Checked) -> dict[str, str]:

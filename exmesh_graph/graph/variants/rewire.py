@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.ports import Port, Signature
+from exmesh_graph.graph.ports import Port, Signature, type_name
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, Spot, clone, is_block, is_link, layers_of, refuse
 from exmesh_graph.graph.variants.values import fixed_spot, need, needed, port_address, round_layer
@@ -32,7 +32,9 @@ def replace(draft: Draft, patch: Map) -> None:
     used = draft.users(address.path)
     for spot, source in used:
         target = renamed.get(source.port, source.port)
-        if target not in new.outputs:
+        if not target and new.component is None:
+            refuse(there, f"{patch['type']} is a node, but {address} is a component", fix="replace it by a component")
+        if target and target not in new.outputs:
             what = f"{patch['type']} has no output {target!r}, which {spot.label} ({spot.where}) uses"
             fix = f"ports: {{{source.port}: {next(iter(new.outputs), '...')}}}"
             refuse(where, what, expected=_ports(new.outputs), fix=fix)
@@ -95,7 +97,10 @@ def bypass(draft: Draft, patch: Map) -> None:
     if kind is None:
         refuse(where, f"the type of {address} is unknown: {entry.get('type')!r}")
     used = draft.users(address.path)
-    wired = {name: port for name, port in kind.inputs.items() if is_link(entry.get(name))}
+    if kind.component is not None:
+        fix = f"{{replace: {address}, type: ...}}, or disconnect what it is plugged into"
+        refuse(where, f"{address} is a component, through which nothing flows", fix=fix)
+    wired = {name: port for name, port in kind.inputs.items() if is_link(entry.get(name)) and not port.plugged}
     through = {}
     for port in dict.fromkeys(source.port for _, source in used):
         through[port] = _way_through(patch, str(address), kind, wired, port)
@@ -173,6 +178,8 @@ def _wire_into(draft: Draft, target: Any, where: Where) -> Spot:
     entry = draft.entry(address.path)
     if not is_link(entry.get(address.key)):
         refuse(where, f"{target} is not connected", fix="add the node and connect both of its ends")
+    if any(kind.inputs[address.key].plugged for kind in draft.kinds(entry) if address.key in kind.inputs):
+        refuse(where, f"{target} takes a component, which is no wire", fix=f'{{connect: {target}, to: "@component"}}')
     for layer, title in layers_of(entry):
         if address.key in layer:
             refuse(
@@ -217,7 +224,7 @@ def _pick(patch: Map, key: str, ports: Mapping[str, Port], wire: Port | None, ne
 
 
 def _fits(port: Port, wire: Port, side: str) -> bool:
-    return issubclass(wire.type, port.type) if side == "input" else issubclass(port.type, wire.type)
+    return issubclass(wire.type, port.types) if side == "input" else issubclass(port.type, wire.type)
 
 
 def _way_through(patch: Map, name: str, kind: Signature, wired: Mapping[str, Port], port: str) -> str:
@@ -232,17 +239,17 @@ def _way_through(patch: Map, name: str, kind: Signature, wired: Mapping[str, Por
         there = patch.lines["via"]
         if given not in wired:
             refuse(there, f"{name} has no connected input {given!r}", near=nearest(str(given), wired) or list(wired))
-        if not issubclass(wired[given].type, wanted):
-            refuse(there, f"{name}: the input {given} is no {wanted.type_name}", expected=str(kind.outputs[port]),
-                   found=str(wired[given]))  # fmt: skip
+        if not all(issubclass(kind, wanted) for kind in wired[given].types):
+            what = f"{name}: the input {given} is no {type_name(wanted)}"
+            refuse(there, what, expected=str(kind.outputs[port]), found=str(wired[given]))
         return str(given)
-    equal = [n for n, p in wired.items() if p.type is wanted]
-    fits = equal or [n for n, p in wired.items() if issubclass(p.type, wanted)]
+    equal = [n for n, p in wired.items() if p.types == (wanted,)]
+    fits = equal or [n for n, p in wired.items() if all(issubclass(kind, wanted) for kind in p.types)]
     if len(fits) > 1:
-        refuse(where, f"{name} can be bypassed in {len(fits)} ways: {', '.join(fits)} are all {wanted.type_name}",
+        refuse(where, f"{name} can be bypassed in {len(fits)} ways: {', '.join(fits)} are all {type_name(wanted)}",
                fix=f"{{bypass: {name}, via: {fits[0]}}}")  # fmt: skip
     if not fits:
-        what = f"{name} cannot be bypassed: no connected input is a {wanted.type_name}, which {port} is"
+        what = f"{name} cannot be bypassed: no connected input is a {type_name(wanted)}, which {port} is"
         fix = f"{{replace: {name}, type: ...}}, or connect what uses {name}.{port} to something else"
         refuse(where, what, found=_ports(wired), fix=fix)
     return fits[0]

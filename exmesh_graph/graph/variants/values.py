@@ -46,7 +46,7 @@ def _set_one(draft: Draft, target: Any, value: Any, where: Where, there: Where) 
                    near=[f"{'.'.join(address.path)}.repeat"])  # fmt: skip
         entry.put("repeat", value, there)
         return
-    kinds = _kinds(draft, entry)
+    kinds = draft.kinds(entry)
     if address.key != "seed":
         if any(address.key in kind.inputs for kind in kinds):
             fix = f'{{connect: {target}, to: "@node.port"}}'
@@ -85,7 +85,7 @@ def disconnect(draft: Draft, patch: Map) -> None:
         return
     address = port_address(draft, target, where)
     entry = draft.entry(address.path)
-    for kind in _kinds(draft, entry):
+    for kind in draft.kinds(entry):
         port = kind.inputs.get(address.key)
         if port is not None and not port.optional:
             refuse(where, f"{target} must be connected: {entry.get('type')} needs its {port}",
@@ -111,12 +111,6 @@ def needed(patch: Map, key: str, name: str, expected: str) -> str:
     if key not in patch:
         refuse(patch.where, f"{name} needs {key}:", expected=f"{key}: {expected}")
     return key
-
-
-def _kinds(draft: Draft, entry: Map) -> list[Signature]:
-    """The signatures a node has over its rounds."""
-    kinds = [draft.kind(holder) for holder in (entry, *(layer for layer, _ in layers_of(entry)))]
-    return [kind for kind in kinds if kind is not None]
 
 
 def _put(
@@ -161,7 +155,7 @@ def port_address(draft: Draft, target: Any, where: Where) -> Address:
         block = ".".join(address.path)
         carried = [f"{block}.{key}.{name}" for key in ("carry", "next") for name in entry.get(key) or ()]
         refuse(where, f"{block} is a repeat block", near=carried, fix="name the carried value or a node in the block")
-    kinds = _kinds(draft, entry)
+    kinds = draft.kinds(entry)
     ports = [port for kind in kinds for port in kind.inputs]
     if kinds and address.key not in ports:
         isparam = any(address.key in kind.params.model_fields for kind in kinds)
@@ -190,8 +184,9 @@ def _known_source(draft: Draft, text: str, scope: tuple[str, ...], where: Where)
     """Refuse a link to nowhere; whether its type fits is left to `check`, which looks at every wire."""
     source = draft.source(text, scope)
     if source is None:
-        node, _, port = text.removeprefix("@").rpartition(".")
-        near = [f"@{name}.{port}" for name in nearest(node, draft.names())]
+        link = text.removeprefix("@")
+        node, dot, port = link.rpartition(".") if "." in link else (link, "", "")
+        near = [f"@{name}{dot}{port}" for name in nearest(node, draft.names())]
         refuse(where, f"{text}: there is no node {node!r}", near=near)
     if source.path is not None and not is_block(draft.entry(source.path)):
         kind = draft.kind(draft.entry(source.path))

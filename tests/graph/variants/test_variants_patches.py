@@ -310,3 +310,39 @@ def test_patches_act_in_order(patched: Patched, refusal: Refusal) -> None:
         "there is no node 'c'"
         in refusal('{connect: start.b, to: "@c.number"}', "{add: {name: c, type: toy.const}}").what
     )
+
+
+# --- components
+
+PLUGS = """
+name: plugs
+nodes:
+  a: {type: toy.const, value: 2}
+  line: {type: curve.line, slope: 3}
+  both: {type: curve.sum, first: "@line"}
+  end: {type: toy.evaluate, number: "@a.number", curve: "@both", extra: "@line"}
+"""
+
+
+def plugs(graph: Checked) -> dict[str, str]:
+    return {port: plug.name for port, plug in graph.nodes["end"].components.items()}
+
+
+def test_components_are_patched_like_nodes(patched: Patched) -> None:
+    assert plugs(patched('{connect: end.curve, to: "@line"}', "{remove: both}", text=PLUGS))["curve"] == "line"
+    assert "extra" not in plugs(patched("{disconnect: end.extra}", text=PLUGS))
+    graph = patched("{set: line.slope, to: 4}", '{connect: both.second, to: "@line"}', text=PLUGS)
+    assert graph.nodes["end"].components["extra"].params() == {"slope": 4, "chunk": 1}
+    assert set(graph.nodes["end"].components["curve"].nested) == {"first", "second"}
+    graph = patched("{replace: line, type: curve.sign}", text=PLUGS)
+    assert graph.nodes["end"].components["extra"].definition.type == "curve.sign"
+    graph = patched("{add: {name: sign, type: curve.sign}}", '{connect: end.curve, to: "@sign"}', text=PLUGS)
+    assert plugs(graph)["curve"] == "sign"
+
+
+def test_what_components_cannot_do_is_refused(refusal: Refusal) -> None:
+    assert "through which nothing flows" in refusal("{bypass: both}", text=PLUGS).what
+    assert "end.curve" in refusal("{remove: both}", text=PLUGS).what
+    assert "is a node, but line is a component" in refusal("{replace: line, type: toy.const}", text=PLUGS).what
+    assert "@line" in refusal('{connect: end.curve, to: "@lin"}', text=PLUGS).nearest
+    assert "is no wire" in refusal("{insert: {name: x, type: curve.sum}, on: end.curve}", text=PLUGS).what

@@ -224,6 +224,13 @@ def metrics(ctx: Context, number: Number, *, p: NoParams) -> MetricsOut:
     return MetricsOut(Metrics({"value": number.value}))
 
 
+@node("toy.score", version="1")
+def score(ctx: Context, number: Number, *, p: NoParams) -> MetricsOut:
+    """The number as a headline figure."""
+    figure = {"label": "Value", "value": number.value, "unit": "apples", "better": "higher"}
+    return MetricsOut(Metrics({"headline": [figure]}))
+
+
 @node("toy.folder", version="1")
 def folder(ctx: Context, number: Number, *, p: NoParams) -> FilesOut:
     """The number as files."""

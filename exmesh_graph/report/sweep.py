@@ -1,0 +1,207 @@
+"""The one table of a sweep: per variant every headline figure with its spread, seconds, and what is shared.
+
+A variant is compared with the base of its own graph file. Its spread is the sample standard deviation over the repeats;
+a difference exceeds the spread when it is larger than sqrt(spread of the variant ^2 + spread of the base ^2), which is
+the spread of the difference of two single runs. With one repeat there is no spread and nothing is said.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.report.collect import Figure, collect
+
+SCHEMA = "exmesh.sweep.v1"
+BASE = "base"
+_READY = ("hit", "done")
+
+
+def sweep_table(
+    record: Mapping[str, Any],
+    members: Sequence[Mapping[str, Any]],
+    load_artifact: Callable[[str], Any],
+    failures: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """What sweep.json holds (docs/variants.md).
+
+    record    the run record of the merged graph
+    members   one graph each: {variant, file, repeat, seed, settings, doc, nodes: {own name: name in the merged graph}};
+              the first of a file is its base
+    failures  {node of the merged graph: message}
+    """
+    rows = {row["name"]: row for row in record["nodes"]}
+    loaded: dict[str, Any] = {}
+
+    def load(digest: str) -> Any:
+        if digest not in loaded:
+            loaded[digest] = load_artifact(digest)
+        return loaded[digest]
+
+    parts = [_part(member, record, rows, load, failures or {}) for member in members]
+    bases = {(p["file"], p["repeat"]): p for p in parts if p["variant"] == BASE}
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for part in parts:
+        base = bases.get((part["file"], part["repeat"]), part)
+        part["shared"] = len(part["own"] & base["own"])
+        part["own_seconds"] = sum(rows[name]["seconds"] for name in part["own"] - base["own"])
+        groups.setdefault((part["file"], part["variant"]), []).append(part)
+    figures: dict[str, Figure] = {}
+    for part in parts:
+        for label, figure in part["figures"].items():
+            figures.setdefault(label, figure)
+    variants = [_variant(group, groups.get((file, BASE), group)) for (file, _), group in groups.items()]
+    states = [row["state"] for row in rows.values()]
+    return {
+        "schema": SCHEMA,
+        "run": record.get("id", ""),
+        "graph": record.get("graph", ""),
+        "command": record.get("command", ""),
+        "state": record.get("state", ""),
+        "seconds": record.get("seconds"),
+        "nodes": {"of_all_variants": sum(len(part["own"]) for part in parts), "after_sharing": len(rows),
+                  "from_store": states.count("hit"), "run": states.count("done")},
+        "figures": [{"label": f.label, "unit": f.unit, "better": f.better, "node": f.node} for f in figures.values()],
+        "variants": variants,
+        "members": list(members),
+    }  # fmt: skip
+
+
+def write_sweep(folder: Path, table: Mapping[str, Any]) -> Path:
+    """sweep.json, sweep.csv and the self-contained sweep.html; returns the path of the page."""
+    from exmesh_graph.report.sweep_page import render_sweep
+
+    _replace(folder / "sweep.json", json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    _replace(folder / "sweep.csv", sweep_csv(table))
+    _replace(folder / "sweep.html", render_sweep(table))
+    return folder / "sweep.html"
+
+
+def sweep_csv(table: Mapping[str, Any]) -> str:
+    """One line per variant; three columns per figure: mean, spread, difference to the base."""
+    axes = list(dict.fromkeys(axis for row in table["variants"] for axis in row["settings"] if axis != "variant"))
+    labels = [figure["label"] for figure in table["figures"]]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    head = ["variant", *axes, "file", "state", "reason", "repeats", "seconds", "own seconds", "nodes", "shared"]
+    writer.writerow([*head, *(f"{label} {part}" for label in labels for part in ("mean", "spread", "difference"))])
+    for row in table["variants"]:
+        cells = [row["variant"], *(row["settings"].get(axis, "") for axis in axes), row["file"], row["state"],
+                 row["reason"], len(row["repeats"]), row["seconds"]["mean"], row["seconds"]["own"], row["nodes"],
+                 row["shared"]]  # fmt: skip
+        for label in labels:
+            figure = row["figures"].get(label, {})
+            cells += [figure.get(part) for part in ("mean", "spread", "difference")]
+        writer.writerow(["" if cell is None else cell for cell in cells])
+    return out.getvalue()
+
+
+def _part(
+    member: Mapping[str, Any],
+    record: Mapping[str, Any],
+    rows: Mapping[str, Mapping[str, Any]],
+    load: Callable[[str], Any],
+    failures: Mapping[str, str],
+) -> dict[str, Any]:
+    """One graph of the sweep with its figures, read out of the record of the merged run."""
+    names = {own: name for own, name in member["nodes"].items() if name in rows}
+    back = {name: own for own, name in names.items()}
+    resolved = (record.get("resolved") or {}).get("nodes") or {}
+    nodes, inputs = [], {}
+    for own, name in names.items():
+        outputs = {p: o for p, o in (rows[name].get("outputs") or {}).items() if o["type"] == "Metrics"}
+        nodes.append({**rows[name], "name": own, "outputs": outputs})
+        wires = (resolved.get(name) or {}).get("inputs") or {}
+        inputs[own] = {"inputs": {port: _renamed(wire, back) for port, wire in wires.items()}}
+    report = collect({"nodes": nodes, "resolved": {"nodes": inputs}}, load)
+    figures = {figure.label: figure for figure in report.headline if figure.after is not None}
+    state, reason = _state(names, rows, failures)
+    return {**member, "own": set(names.values()), "figures": figures, "state": state, "reason": reason,
+            "seconds": sum(rows[name]["seconds"] for name in names.values())}  # fmt: skip
+
+
+def _renamed(wire: str, back: Mapping[str, str]) -> str:
+    node, _, port = str(wire).removeprefix("@").rpartition(".")
+    return f"@{back.get(node, node)}.{port}"
+
+
+def _state(
+    names: Mapping[str, str], rows: Mapping[str, Mapping[str, Any]], failures: Mapping[str, str]
+) -> tuple[str, str]:
+    """(state, reason) of one graph; a fault upstream is told by the node that has it."""
+    bad = {own: rows[name] for own, name in names.items() if rows[name]["state"] not in _READY}
+    if not bad:
+        return "done", ""
+    for own, row in bad.items():
+        if row["state"] == "failed":
+            lines = failures.get(row["name"], "failed").splitlines()
+            return "failed", f"{own}: {'; '.join(line.strip() for line in lines)}"
+    own, row = next(iter(bad.items()))
+    return "unfinished", f"{own}: {row['state']}"
+
+
+def _variant(group: Sequence[dict[str, Any]], base: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """One line of the table: the repeats of a variant together."""
+    first, faulty = group[0], [part for part in group if part["state"] != "done"]
+    labels = list(dict.fromkeys(label for part in group for label in part["figures"]))
+    figures = {label: _compared(label, group, base, is_base=group is base) for label in labels}
+    seconds = [part["seconds"] for part in group]
+    return {
+        "variant": first["variant"],
+        "file": first["file"],
+        "doc": first.get("doc", ""),
+        "settings": dict(first["settings"]),
+        "state": faulty[0]["state"] if faulty else "done",
+        "reason": faulty[0]["reason"] if faulty else "",
+        "figures": figures,
+        "seconds": {"mean": _mean(seconds), "spread": _spread(seconds),
+                    "own": _mean([part["own_seconds"] for part in group])},
+        "nodes": len(first["own"]),
+        "shared": first["shared"],
+        "repeats": [
+            {"seed": part["seed"], "state": part["state"], "reason": part["reason"], "seconds": part["seconds"],
+             "figures": {label: figure.value for label, figure in part["figures"].items()}}
+            for part in group
+        ],
+    }  # fmt: skip
+
+
+def _compared(label: str, group: Sequence[dict[str, Any]], base: Sequence[dict[str, Any]], *, is_base: bool) -> Any:
+    found = [part["figures"][label] for part in group if label in part["figures"]]
+    values = [figure.value for figure in found]
+    if not all(isinstance(value, int | float) for value in values):
+        return {"mean": values[0] if len(set(values)) == 1 else None, "values": values}
+    numbers = [float(value) for value in values]
+    yes_no = all(isinstance(value, bool) for value in values)
+    entry = {"mean": _mean(numbers), "spread": _spread(numbers), "values": values,
+             "after_seconds": _mean([figure.after or 0.0 for figure in found])}  # fmt: skip
+    others = [part["figures"][label].value for part in base if label in part["figures"]]
+    if yes_no or is_base or not others or not all(isinstance(value, int | float) for value in others):
+        return entry
+    theirs = [float(value) for value in others]
+    difference, spread, other = _mean(numbers) - _mean(theirs), _spread(numbers), _spread(theirs)
+    noise = None if spread is None or other is None else math.hypot(spread, other)
+    return {**entry, "difference": difference, "exceeds": None if noise is None else abs(difference) > noise}
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
+
+
+def _spread(values: Sequence[float]) -> float | None:
+    """Sample standard deviation; None for a single value."""
+    if len(values) < 2:
+        return None
+    mean = _mean(values)
+    return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
+
+def _replace(path: Path, text: str) -> None:
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)

@@ -1,0 +1,33 @@
+"""The shipped ablations: every variant checks, and shares what it should with its base."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from exmesh_graph.graph.variants import check_variants, merge
+
+ABLATIONS = Path(__file__).parent.parent.parent.parent / "graphs" / "ablations"
+
+
+def test_there_are_ablations() -> None:
+    assert {path.stem for path in ABLATIONS.glob("*.yaml")} >= {"stage1", "stage2", "schedule"}
+
+
+@pytest.mark.parametrize("path", sorted(ABLATIONS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_variant_checks_and_differs_from_the_base(path: Path, packs: Any) -> None:
+    rows = check_variants(path, [], packs)
+    merged = merge([(f"{row.name}#{row.repeat}", row.checked) for row in rows])
+    base = set(merged.members[0].names.values())
+    for row, member in zip(rows[1:], merged.members[1:], strict=True):
+        assert set(member.names.values()) != base, f"{row.name} is the base"
+        assert {"views", "hull", "coarse", "atlas"} <= set(member.names.values()), f"{row.name} shares no coarse start"
+
+
+def test_stage_two_shares_all_of_stage_one(packs: Any) -> None:
+    rows = check_variants(ABLATIONS / "stage2.yaml", [], packs)
+    merged = merge([(f"{row.name}#{row.repeat}", row.checked) for row in rows])
+    assert all(member.names["settle"] == "settle" for member in merged.members)
+    assert len(merged.checked.nodes) < 0.15 * sum(len(member.names) for member in merged.members)
