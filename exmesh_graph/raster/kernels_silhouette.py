@@ -20,6 +20,7 @@ def _propose(
     depth: wp.array(dtype=float),
     behind: float,
     in_front: float,
+    reach: float,
     keys: wp.array(dtype=wp.int64),
     slot: int,
 ):
@@ -29,10 +30,10 @@ def _propose(
     z_near = depth[near_pixel]
     if face_id[far_pixel] >= 0:
         z_far = depth[far_pixel]
-        if z_near >= z_far or z >= z_far - behind * z:
+        if z_near >= z_far or z >= z_far - behind * wp.min(z, reach):
             return
     # at a grazing silhouette the near centre lies far before the edge, so only an edge well in FRONT is refused
-    if z > z_near - in_front * z:
+    if z > z_near - in_front * wp.min(z, reach):
         wp.atomic_min(keys, slot, (wp.int64(wp.cast(z, wp.int32)) << wp.int64(32)) | wp.int64(code))
 
 
@@ -73,6 +74,7 @@ def find_silhouette(
     near: float,
     behind: float,
     in_front: float,
+    reach: float,
     keys: wp.array(dtype=wp.int64),
 ):
     """Per silhouette edge: the pairs of neighbouring pixel centres it passes between, nearest edge per pair.
@@ -123,9 +125,9 @@ def find_silhouette(
         if x >= 0.0 and x < float(width - 1):
             p = row * width + int(wp.floor(x))
             if (by > ay) == side:
-                _propose(p, p + 1, z, 2 * e + 1, face_id, depth, behind, in_front, keys, p)
+                _propose(p, p + 1, z, 2 * e + 1, face_id, depth, behind, in_front, reach, keys, p)
             else:
-                _propose(p + 1, p, z, 2 * e, face_id, depth, behind, in_front, keys, p)
+                _propose(p + 1, p, z, 2 * e, face_id, depth, behind, in_front, reach, keys, p)
 
     first = int(wp.ceil(wp.clamp(wp.min(ax, bx) - 0.5, 0.0, float(width))))
     last = int(wp.ceil(wp.clamp(wp.max(ax, bx) - 0.5, 0.0, float(width))))
@@ -141,6 +143,6 @@ def find_silhouette(
         if y >= 0.0 and y < float(height - 1):
             p = int(wp.floor(y)) * width + column
             if (bx < ax) == side:
-                _propose(p, p + width, z, 2 * e + 1, face_id, depth, behind, in_front, keys, height * width + p)
+                _propose(p, p + width, z, 2 * e + 1, face_id, depth, behind, in_front, reach, keys, height * width + p)
             else:
-                _propose(p + width, p, z, 2 * e, face_id, depth, behind, in_front, keys, height * width + p)
+                _propose(p + width, p, z, 2 * e, face_id, depth, behind, in_front, reach, keys, height * width + p)

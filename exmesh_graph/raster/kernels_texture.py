@@ -33,9 +33,9 @@ def _wrapped(texel: float, size: int, wrap: int) -> float:
         period = 2.0 * period
     inside = texel - period * wp.floor(texel / period)
     if inside >= float(size):
-        # only a mirrored texel, or rounding at far coordinates
-        inside = wp.max(period - 1.0 - inside, 0.0)
-    return inside
+        inside = period - 1.0 - inside
+    # rounding at far coordinates, and what is not a number, must stay inside the texture too
+    return wp.clamp(inside, 0.0, float(size - 1))
 
 
 @wp.kernel

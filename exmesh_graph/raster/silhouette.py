@@ -15,6 +15,7 @@ pairs together move the covered area exactly as fast as the edge does.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -27,6 +28,8 @@ BEHIND = 5e-4
 """An edge must lie this share of its depth before the far pixel's surface: equal surfaces make no silhouette."""
 IN_FRONT = 0.025
 """An edge nearer than the near pixel's surface by more than this share of its depth belongs to something thinner."""
+REACH = 4.0
+"""Cameras farther than this many diameters of the scene do not widen the two tolerances any more."""
 
 
 class EdgeTable(NamedTuple):
@@ -87,11 +90,18 @@ def edge_table(faces: torch.Tensor) -> EdgeTable:
 
 
 def find_silhouette(
-    projected: torch.Tensor, table: EdgeTable, fragments: Fragments, *, near: float = NEAR
+    projected: torch.Tensor,
+    table: EdgeTable,
+    fragments: Fragments,
+    *,
+    near: float = NEAR,
+    extent: float = math.inf,
 ) -> Silhouette:
     """The pixel pairs whose colours the silhouette blends; of several edges between a pair the nearest counts.
 
     projected  [V, 3] or [N, V, 3] homogeneous pixel coordinates, those that made `fragments`
+    extent     the scene's diameter in world units. `BEHIND` and `IN_FRONT` are shares of the depth, or of `REACH`
+               diameters where that is less: seen from far through a long lens, depth says nothing of the scene's size
 
     An edge is a silhouette if it has one face or its two faces lie on the same side of it in the image. An edge that
     crosses the near plane takes part with the piece before it; the cut itself, which is no edge, does not.
@@ -125,6 +135,7 @@ def find_silhouette(
                 near,
                 BEHIND,
                 IN_FRONT,
+                min(REACH * extent, 1e30),
                 key,
             )
     keys = keys.view(-1)

@@ -22,7 +22,10 @@ from exmesh_graph.types import Carrier, Views
 
 
 class Surface(NamedTuple):
-    """A mesh on the device: vertices [V, 3], faces and uv_faces int32 [F, 3], uvs [T, 2], texture [R, R, 3]."""
+    """A mesh on the device: vertices [V, 3], faces and uv_faces int32 [F, 3], uvs [T, 2], texture [R, R, 3].
+
+    `extent` is the diagonal of the bounding box when the surface was made.
+    """
 
     vertices: torch.Tensor
     faces: torch.Tensor
@@ -30,6 +33,7 @@ class Surface(NamedTuple):
     uv_faces: torch.Tensor
     texture: torch.Tensor
     edges: EdgeTable
+    extent: float
 
 
 class Picture(NamedTuple):
@@ -51,6 +55,7 @@ def surface_of(carrier: Carrier, device: torch.device | str = "cpu") -> Surface:
         uv_faces=torch.tensor(np.asarray(carrier.uv_faces, np.int32), device=device),
         texture=torch.tensor(np.asarray(carrier.texture, np.float32), device=device),
         edges=edge_table(faces),
+        extent=float(np.linalg.norm(np.ptp(carrier.vertices, axis=0))) if len(carrier.vertices) else 0.0,
     )
 
 
@@ -78,7 +83,7 @@ def draw(
         fragments.face_id,
     )
     covered = (fragments.face_id >= 0).to(colour.dtype)
-    silhouette = find_silhouette(projected, surface.edges, fragments)
+    silhouette = find_silhouette(projected, surface.edges, fragments, extent=surface.extent)
     blended = antialias(torch.cat([colour, covered[..., None]], dim=-1), projected, silhouette)
     return Picture(blended[..., :3], blended[..., 3], projected, fragments)
 

@@ -6,6 +6,7 @@ from scipy.spatial import ConvexHull
 
 from benchmarks.stability.scenes import camera, coverage, icosphere, smooth_field, smooth_image
 from exmesh_graph.raster import (
+    antialias,
     edge_table,
     find_silhouette,
     project,
@@ -133,3 +134,26 @@ def test_same_gradient_bytes_on_repeat():
         coverage(vertices, faces, intrinsics, pose, 128, 128).sum().backward()
         gradients.append(vertices.grad)
     assert torch.equal(*gradients)
+
+
+@pytest.mark.parametrize("distance", [3.7, 1000.0])
+def test_through_a_long_lens_an_inner_silhouette_keeps_its_gradient(distance):
+    """A thousand diameters away a hundredth of the depth is ten diameters; the scene's extent mends that."""
+    square = torch.tensor([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    quad = torch.tensor([[0, 1, 2], [0, 2, 3]])
+    faces = torch.cat([quad, quad + 4])
+    focal = 1.37 * 96 * distance / 3.7
+    intrinsics, pose = camera(96, 96, distance=distance, focal=focal)
+    scale = torch.tensor(0.4, requires_grad=True)
+    vertices = torch.cat([square + torch.tensor([0, 0, 0.1]), square * scale - torch.tensor([0, 0, 0.1])])
+    projected = project(vertices, intrinsics, pose)
+    fragments = rasterize_projected(projected, faces, 96, 96)
+    found = find_silhouette(projected, edge_table(faces), fragments, extent=2.8)
+    area = antialias((fragments.face_id >= 2).float()[..., None], projected, found).sum()
+    (gradient,) = torch.autograd.grad(area, scale, retain_graph=True)
+    exact = 4 * float(intrinsics[0, 0] * intrinsics[1, 1]) / (distance - 0.1) ** 2
+    assert float(gradient) == pytest.approx(exact * 2 * 0.4, rel=0.02)
+    if distance > 100:
+        found = find_silhouette(projected, edge_table(faces), fragments)
+        area = antialias((fragments.face_id >= 2).float()[..., None], projected, found).sum()
+        assert float(torch.autograd.grad(area, scale)[0]) == 0
