@@ -12,20 +12,49 @@ def register(app: typer.Typer) -> None:
     """Add the commands of this module to the `exmesh` command."""
     app.command()(nodes)
     app.command()(schema)
+    app.command("new-node")(new_node)
 
 
 def nodes(
     type: Annotated[str | None, typer.Argument(help="A node type, for its ports and parameters.")] = None,
+    markdown: Annotated[
+        Path | None, typer.Option("--markdown", metavar="DIR", help="Write a page for every family of nodes.")
+    ] = None,
 ) -> None:
     """List the node types, or describe one."""
     from exmesh_graph.cli.show import show_node, show_nodes
     from exmesh_graph.graph.packs import load_packs
 
     packs = load_packs()
-    if type is None:
+    if markdown is not None:
+        from exmesh_graph.cli.pages import write_pages
+
+        typer.echo(f"{len(write_pages(packs, markdown))} pages in {markdown}")
+    elif type is None:
         show_nodes(packs)
     else:
         show_node(packs, type)
+
+
+def new_node(
+    type: Annotated[str, typer.Argument(help="The new type, family.name: geometry.smooth.")],
+    into: Annotated[Path, typer.Option("--into", metavar="DIR", help="The package of your nodes.")] = Path("my_nodes"),
+) -> None:
+    """Write a working node with its test, in a package that graphs find once it is installed."""
+    from exmesh_graph.cli.scaffold import write_node
+    from exmesh_graph.errors import GraphError
+    from exmesh_graph.graph.packs import load_packs
+
+    if type in load_packs().types:
+        raise GraphError(f"there is a node type {type!r} already", fix=f"exmesh nodes {type}")
+    made = write_node(type, into)
+    for path in made:
+        typer.echo(str(path))
+    root = into.resolve().parent
+    if root / "pyproject.toml" not in made:
+        typer.echo(f'{root / "pyproject.toml"} must say:\n  [project.entry-points."exmesh.nodes"]')
+        typer.echo(f'  {into.name} = "{into.resolve().name}"')
+    typer.echo(f"test it: pytest {root / 'tests'}\ninstall it: pip install -e {root}\nsee it: exmesh nodes {type}")
 
 
 def schema(

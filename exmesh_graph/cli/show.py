@@ -66,10 +66,19 @@ def show_node(packs: Packs, name: str) -> None:
 
 
 def _parameter(found: Signature, name: str) -> str:
+    kind, default, limits, unit, doc, tuning = parameter_facts(found, name)
+    notes = [*limits, *(["not part of the key"] if tuning else [])]
+    shown = "required" if default is None else f"= {default}"
+    tail = f"  ({', '.join(notes)})" if notes else ""
+    return f"{name}: {kind} {shown}{f' {unit}' if unit else ''}{tail}  {doc}".rstrip()
+
+
+def parameter_facts(found: Signature, name: str) -> tuple[str, str | None, list[str], str, str, bool]:
+    """(type, default as text or None, limits, unit, meaning, whether it stays out of the key) of a parameter."""
     info = found.params.model_fields[name]
     kind = getattr(info.annotation, "__name__", "") if isinstance(info.annotation, type) else str(info.annotation)
     kind = kind.replace("typing.", "").replace("pathlib.", "")
-    default = "required" if info.is_required() else f"= {info.get_default(call_default_factory=True)!r}"
+    default = None if info.is_required() else repr(info.get_default(call_default_factory=True))
     limits = []
     for limit in info.metadata:
         for word, sign in (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="), ("multiple_of", "multiple of")):
@@ -79,10 +88,7 @@ def _parameter(found: Signature, name: str) -> str:
             if getattr(limit, word, None) is not None:
                 limits.append(f"{word} {getattr(limit, word)}")
     extra = found.extra(name)
-    unit = f" {extra['unit']}" if extra.get("unit") else ""
-    notes = [*limits, *(["not part of the key"] if extra.get("tuning") else [])]
-    tail = f"  ({', '.join(notes)})" if notes else ""
-    return f"{name}: {kind} {default}{unit}{tail}  {info.description or ''}".rstrip()
+    return kind, default, limits, str(extra.get("unit") or ""), info.description or "", bool(extra.get("tuning"))
 
 
 def show_why(graph: Checked, name: str, store: Store) -> None:

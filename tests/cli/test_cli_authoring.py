@@ -1,0 +1,130 @@
+"""Commands for authors: `nodes --markdown`, `schema`, `new-node`, and packs that are found once installed."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+PAGES = ROOT / "docs" / "nodes"
+COMMAND = "import sys; from exmesh_graph.cli import main; sys.argv = ['exmesh', *sys.argv[1:]]; main()"
+
+
+def fresh(*words: str, path: str = "", cwd: Path | None = None) -> str:
+    """`exmesh` in a new process with the packs that are installed, and those in `path`."""
+    paths = [path, os.environ.get("PYTHONPATH", ""), str(ROOT)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in paths if p)}
+    done = subprocess.run(
+        [sys.executable, "-c", COMMAND, *words], capture_output=True, text=True, cwd=cwd, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_pages_of_nodes_are_current(tmp_path: Path) -> None:
+    fresh("nodes", "--markdown", str(tmp_path / "nodes"))
+    made = {path.name: path.read_text() for path in (tmp_path / "nodes").iterdir()}
+    kept = {path.name: path.read_text() for path in PAGES.iterdir()}
+    assert made == kept, "exmesh nodes --markdown docs/nodes"
+
+
+def test_pages_tell_ports_parameters_units_and_ranges(exmesh: Any, tmp_path: Path) -> None:
+    (tmp_path / "pages").mkdir()
+    (tmp_path / "pages" / "gone.md").write_text("<!-- made by `exmesh nodes --markdown`; edits are lost -->\n# gone")
+    (tmp_path / "pages" / "mine.md").write_text("# by hand")
+    exmesh("nodes", "--markdown", "pages")
+    page = (tmp_path / "pages" / "curve.md").read_text()
+    assert "| `slope` | float | `1.0` | >= -10, <= 10 | per x | Rise per x. |" in page
+    assert "Not part of the key." in page
+    assert 'name: {type: curve.sum, first: "@component"}' in page
+    assert "| `second` | Curve, optional |" in page
+    toy = (tmp_path / "pages" / "toy.md").read_text()
+    assert "| `number` | Number[split='train'] |" in toy
+    assert 'name: {type: toy.add, a: "@node.port"}' in toy
+    assert "(curve.md#curvesum)" in (tmp_path / "pages" / "README.md").read_text()
+    assert not (tmp_path / "pages" / "gone.md").exists()
+    assert (tmp_path / "pages" / "mine.md").read_text() == "# by hand"
+
+
+def test_pages_do_not_harm_what_others_wrote(exmesh: Any, tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# by hand")
+    assert "was not made by this command" in exmesh("nodes", "--markdown", ".", code=1).stderr
+    assert [path.name for path in tmp_path.glob("*.md")] == ["README.md"]
+
+
+def test_schema_goes_to_a_file_or_the_terminal(exmesh: Any, tmp_path: Path) -> None:
+    shown = exmesh("schema").stdout
+    exmesh("schema", "-o", "schema.json")
+    assert json.loads(shown) == json.loads((tmp_path / "schema.json").read_text())
+
+
+def test_check_lists_what_can_be_set(exmesh: Any, tmp_path: Path) -> None:
+    (tmp_path / "g.yaml").write_text(
+        "params: {plain: 3, typed: {type: int, default: 4, ge: 1, unit: px, doc: Size.}}\nnodes: {x: {type: toy.const}}"
+    )
+    shown = exmesh("check", "g.yaml", "--set", "typed=5").stdout
+    assert "  plain = 3\n" in shown
+    assert "  typed = 5  (int, >= 1 [px]: Size.)\n" in shown
+
+
+@pytest.fixture
+def pack(exmesh: Callable[..., Any], tmp_path: Path) -> Path:
+    done = exmesh("new-node", "geometry.smooth", "--into", "pack/my_nodes")
+    assert "pip install -e" in done.stdout
+    return tmp_path / "pack"
+
+
+def test_new_node_passes_its_own_test(pack: Path) -> None:
+    words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", str(pack / "pyproject.toml")]
+    done = subprocess.run([*words, str(pack)], capture_output=True, text=True, check=False, cwd=pack)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "3 passed" in done.stdout
+
+
+def test_new_node_is_clean(pack: Path) -> None:
+    """What it writes has no line that is too long and no name left to fill in."""
+    for path in [*(pack / "my_nodes").glob("*.py"), *(pack / "tests").glob("*.py")]:
+        text = path.read_text()
+        compile(text, str(path), "exec")
+        assert max(map(len, text.splitlines())) <= 120
+        assert "{type}" not in text
+        assert "{Class}" not in text
+
+
+def test_new_node_refuses_what_is_there_or_no_name(exmesh: Any, pack: Path) -> None:
+    assert "is there already" in exmesh("new-node", "geometry.smooth", "--into", "pack/my_nodes", code=2).stderr
+    again = exmesh("new-node", "geometry.other", "--into", "pack/my_nodes").stdout
+    assert "pyproject.toml must say" in again
+    assert "already" in exmesh("new-node", "toy.const", code=2).stderr
+    for name in ("smooth", "Geometry.smooth", "a.b.c", "a.class", "../a.b"):
+        assert "cannot name a node type" in exmesh("new-node", name, code=2).stderr
+    assert "Python package" in exmesh("new-node", "a.b", "--into", "my-nodes", code=2).stderr
+
+
+def test_an_installed_pack_is_found_by_its_entry_point(pack: Path, tmp_path: Path) -> None:
+    """pip builds and installs the pack that new-node wrote, without a network; a graph then runs its node."""
+    pytest.importorskip("setuptools", minversion="77", reason="building a pack needs setuptools >= 77")
+    pytest.importorskip("pip")
+    site = tmp_path / "site"
+    words = ["install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", str(site), str(pack)]
+    done = subprocess.run([sys.executable, "-m", "pip", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    shown = fresh("nodes", "geometry.smooth", path=str(site))
+    assert "strength: float = 0.5  (>= 0, <= 1)" in shown
+    (tmp_path / "cube.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    (tmp_path / "g.yaml").write_text("""
+nodes:
+  file: {type: init.mesh_file, path: cube.obj, units: normalised}
+  smooth: {type: geometry.smooth, mesh: "@file.mesh", steps: 2}
+outputs: {mesh: "@smooth.mesh"}
+""")
+    assert "2 nodes, 1 source files, no faults" in fresh("check", "g.yaml", path=str(site), cwd=tmp_path)
+    fresh("run", "g.yaml", "--workers", "0", path=str(site), cwd=tmp_path)
+    assert (tmp_path / "runs" / "latest" / "mesh" / "arrays.safetensors").is_file()
