@@ -18,6 +18,7 @@ from exmesh_graph.cli.options import (
     GraphFile,
     RunsFolder,
     Sets,
+    SharedUrl,
     StoreFolder,
     Targets,
     VariantName,
@@ -46,6 +47,7 @@ def run(
         list[str] | None, typer.Option("--force", metavar="NODE", help="Run this node even on a hit; repeatable.")
     ] = None,
     store: StoreFolder = None,
+    shared: SharedUrl = None,
     runs: RunsFolder = Path("runs"),
     workers: Annotated[
         int | None, typer.Option(min=0, help="Worker processes at most; 0 runs all nodes in this process.")
@@ -63,10 +65,10 @@ def run(
     checked, packs = checked_graph(graph, set_, variant)
     targets = checked.needed_for(named(checked, node)) if node else None
     forced = set(named(checked, force))
-    command = _command(graph, set_, store, runs, variant)
+    command = _command(graph, set_, store, runs, variant, shared)
     code = run_graph(
         checked,
-        open_store(store),
+        open_store(store, shared),
         runs,
         packs,
         workers,
@@ -97,6 +99,7 @@ def plan(
     variant: VariantName = None,
     node: Targets = None,
     store: StoreFolder = None,
+    shared: SharedUrl = None,
 ) -> None:
     """Show what a run would do with each node, and why."""
     from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN
@@ -104,7 +107,7 @@ def plan(
 
     checked, _ = checked_graph(graph, set_, variant)
     targets = checked.needed_for(named(checked, node)) if node else None
-    opened = open_store(store)
+    opened = open_store(store, shared)
     steps = make_plan(checked, opened, targets)
     width = max(len(step.name) for step in steps)
     for step in steps:
@@ -187,7 +190,14 @@ def _interrupt(signum: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-def _command(graph: Path, sets: list[str] | None, store: Path | None, runs: Path, variant: str | None = None) -> str:
+def _command(
+    graph: Path,
+    sets: list[str] | None,
+    store: Path | None,
+    runs: Path,
+    variant: str | None = None,
+    shared: str | None = None,
+) -> str:
     """The command that runs this again, for the messages."""
     import shlex
 
@@ -198,6 +208,8 @@ def _command(graph: Path, sets: list[str] | None, store: Path | None, runs: Path
         words += ["--variant", variant]
     if store is not None:
         words += ["--store", str(store)]
+    if shared:
+        words += ["--shared", shared]
     if runs != Path("runs"):
         words += ["--runs", str(runs)]
     return shlex.join(words)

@@ -27,6 +27,10 @@ Targets = Annotated[
 StoreFolder = Annotated[
     Path | None, typer.Option("--store", help="The artifact store (default: $EXMESH_STORE or ./.exmesh).")
 ]
+SharedUrl = Annotated[
+    str | None,
+    typer.Option("--shared", metavar="URL", help="A store that machines share, behind this one ($EXMESH_SHARED)."),
+]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Where run folders go.")]
 
 
@@ -43,11 +47,12 @@ def checked_graph(graph: Path, sets: list[str] | None, variant: str | None = Non
     return check_file(graph, sets or [], packs), packs
 
 
-def open_store(folder: Path | None) -> Store:
+def open_store(folder: Path | None, shared: str | None = None) -> Store:
     """The store that --store, $EXMESH_STORE or the working folder names."""
     from exmesh_graph.graph.store import Store
 
-    return Store(folder or Path(os.environ.get("EXMESH_STORE") or ".exmesh"))
+    root = folder or Path(os.environ.get("EXMESH_STORE") or ".exmesh")
+    return Store(root, shared or os.environ.get("EXMESH_SHARED"))
 
 
 def show_notes(store: Store) -> None:

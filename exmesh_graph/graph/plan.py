@@ -44,11 +44,10 @@ def plan(graph: Checked, store: Store, targets: set[str] | None = None, reasons:
             steps.append(Step(name, UNKNOWN, error.what))
             continue
         key = key_of(preimage)
-        action = store.find(preimage)
+        action = store.find(preimage, fetch=False)
         if action is not None and set(action.outputs) == set(bound.signature.outputs):
             outputs[name] = action.outputs
-            reason = "" if action.key == key else "its code changed, which was accepted"
-            steps.append(Step(name, HIT, reason, key, preimage, action))
+            steps.append(Step(name, HIT, _remark(action, key, store), key, preimage, action))
         else:
             steps.append(Step(name, RUN, _reason(bound, preimage, store) if reasons else "", key, preimage))
     store.save()
@@ -65,6 +64,13 @@ def preimage_for(bound: Bound, store: Store, output: Callable[[str, str], Stored
     remember_in(store.code)
     sources = {name: store.sources.digest(path) for name, path in bound.sources.items()}
     return preimage_of(bound, fingerprint(bound.definition).digest, sources, inputs)
+
+
+def _remark(action: Action, key: str, store: Store) -> str:
+    words = [] if action.key == key else ["its code changed, which was accepted"]
+    if store.remote is not None and store.look_up(action.key) is None:
+        words.append("in the shared store")
+    return "; ".join(words)
 
 
 def _reason(bound: Bound, preimage: Mapping[str, Any], store: Store) -> str:

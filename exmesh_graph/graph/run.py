@@ -135,7 +135,7 @@ class Run:
                 lease.release()
             if self.running:
                 self.store.sweep()
-            self.store.save()
+            self.store.close()
             self.record["store_notes"] = list(self.store.notes)
             self.record["machine"] = machine_facts()
             self.finish(state, time.perf_counter() - started)
@@ -282,6 +282,7 @@ class Run:
         self.pool.give_back(name)
         self.held.pop(name).release()
         if outcome.state == DONE:
+            self.store.share(self.rows[name]["key"])
             self._settle(name, DONE, outcome.outputs, outcome.info, time.perf_counter() - started)
         elif outcome.state == STOPPED or self.stopping:
             self.rows[name]["state"] = INTERRUPTED

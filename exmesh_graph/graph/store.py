@@ -19,12 +19,15 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
 from exmesh_graph.graph.keys import ABSENT, digest_of, key_of
 from exmesh_graph.types import Artifact
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.remote import Remote
 
 FORMAT = 1
 RECENT = 3000
@@ -53,9 +56,12 @@ NOTHING = Stored(*ABSENT, 0)
 
 
 class Store:
-    """A store in a folder. Opening it is cheap; the folder is made by the first write."""
+    """A store in a folder. Opening it is cheap; the folder is made by the first write.
 
-    def __init__(self, root: Path) -> None:
+    `shared` names a second tier (see `remote`): what is missing here is looked for there.
+    """
+
+    def __init__(self, root: Path, shared: str | None = None) -> None:
         self.root = root.absolute()
         if self.root.exists() and not self.root.is_dir():
             raise StoreError("the store is not a folder", where=str(self.root), fix="name a folder with --store")
@@ -64,6 +70,11 @@ class Store:
         self.sources = files.SourceDigests(self.root / "sources.json", self.work)
         self.code = files.Memo(self.root / "code.json", self.work)
         self._records: dict[str, list[Action]] | None = None
+        self.remote: Remote | None = None
+        if shared:
+            from exmesh_graph.graph.remote import Remote
+
+            self.remote = Remote(shared, self)
 
     @contextlib.contextmanager
     def attempt(self) -> Iterator[Path]:
@@ -97,6 +108,17 @@ class Store:
         except (OSError, ValueError, KeyError) as error:
             self.quarantine(path, str(error))
             return None
+
+    def share(self, key: str) -> None:
+        """Send a recorded result to the shared tier, if there is one; `close` waits for it."""
+        if self.remote is not None:
+            self.remote.push(key)
+
+    def close(self) -> None:
+        """Wait for what is being sent to the shared tier, and save the memos."""
+        if self.remote is not None:
+            self.remote.close()
+        self.save()
 
     def save(self) -> None:
         """Keep what was learned about source files and modules for the next process."""
@@ -172,20 +194,20 @@ class Store:
             self.quarantine(self._object(digest), reason)
         return reason is None
 
-    def doubt(self, digest: str) -> str | None:
-        """Why an object cannot be trusted, with all bytes read; None when it can."""
-        head = self._head(digest)
+    def doubt(self, digest: str, folder: Path | None = None) -> str | None:
+        """Why an object (here, or in a folder) cannot be trusted, with all bytes read; None when it can."""
+        head = self._head(digest, folder)
         if head is None:
             return "incomplete"
         for name, (_, expected) in head["files"].items():
-            if files.sha256_file(self.data(digest) / name) != expected:
+            if files.sha256_file((folder or self._object(digest)) / "data" / name) != expected:
                 return f"{name} has other bytes than were stored"
         if artifact_digest(head["type"], head["files"]) != digest:
             return "the table of files does not belong to this object"
         return None
 
-    def _head(self, digest: str) -> dict[str, Any] | None:
-        folder = f"{self.root}/objects/{digest[:2]}/{digest}"  # strings: a plan of 1000 nodes comes here 1000 times
+    def _head(self, digest: str, place: Path | None = None) -> dict[str, Any] | None:
+        folder = place or f"{self.root}/objects/{digest[:2]}/{digest}"  # text: a plan of 1000 nodes comes 1000 times
         try:
             head = files.read_sealed(f"{folder}/artifact.json")
             if head["digest"] != digest or head["format"] != FORMAT:
@@ -217,30 +239,44 @@ class Store:
                 return None
         return action
 
-    def find(self, preimage: Mapping[str, Any]) -> Action | None:
-        """`look_up` of the pre-image's key; else of one that differs in accepted code changes, and only in these."""
-        action = self.look_up(key_of(preimage))
+    def find(self, preimage: Mapping[str, Any], fetch: bool = True) -> Action | None:
+        """`look_up` of the pre-image's key; else of one that differs in accepted code changes, and only in these.
+
+        Then the shared tier is asked; its record is brought here with its objects, or with fetch=False only shown.
+        """
+        keys = [key_of(preimage)]
+        action = self.look_up(keys[0])
         if action is None and (self.root / "accepted").is_dir():
             from exmesh_graph.graph.upkeep.accepted import equivalents
 
-            found = (self.look_up(key_of(other)) for other in equivalents(self, preimage))
-            action = next((other for other in found if other is not None), None)
+            keys += map(key_of, equivalents(self, preimage))
+            action = next(filter(None, map(self.look_up, keys[1:])), None)
+        if action is None and self.remote is not None:
+            action = next(filter(None, map(self.remote.fetch if fetch else self.remote.peek, keys)), None)
         return action
 
     def read(self, path: Path, use: bool = False) -> Action | None:
         """The record in a file below actions/, None (and quarantine) when it is not sound."""
         try:
-            record = files.read_sealed(path, use=use)
-            outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
-            key, preimage = record.pop("key"), record.pop("preimage")
-            if key != path.stem or key_of(preimage) != key or record.pop("format") != FORMAT:
-                raise ValueError("the key does not belong to the pre-image")
+            return _action(path.stem, files.read_sealed(path, use=use))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             self.quarantine(path, str(error))
             return None
-        return Action(key, preimage, outputs, record)
+
+    def take_in(self, action: Action, text: str, drafts: Mapping[str, Path]) -> Action | None:
+        """Keep a record from elsewhere and objects whose bytes were checked ({digest: folder below work/})."""
+        with files.writing("the store", self.root, "--store"):
+            for digest, draft in drafts.items():
+                for _, path in files.walk_files(draft):
+                    path.chmod(0o444)
+                    files.sync(path)
+                self._publish(draft, digest)
+            if any(s != NOTHING and not self.holds(s.digest) for s in action.outputs.values()):
+                return None
+            files.write_durably(self._action(action.key), text, self.work)
+        return action
 
     def actions(self, node_type: str) -> list[Action]:
         """The sound records of a node type among the latest RECENT of the store, newest first; read once."""
@@ -291,6 +327,23 @@ class Store:
 
     def _action(self, key: str) -> Path:
         return self.root / "actions" / key[:2] / f"{key}.json"
+
+
+def _action(key: str, record: dict[str, Any]) -> Action:
+    """The action in an unsealed record. Raises ValueError, KeyError or TypeError when it is not that of `key`."""
+    outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
+    preimage = record.pop("preimage")
+    if record.pop("key") != key or key_of(preimage) != key or record.pop("format") != FORMAT:
+        raise ValueError("the key does not belong to the pre-image")
+    return Action(key, preimage, outputs, record)
+
+
+def sound_action(key: str, text: str) -> Action | None:
+    """The action in the text of a record, None when it is not sound."""
+    try:
+        return _action(key, files.unseal(text))
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
 
 
 def artifact_digest(type_name: str, table: Mapping[str, Any]) -> str:
