@@ -218,7 +218,7 @@ class Run:
         if not self.queue or not self._going():
             return
         if self.pool is None:
-            self.pool = Pool({**self.backend.capacity(), **self.tokens})
+            self.pool = Pool({**self.backend.capacity(), **self.tokens}, self.backend.largest())
             self.store.save()  # what was learned about the code, for workers
         busy = {self.rows[name]["key"] for name in self.running}
         for entry in list(self.queue):

@@ -42,10 +42,13 @@ def parse_tokens(text: str) -> dict[str, float]:
 
 
 class Pool:
-    """Tokens in use and free. `cpu: 0` asks for every cpu; a cpu wish is cut to what there is."""
+    """Tokens in use and free. `cpu: 0` asks for every cpu of a machine; a cpu wish is cut to what one has."""
 
-    def __init__(self, capacity: Tokens) -> None:
+    def __init__(self, capacity: Tokens, largest: Tokens | None = None) -> None:
         self.capacity = dict(capacity)
+        self.most = {
+            name: min(count, (largest or {}).get(name, count)) for name, count in capacity.items()
+        }  # of one job
         self.free = dict(capacity)
         self.held: dict[str, dict[str, float]] = {}
         self.shares = [1.0] * int(self.capacity.get("gpu", 0))  # free part of each GPU
@@ -54,12 +57,12 @@ class Pool:
     def wish(self, bound: Bound) -> dict[str, float]:
         """What a node asks for, one `jobs` token and by default one cpu. Raises GraphError if it can never get it."""
         wanted = {"cpu": 1.0, "jobs": 1.0, **bound.definition.resources}
-        cpus = self.capacity.get("cpu", 1.0)
+        cpus = self.most.get("cpu", 1.0)
         wanted["cpu"] = min(wanted["cpu"] or cpus, cpus)
-        lacking = {name: count for name, count in wanted.items() if count > self.capacity.get(name, 0.0)}
+        lacking = {name: count for name, count in wanted.items() if count > self.most.get(name, 0.0)}
         if lacking:
             words = ", ".join(f"{name}={count:g}" for name, count in lacking.items())
-            there = ", ".join(f"{name}={self.capacity.get(name, 0.0):g}" for name in lacking)
+            there = ", ".join(f"{name}={self.most.get(name, 0.0):g}" for name in lacking)
             raise GraphError(
                 f"{bound.definition.type} asks for {words}, and there is {there}",
                 where=str(bound.where),

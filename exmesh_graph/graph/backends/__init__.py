@@ -18,6 +18,9 @@ class Backend(Protocol):
     def capacity(self) -> Mapping[str, float]:
         """Tokens that jobs may hold at once: cpu, gpu, vram_gb, ram_gb, any name, and `jobs`, one for each job."""
 
+    def largest(self) -> Mapping[str, float]:
+        """What one job can have at most, where `capacity` is that of several machines; empty for a single one."""
+
     def submit(self, job: Job) -> None:
         """Begin a job. Its name is unique among those that run."""
 

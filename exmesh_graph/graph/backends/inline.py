@@ -21,6 +21,9 @@ class Inline:
     def capacity(self) -> Mapping[str, float]:
         return {**machine_tokens(), "jobs": 1}
 
+    def largest(self) -> Mapping[str, float]:
+        return {}
+
     def submit(self, job: Job) -> None:
         self.waiting.append(job)
 

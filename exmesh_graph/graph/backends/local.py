@@ -45,6 +45,9 @@ class Local:
     def capacity(self) -> Mapping[str, float]:
         return {**machine_tokens(), "jobs": self.count}
 
+    def largest(self) -> Mapping[str, float]:
+        return {}
+
     def submit(self, job: Job) -> None:
         idle = [w for w in self.workers if w.job is None]
         fitting = [w for w in idle if w.suits(job)]

@@ -44,6 +44,7 @@ class _Worker:
 
         faulthandler.enable(2, all_threads=False)
         signal.signal(signal.SIGINT, self._interrupt)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])  # a Ray worker starts us blocked
         threading.Thread(target=self._read, daemon=True).start()
         load_packs()
         while True:
