@@ -5,9 +5,11 @@ Exit codes: 0 done; 1 a node, the store or the report failed; 2 the graph or the
 
 from __future__ import annotations
 
+import enum
 import os
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -37,6 +39,11 @@ app = typer.Typer(
 )
 
 
+class BackendName(enum.Enum):
+    local = "local"
+    ray = "ray"
+
+
 @app.command()
 def run(
     graph: GraphFile,
@@ -52,13 +59,19 @@ def run(
     workers: Annotated[
         int | None, typer.Option(min=0, help="Worker processes at most; 0 runs all nodes in this process.")
     ] = None,
+    backend: Annotated[
+        BackendName, typer.Option(help="Where nodes run: worker processes of this machine, or a Ray cluster.")
+    ] = BackendName.local,
+    address: Annotated[
+        str | None, typer.Option(help="With ray: the cluster's address, or auto; by default a new one on this machine.")
+    ] = None,
     tokens: Annotated[str, typer.Option(metavar="cpu=4,gpu=1", help="What nodes may use together.")] = "",
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="After a failure run what does not need it.")
     ] = False,
 ) -> None:
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
-    from exmesh_graph.cli.running import run_graph
+    from exmesh_graph.cli.running import backend_of, run_graph
     from exmesh_graph.graph.schedule import parse_tokens
 
     offered = parse_tokens(tokens)
@@ -66,12 +79,14 @@ def run(
     targets = checked.needed_for(named(checked, node)) if node else None
     forced = set(named(checked, force))
     command = _command(graph, set_, store, runs, variant, shared)
+    if backend is BackendName.ray:
+        command += " --backend ray" + (f" --address {address}" if address else "")
     code = run_graph(
         checked,
         open_store(store, shared),
         runs,
         packs,
-        workers,
+        partial(backend_of, kind=backend.value, workers=workers, address=address),
         targets=targets,
         force=forced,
         command=command,

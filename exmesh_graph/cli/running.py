@@ -21,14 +21,17 @@ from exmesh_graph.graph.store import Store, artifact_types
 from exmesh_graph.types import Artifact
 
 
-def run_graph(graph: Checked, store: Store, runs: Path, packs: Packs, workers: int | None, **options: Any) -> int:
+def run_graph(
+    graph: Checked, store: Store, runs: Path, packs: Packs, make: Callable[[Store], Backend], **options: Any
+) -> int:
     """Run a checked graph, print what happens, return the exit code. `options` are those of `Run`."""
+    backend = make(store)
     folder = RunFolder(runs, graph.name)
     for module, why in packs.broken.items():
         typer.echo(f"warning: the node module {module} cannot be imported: {why}", err=True)
     try:
         with view(graph, folder.id) as listener:
-            record = Run(graph, store, folder, listener, backend=backend_of(workers, store), **options).run()
+            record = Run(graph, store, folder, listener, backend=backend, **options).run()
     except NodeFailed as failure:
         _show_failure(failure, folder.path)
         return 1
@@ -50,8 +53,12 @@ def run_graph(graph: Checked, store: Store, runs: Path, packs: Packs, workers: i
     return code
 
 
-def backend_of(workers: int | None, store: Store) -> Backend:
-    """This process for 0 workers, else worker processes, as many as the machine can take for None."""
+def backend_of(store: Store, kind: str, workers: int | None, address: str | None) -> Backend:
+    """local: this process for 0 workers, else worker processes, as many as the machine can take for None; or ray."""
+    if kind == "ray":
+        from exmesh_graph.graph.backends.ray import RayCluster
+
+        return RayCluster(store, address)
     from exmesh_graph.graph.backends.inline import Inline
     from exmesh_graph.graph.backends.local import Local
 
