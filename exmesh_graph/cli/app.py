@@ -86,7 +86,7 @@ def run(
         open_store(store, shared),
         runs,
         packs,
-        partial(backend_of, kind=backend.value, workers=workers, address=address),
+        partial(backend_of, workers, kind=backend.value, address=address),
         targets=targets,
         force=forced,
         command=command,

@@ -53,7 +53,7 @@ def run_graph(
     return code
 
 
-def backend_of(store: Store, kind: str, workers: int | None, address: str | None) -> Backend:
+def backend_of(workers: int | None, store: Store, kind: str = "local", address: str | None = None) -> Backend:
     """local: this process for 0 workers, else worker processes, as many as the machine can take for None; or ray."""
     if kind == "ray":
         from exmesh_graph.graph.backends.ray import RayCluster
