@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from exmesh_graph.cli import authoring, upkeep, variants
+from exmesh_graph.cli import authoring, upkeep, variants, watching
 from exmesh_graph.cli.options import (
     GraphFile,
     RunsFolder,
@@ -169,17 +169,10 @@ def report(
     typer.echo(str(folder / "report.html"))
 
 
-@app.command()
-def status(runs: RunsFolder = Path("runs"), last: Annotated[int, typer.Option(help="How many runs.")] = 10) -> None:
-    """Show the last runs."""
-    from exmesh_graph.cli.show import show_status
-
-    show_status(runs, last)
-
-
 authoring.register(app)
 upkeep.register(app)
 variants.register(app)
+watching.register(app)
 
 
 def run_app() -> None:

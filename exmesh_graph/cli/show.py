@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import textwrap
-import time
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.plan import plan
 from exmesh_graph.graph.ports import Signature, signature
 from exmesh_graph.graph.problems import nearest
-from exmesh_graph.graph.rundir import is_alive
 from exmesh_graph.graph.store import Store
 from exmesh_graph.graph.upkeep.accepted import accepted_between
 from exmesh_graph.graph.upkeep.why import differences, explain, record_time
@@ -133,30 +131,3 @@ def read_run(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         what = f"run.json cannot be read: {type(error).__name__}: {error}"
         raise ExmeshError(what, where=str(path), fix="run the graph again: what is in the store is kept") from error
-
-
-def show_status(runs: Path, last: int) -> None:
-    """The last runs, newest first."""
-    found = sorted((path for path in runs.glob("*/run.json") if not path.parent.is_symlink()), reverse=True)
-    if not found:
-        typer.echo(f"no runs in {runs}")
-        return
-    for path in found[:last]:
-        try:
-            record = read_run(path.parent)
-        except ExmeshError as error:
-            typer.echo(f"{'unreadable':<12}{path.parent.name}  {error.what}")
-            continue
-        state, end = record["state"], time.time()
-        if state == "unfinished":
-            state = "running" if is_alive(path.parent) else "killed"
-        if state == "killed":  # the last sign of life
-            end = (path.parent / "events.jsonl").stat().st_mtime
-        rows = record["nodes"]
-        ready = sum(row["state"] in ("hit", "done") for row in rows)
-        hits = sum(row["state"] == "hit" for row in rows)
-        spent = clock(record["seconds"] if "seconds" in record else max(0.0, end - record["started"]))
-        typer.echo(f"{state:<12}{record['id']}  {ready}/{len(rows)} nodes, {hits} hits, {spent}")
-        busy = [row["name"] for row in rows if row["state"] in ("running", "failed", "interrupted")]
-        if busy and state != "done":
-            typer.echo(f"{'':<12}at {', '.join(busy)}")

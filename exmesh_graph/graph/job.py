@@ -14,7 +14,7 @@ import traceback
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from exmesh_graph.graph.keys import key_of
 from exmesh_graph.graph.language.components import rebuild
 from exmesh_graph.graph.language.expand import Link
 from exmesh_graph.graph.node import REGISTRY
+from exmesh_graph.graph.plan import preimage_for
 from exmesh_graph.graph.ports import signature
 from exmesh_graph.graph.problems import Where
 from exmesh_graph.graph.store import NOTHING, Store, Stored, artifact_types
@@ -116,6 +117,15 @@ def job_of(
         components={port: plug.describe() for port, plug in bound.components.items()},
         **more,
     )
+
+
+def rekeyed(job: Job, store: Store) -> Job:
+    """The job with the key that it has now, on `store`: code, libraries or source files may have changed since."""
+    bound = job.bound()
+    known = {job.wires[port]: Stored(kind, digest, 0) for port, (kind, digest) in job.inputs.items()}
+    preimage = preimage_for(bound, store, lambda node, port: known.get(f"{node}.{port}", NOTHING))
+    code = [fingerprint(definition).digest for definition in bound.definitions()]
+    return replace(job, preimage=preimage, code=code, store=str(store.root))
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from exmesh_graph.graph.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, 
 from exmesh_graph.graph.keys import key_of
 from exmesh_graph.graph.lease import BEAT, Holder, Lease, Leases
 from exmesh_graph.graph.plan import preimage_for
-from exmesh_graph.graph.rundir import RunFolder, past_seconds
+from exmesh_graph.graph.rundir import RunFolder, failure_file, log_file, past_seconds
 from exmesh_graph.graph.schedule import Pool, remaining_seconds
 from exmesh_graph.graph.store import NOTHING, Action, Store, Stored
 from exmesh_graph.machine import machine_facts
@@ -201,7 +201,9 @@ class Run:
             self._settle(name, HIT, action.outputs, action.info, time.perf_counter() - started)
             return
         if not self.remaining:
-            self.remaining = remaining_seconds(self.nodes, past_seconds(self.folder.path, self.graph.name))
+            past = past_seconds(self.folder.path, self.graph.name)
+            self.remaining = remaining_seconds(self.nodes, past)
+            self._emit({"event": "expected", "seconds": past})
         self.planned[name] = key, preimage
         bisect.insort(self.queue, (-self.remaining[name], self.index[name]))
 
@@ -265,7 +267,7 @@ class Run:
         devices = self.pool.take(name, wanted)
         job = job_of(
             self.nodes[name], self.graph.nodes, preimage, self.store, graph=self.graph.name, run=self.folder.id,
-            threads=max(1, int(wanted["cpu"])), devices=devices, log=str(self.folder.log_of(name)),
+            threads=max(1, int(wanted["cpu"])), devices=devices, log=str(log_file(self.folder.path, name)),
             checkpoint_every=self.checkpoint_every,
         )  # fmt: skip
         self.rows[name]["state"] = RUNNING
@@ -367,21 +369,22 @@ class Run:
             "params": bound.params.model_dump(mode="json"), "seed": bound.seed,
             "run_again": self.record["command"], "replay": f"{self.record['command']} --node {shlex.quote(name)}",
             "argv": sys.argv, "job": None if job is None else job.to_json(),
-            "file": f"failures/{self.folder.log_of(name).stem}.json",
+            "file": failure_file(name),
         }  # fmt: skip
         self.folder.write(record["file"], record)
         if not self.failures:
             self.folder.write("failure.json", record)
             self.cause = outcome.cause
         self.failures.append(record)
+        self._emit({"event": "node_failed", "node": name, "message": outcome.info["message"]})
         if self.keep_going:
             todo = [name]
             while todo:
                 for below in self.below[todo.pop()]:
                     if self.rows[below]["state"] == WAITING:
                         self.rows[below]["state"] = BLOCKED
+                        self._emit({"event": "node_blocked", "node": below})
                         todo.append(below)
-        self._emit({"event": "node_failed", "node": name, "message": outcome.info["message"]})
         self._save()
 
     def _emit(self, event: Mapping[str, Any]) -> None:

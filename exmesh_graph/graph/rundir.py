@@ -65,11 +65,6 @@ class RunFolder:
             draft.write_text(json.dumps(value, indent=indent, default=str) + "\n", encoding="utf-8")
             os.replace(draft, target)
 
-    def log_of(self, node: str) -> Path:
-        """The file for what a node prints."""
-        name = "".join(c if c.isalnum() or c in "-_.[]" else "-" for c in node)
-        return self.path / "logs" / f"{name}.log"
-
     def publish(self, name: str, stored: Stored, store: Store) -> Path:
         """Copy an artifact into the run's folder; returns the path a user opens."""
         source, main = store.data(stored.digest), ""
@@ -93,6 +88,20 @@ class RunFolder:
         """Let go of the events file."""
         with contextlib.suppress(OSError):  # what could not be written was reported by then
             self._events.close()
+
+
+def log_file(run: Path, node: str) -> Path:
+    """The file for what a node prints."""
+    return run / "logs" / f"{_plain(node)}.log"
+
+
+def failure_file(node: str) -> str:
+    """The name of a failed node's record inside the run folder."""
+    return f"failures/{_plain(node)}.json"
+
+
+def _plain(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_.[]" else "-" for c in name)
 
 
 def past_seconds(run: Path, graph: str) -> dict[str, float]:
