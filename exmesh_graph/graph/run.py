@@ -11,7 +11,6 @@ import bisect
 import heapq
 import shlex
 import sys
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -23,10 +22,9 @@ from exmesh_graph.graph.backends.inline import Inline
 from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
 from exmesh_graph.graph.keys import key_of
-from exmesh_graph.graph.lease import BEAT, Holder, Lease, Leases
 from exmesh_graph.graph.plan import preimage_for
 from exmesh_graph.graph.rundir import RunFolder, failure_file, log_file, past_seconds
-from exmesh_graph.graph.schedule import Pool, remaining_seconds
+from exmesh_graph.graph.schedule import Claims, Pool, remaining_seconds
 from exmesh_graph.graph.store import NOTHING, Action, Store, Stored
 from exmesh_graph.machine import machine_facts
 
@@ -85,11 +83,9 @@ class Run:
         self.queue: list[tuple[float, int]] = []  # misses, the most urgent first
         self.planned: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self.running: dict[str, tuple[Job, float]] = {}
-        self.leases, self.held = Leases(store.root), dict[str, Lease]()
-        self.elsewhere: dict[str, Holder] = {}  # nodes that another process computes
+        self.claims = Claims(store.root, lambda n, text: self._emit({"event": "log", "node": n, "message": text}))
         self.needed: Counter[str] = Counter()  # digests that nodes to come will read
         self.remade: set[str] = set()
-        self.notices: set[str] = set()
         self.stopping = False
         self.failures: list[Mapping[str, Any]] = []
         self.cause: BaseException | None = None
@@ -115,8 +111,6 @@ class Run:
         self._save(now=True)
         self._emit({"event": "run_started", "run": self.folder.id, "nodes": list(self.nodes)})
         state = FAILED
-        over = threading.Event()
-        threading.Thread(target=self._beat, args=(over,), daemon=True).start()
         try:
             self._loop()
             if self.failures:
@@ -127,12 +121,10 @@ class Run:
             self._stop()
             raise
         finally:
-            over.set()
             self.backend.close()
             for name in self.running:
                 self.rows[name]["state"] = INTERRUPTED
-            for lease in self.held.values():
-                lease.release()
+            self.claims.close()
             if self.running:
                 self.store.sweep()
             self.store.close()
@@ -154,9 +146,9 @@ class Run:
             self._dispatch()
             if self.ready and self._going():
                 continue
-            if not self.running and not (self.elsewhere and self._going()):
+            if not self.running and not (self.claims.elsewhere and self._going()):
                 return
-            for outcome in self.backend.poll(_ASK if self.elsewhere else 1.0, self._emit):
+            for outcome in self.backend.poll(_ASK if self.claims.elsewhere else 1.0, self._emit):
                 self._take(outcome)
 
     def _stop(self) -> None:
@@ -174,11 +166,6 @@ class Run:
                     self.backend.cancel(name)
                     self._take(Outcome(name, STOPPED))
         self.store.sweep()
-
-    def _beat(self, over: threading.Event) -> None:
-        while not over.wait(BEAT):
-            for lease in list(self.held.values()):
-                lease.beat()
 
     def _going(self) -> bool:
         return self.keep_going or not self.failures
@@ -232,7 +219,7 @@ class Run:
                 continue
             try:
                 wanted = self.pool.wish(self.nodes[name])
-                if not self.pool.fits(wanted) or not self._lease(name, key):
+                if not self.pool.fits(wanted) or not self.claims.take(name, key):
                     continue
                 action = None if name in self.force else self._look_up(self.nodes[name], preimage)
             except ExmeshError as error:
@@ -241,26 +228,11 @@ class Run:
                 continue
             self.queue.remove(entry)
             if action is not None:  # made meanwhile by a twin
-                self.held.pop(name).release()
+                self.claims.give_back(name)
                 self._settle(name, HIT, action.outputs, action.info, 0.0)
                 continue
             busy.add(key)
             self._start(name, preimage, wanted)
-
-    def _lease(self, name: str, key: str) -> bool:
-        """Whether this run may compute a key now; else another process does, and its record will come."""
-        found = self.leases.acquire(key)
-        if isinstance(found, Holder):
-            if name not in self.elsewhere:
-                self._emit({"event": "log", "node": name, "message": f"waits for {found}, which computes the same"})
-            self.elsewhere[name] = found
-            return False
-        self.elsewhere.pop(name, None)
-        self.held[name] = found
-        if found.notice and found.notice not in self.notices:
-            self.notices.add(found.notice)
-            self._emit({"event": "log", "node": name, "message": found.notice})
-        return True
 
     def _start(self, name: str, preimage: Mapping[str, Any], wanted: dict[str, float]) -> None:
         assert self.pool is not None
@@ -282,7 +254,7 @@ class Run:
         job, started = self.running.pop(name)
         assert self.pool is not None
         self.pool.give_back(name)
-        self.held.pop(name).release()
+        self.claims.give_back(name)
         if outcome.state == DONE:
             self.store.share(self.rows[name]["key"])
             self._settle(name, DONE, outcome.outputs, outcome.info, time.perf_counter() - started)

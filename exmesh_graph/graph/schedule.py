@@ -1,14 +1,16 @@
-"""Which node goes first, and what may run at once: the longest remaining path, and tokens."""
+"""Which node goes first, what may run at once, and who computes what: the longest path, tokens, claims of keys."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.check import Bound
+from exmesh_graph.graph.lease import BEAT, Holder, Lease, Leases
 
 Tokens = Mapping[str, float]
 _ROUNDING = 1e-9
@@ -96,6 +98,49 @@ class Pool:
         free = [device for device, left in enumerate(self.shares) if left + _ROUNDING >= share]
         number = math.ceil(count)
         return dict.fromkeys(free[:number], share) if len(free) >= number else None
+
+
+class Claims:
+    """The keys that this run computes, under leases whose hearts beat in a thread; `elsewhere`: nodes of other runs."""
+
+    def __init__(self, root: Path, say: Callable[[str, str], None]) -> None:
+        self.leases, self.say = Leases(root), say
+        self.held: dict[str, Lease] = {}
+        self.elsewhere: dict[str, Holder] = {}
+        self.notices: set[str] = set()
+        self.over = threading.Event()
+        self.heart: threading.Thread | None = None
+
+    def take(self, name: str, key: str) -> bool:
+        """Whether this run may compute a key now; else another process does, and its record will come."""
+        found = self.leases.acquire(key)
+        if isinstance(found, Holder):
+            if name not in self.elsewhere:
+                self.say(name, f"waits for {found}, which computes the same")
+            self.elsewhere[name] = found
+            return False
+        self.elsewhere.pop(name, None)
+        self.held[name] = found
+        if found.notice and found.notice not in self.notices:
+            self.notices.add(found.notice)
+            self.say(name, found.notice)
+        if self.heart is None:
+            self.heart = threading.Thread(target=self._beat, daemon=True)
+            self.heart.start()
+        return True
+
+    def give_back(self, name: str) -> None:
+        self.held.pop(name).release()
+
+    def close(self) -> None:
+        self.over.set()
+        for name in list(self.held):
+            self.give_back(name)
+
+    def _beat(self) -> None:
+        while not self.over.wait(BEAT):
+            for lease in list(self.held.values()):
+                lease.beat()
 
 
 def remaining_seconds(nodes: Mapping[str, Bound], past: Mapping[str, float]) -> dict[str, float]:
