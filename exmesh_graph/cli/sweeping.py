@@ -147,16 +147,16 @@ def show_table(table: Mapping[str, Any], width: int | None = None) -> None:
         ["shared", *(f"{row['shared']}/{row['nodes']}" for row in rows)],
     ]
     room = width - sum(2 + max(map(len, column)) for column in (*columns, *tail))
-    figures = sorted(table["figures"], key=lambda figure: not figure["better"])
     left_out = 0
-    for figure in figures:
+    for figure in table["figures"]:
         unit = f" {figure['unit']}" if figure["unit"] else ""
         column = [f"{figure['label']}{unit}"]
         for row in rows:
             entry = row["figures"].get(figure["label"], {})
             difference = ""
             if "difference" in entry:
-                difference = ("  ≈" if entry["exceeds"] is False else "  ") + signed(entry["difference"])
+                within = entry["exceeds"] is False and entry["difference"]
+                difference = ("  ≈" if within else "  ") + signed(entry["difference"])
             column.append(text_of(entry) + difference)
         need = 2 + max(map(len, column))
         if need <= room:

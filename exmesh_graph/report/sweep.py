@@ -1,8 +1,8 @@
 """The one table of a sweep: per variant every headline figure with its spread, seconds, and what is shared.
 
-A variant is compared with the base of its own graph file. Its spread is the sample standard deviation over the repeats;
-a difference exceeds the spread when it is larger than sqrt(spread of the variant ^2 + spread of the base ^2), which is
-the spread of the difference of two single runs. With one repeat there is no spread and nothing is said.
+A variant is compared with the base of its own graph file, seed by seed: the difference is the mean over the seeds that
+both have, and it exceeds the spread when it is larger than the sample standard deviation of these differences. Pairing
+takes out what a seed does to both alike. With one repeat there is no spread and nothing is said.
 """
 
 from __future__ import annotations
@@ -51,11 +51,8 @@ def sweep_table(
         part["shared"] = len(part["own"] & base["own"])
         part["own_seconds"] = sum(rows[name]["seconds"] for name in part["own"] - base["own"])
         groups.setdefault((part["file"], part["variant"]), []).append(part)
-    figures: dict[str, Figure] = {}
-    for part in parts:
-        for label, figure in part["figures"].items():
-            figures.setdefault(label, figure)
     variants = [_variant(group, groups.get((file, BASE), group)) for (file, _), group in groups.items()]
+    figures = _columns(parts, variants)
     states = [row["state"] for row in rows.values()]
     return {
         "schema": SCHEMA,
@@ -66,7 +63,7 @@ def sweep_table(
         "seconds": record.get("seconds"),
         "nodes": {"of_all_variants": sum(len(part["own"]) for part in parts), "after_sharing": len(rows),
                   "from_store": states.count("hit"), "run": states.count("done")},
-        "figures": [{"label": f.label, "unit": f.unit, "better": f.better, "node": f.node} for f in figures.values()],
+        "figures": [{"label": f.label, "unit": f.unit, "better": f.better, "node": f.node} for f in figures],
         "variants": variants,
         "members": list(members),
     }  # fmt: skip
@@ -99,6 +96,21 @@ def sweep_csv(table: Mapping[str, Any]) -> str:
             cells += [figure.get(part) for part in ("mean", "spread", "difference")]
         writer.writerow(["" if cell is None else cell for cell in cells])
     return out.getvalue()
+
+
+def _columns(parts: Sequence[dict[str, Any]], variants: Sequence[Mapping[str, Any]]) -> list[Figure]:
+    """The figures in the order of the table: those that differ between variants first, those scored last first."""
+    found: dict[str, Figure] = {}
+    for part in parts:
+        for label, figure in part["figures"].items():
+            found.setdefault(label, figure)
+
+    def rank(figure: Figure) -> tuple[bool, bool, float]:
+        entries = [row["figures"][figure.label] for row in variants if figure.label in row["figures"]]
+        same = not any(entry.get("difference") for entry in entries)
+        return same, not figure.better, -(figure.after or 0.0)
+
+    return sorted(found.values(), key=rank)
 
 
 def _part(
@@ -180,17 +192,20 @@ def _compared(label: str, group: Sequence[dict[str, Any]], base: Sequence[dict[s
     yes_no = all(isinstance(value, bool) for value in values)
     entry = {"mean": _mean(numbers), "spread": _spread(numbers), "values": values,
              "after_seconds": _mean([figure.after or 0.0 for figure in found])}  # fmt: skip
-    others = [part["figures"][label].value for part in base if label in part["figures"]]
-    if yes_no or is_base or not others or not all(isinstance(value, int | float) for value in others):
+    theirs = {part["repeat"]: part["figures"][label].value for part in base if label in part["figures"]}
+    pairs = [(part["figures"][label].value, theirs[part["repeat"]]) for part in group
+             if label in part["figures"] and part["repeat"] in theirs]  # fmt: skip
+    if yes_no or is_base or not pairs or not all(isinstance(value, int | float) for _, value in pairs):
         return entry
-    theirs = [float(value) for value in others]
-    difference, spread, other = _mean(numbers) - _mean(theirs), _spread(numbers), _spread(theirs)
-    noise = None if spread is None or other is None else math.hypot(spread, other)
-    return {**entry, "difference": difference, "exceeds": None if noise is None else abs(difference) > noise}
+    apart = [float(mine) - float(other) for mine, other in pairs]
+    difference, noise = _mean(apart), _spread(apart)
+    exceeds = None if noise is None else abs(difference) > noise
+    return {**entry, "difference": difference, "difference_spread": noise, "exceeds": exceeds}
 
 
 def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
+    same = len(set(values)) == 1  # then without a rounding error, which would look like a spread
+    return values[0] if same else math.fsum(values) / len(values)
 
 
 def _spread(values: Sequence[float]) -> float | None:

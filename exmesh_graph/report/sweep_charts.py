@@ -110,9 +110,8 @@ def difference_chart(marks: Sequence[Mark], *, title: str, width: int = 470) -> 
 
 
 def signed(value: float) -> str:
-    """+0.31, -12.4, 0: a difference."""
-    text = number(float(abs(value)))
-    return text if value == 0 else ("+" if value > 0 else "−") + text
+    """+0.31, −12.4, or = for none: a difference."""
+    return "=" if value == 0 else ("+" if value > 0 else "−") + number(float(abs(value)))
 
 
 def _padded(values: Sequence[float]) -> tuple[float, float]:

@@ -86,5 +86,5 @@ def _marks(rows: list[dict[str, Any]], figure: Mapping[str, Any]) -> tuple[list[
         kind = "base" if row["variant"] == "base" else verdict(figure, entry)
         marks.append(Mark(row["label"], entry["after_seconds"], entry["mean"], entry["spread"], kind))
         if "difference" in entry:
-            differences.append(Mark(row["label"], entry["difference"], 0.0, entry["spread"], kind))
+            differences.append(Mark(row["label"], entry["difference"], 0.0, entry["difference_spread"], kind))
     return marks, differences

@@ -64,7 +64,8 @@ def test_mean_spread_difference_and_whether_it_exceeds_the_spread(sweep: Any) ->
     assert "difference" not in base
     assert (good["difference"], good["exceeds"]) == (5.0, True)
     assert odd["spread"] == pytest.approx(0.5)
-    assert (odd["difference"], odd["exceeds"]) == (0.5, False)  # sqrt(1 + 0.25) is more
+    assert (odd["difference"], odd["difference_spread"], odd["exceeds"]) == (0.5, 0.5, False)  # 1, 0.5, 0
+    assert good["difference_spread"] == 0  # the seeds move both alike: nothing is left of a spread of 1
     assert good["values"] == [35.0, 36.0, 37.0]
     assert good["after_seconds"] == 5.0 + 20.0
     assert rows["good"]["figures"]["Kind"]["mean"] == "tetra"

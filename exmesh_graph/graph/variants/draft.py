@@ -137,7 +137,10 @@ class Draft:
             if key and (*path, last[0] if last else "") in set(self.paths()):
                 what = f"{text!r} is a node, not a key of one"
             near = nearest(plain, self.names()) or self.names()[:5]
-            refuse(where, what, near=near, fix="name a node of a block with its block: rounds.merge")
+            fix = "name a node of a block with its block: rounds.merge"
+            if any(is_part(self.entry(p)) for p in self.paths() if p == path[: len(p)]):
+                fix = "only set and connect reach into sub-graphs; put other patches into a file that extends it"
+            refuse(where, what, near=near, fix=fix)
         rounds = [(index, number) for index, (_, number) in enumerate(read) if number is not None]
         if any(index != len(path) - 2 for index, _ in rounds):
             refuse(where, f"{text!r}: a round can be named for the innermost block only", expected="rounds[3].merge")
@@ -297,6 +300,11 @@ def clone(value: Any) -> Any:
 def is_block(entry: Any) -> bool:
     """Whether an entry is a repeat block with nodes."""
     return isinstance(entry, Map) and "repeat" in entry and isinstance(entry.get("nodes"), Map)
+
+
+def is_part(entry: Any) -> bool:
+    """Whether an entry uses a graph file as a sub-graph."""
+    return isinstance(entry, Map) and "graph" in entry
 
 
 def is_link(value: Any) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.ports import Port, Signature, type_name
 from exmesh_graph.graph.problems import Where, nearest
-from exmesh_graph.graph.variants.draft import Address, Draft, Spot, clone, is_block, is_link, layers_of, refuse
+from exmesh_graph.graph.variants.draft import Address, Draft, Spot, clone, is_block, is_link, is_part, layers_of, refuse
 from exmesh_graph.graph.variants.values import fixed_spot, need, needed, port_address, round_layer
 
 
@@ -93,6 +93,8 @@ def bypass(draft: Draft, patch: Map) -> None:
     where = patch.lines["bypass"]
     address = _whole_node(draft, patch["bypass"], where, "bypass")
     entry = draft.entry(address.path)
+    if is_part(entry):
+        refuse(where, f"{address} is a sub-graph", fix=f"connect what uses {address} to something else and remove it")
     kind = draft.kind(entry)
     if kind is None:
         refuse(where, f"the type of {address} is unknown: {entry.get('type')!r}")

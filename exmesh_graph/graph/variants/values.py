@@ -10,6 +10,7 @@ from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.ports import Signature
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, clone, is_block, is_link, layers_of, refuse
+from exmesh_graph.graph.variants.inside import part_in, put_inside
 
 
 def set_values(draft: Draft, patch: Map) -> None:
@@ -31,12 +32,13 @@ def _set_one(draft: Draft, target: Any, value: Any, where: Where, there: Where) 
             give(params, target, value, there)
         else:
             names = [*(params or ()), "seed"]
-            fix = (
-                f"a node's parameter is set with {{set: {target}.PARAMETER, to: ...}}"
-                if target in draft.names()
-                else ""
-            )
+            named = f"a node's parameter is set with {{set: {target}.PARAMETER, to: ...}}"
+            fix = named if target in draft.names() else ""
             refuse(where, f"the graph has no parameter {target!r}", near=nearest(target, names) or names, fix=fix)
+        return
+    part = part_in(draft, target)
+    if part is not None:
+        put_inside(draft, *part, value, where, there, link=False)
         return
     address = draft.address(target, where, key=True)
     entry = draft.entry(address.path)
@@ -68,6 +70,12 @@ def connect(draft: Draft, patch: Map) -> None:
     if spot is not None:
         _known_source(draft, text, spot[2], there)
         spot[0].put(spot[1], text, there)
+        return
+    part = part_in(draft, patch["connect"])
+    if part is not None:
+        if "." not in part[1]:
+            _known_source(draft, text, part[0][:-1], there)
+        put_inside(draft, *part, text, where, there, link=True)
         return
     address = port_address(draft, patch["connect"], where)
     _known_source(draft, text, address.scope, there)

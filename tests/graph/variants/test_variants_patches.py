@@ -346,3 +346,59 @@ def test_what_components_cannot_do_is_refused(refusal: Refusal) -> None:
     assert "is a node, but line is a component" in refusal("{replace: line, type: toy.const}", text=PLUGS).what
     assert "@line" in refusal('{connect: end.curve, to: "@lin"}', text=PLUGS).nearest
     assert "is no wire" in refusal("{insert: {name: x, type: curve.sum}, on: end.curve}", text=PLUGS).what
+
+
+# --- sub-graphs
+
+PART = """
+inputs: {start: Number, other: {type: Number, optional: true}}
+params: {by: 2}
+nodes:
+  first: {type: toy.step, state: "@inputs.start", amount: "${by}"}
+  loop:
+    repeat: 2
+    carry: {state: "@first.state"}
+    nodes: {grow: {type: toy.step, state: "@carry.state", at: {2: {amount: 5}}}}
+    next: {state: "@grow.state"}
+outputs: {end: "@loop.state"}
+"""
+WHOLE = """
+name: whole
+nodes:
+  one: {type: toy.const, value: 1}
+  two: {type: toy.const, value: 2}
+  p: {graph: part.yaml, start: "@one.number"}
+  q: {graph: part.yaml, start: "@one.number"}
+  end: {type: toy.add, a: "@p.end", b: "@q.end"}
+"""
+
+
+@pytest.fixture
+def part(bench: Any) -> None:
+    bench.write(PART, "part.yaml")
+
+
+@pytest.mark.usefixtures("part")
+def test_set_and_connect_reach_into_one_use_of_a_sub_graph(patched: Patched) -> None:
+    graph = patched("{set: p.by, to: 7}", '{connect: q.start, to: "@two.number"}', text=WHOLE)
+    assert [value(graph, f"{name}.first", "amount") for name in "pq"] == [7, 2]
+    assert wires(graph)["q.first.state"] == "two.number"
+    graph = patched("{set: p.loop.grow.amount, to: 9}", "{set: 'q.loop[1].grow.amount', to: 8}", text=WHOLE)
+    assert [value(graph, f"p.loop[{r}].grow", "amount") for r in (1, 2)] == [9, 9]
+    assert [value(graph, f"q.loop[{r}].grow", "amount") for r in (1, 2)] == [8, 5]
+    graph = patched("{set: p.loop.repeat, to: 1}", '{connect: p.loop.grow.state, to: "@first.state"}', text=WHOLE)
+    assert "p.loop[2].grow" not in graph.nodes
+    assert wires(graph)["p.loop[1].grow.state"] == "p.first.state"
+    graph = patched('{connect: end.a, to: "@q.end"}', "{remove: p}", text=WHOLE)
+    assert "p.first" not in graph.nodes
+
+
+@pytest.mark.usefixtures("part")
+def test_what_sub_graphs_cannot_do_is_refused(refusal: Refusal) -> None:
+    assert "p.by" in refusal("{set: p.bye, to: 7}", text=WHOLE).nearest
+    assert "p.start" in refusal('{connect: p.stat, to: "@one.number"}', text=WHOLE).nearest
+    assert "p.first.amount" in refusal("{set: p.first.amont, to: 7}", text=WHOLE).nearest
+    assert "no node 'firs'" in refusal("{set: p.firs.amount, to: 7}", text=WHOLE).what
+    assert "only set and connect reach into" in refusal("{bypass: p.first}", text=WHOLE).fix
+    assert "p is a sub-graph" in refusal("{bypass: p}", text=WHOLE).what
+    assert "end.a" in refusal("{remove: p}", text=WHOLE).what
