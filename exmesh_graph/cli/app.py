@@ -75,7 +75,7 @@ def run(
     from exmesh_graph.graph.schedule import parse_tokens
 
     offered = parse_tokens(tokens)
-    checked, packs = checked_graph(graph, set_, variant)
+    checked, packs = checked_graph(graph, set_, variant, store)
     targets = checked.needed_for(named(checked, node)) if node else None
     forced = set(named(checked, force))
     command = _command(graph, set_, store, runs, variant, shared)
@@ -120,7 +120,7 @@ def plan(
     from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN
     from exmesh_graph.graph.plan import plan as make_plan
 
-    checked, _ = checked_graph(graph, set_, variant)
+    checked, _ = checked_graph(graph, set_, variant, store)
     targets = checked.needed_for(named(checked, node)) if node else None
     opened = open_store(store, shared)
     steps = make_plan(checked, opened, targets)
@@ -148,7 +148,7 @@ def why(
         record = read_run(runs / "latest")
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
         variant = variant or record["resolved"].get("variant")
-    checked, _ = checked_graph(graph, set_, variant)
+    checked, _ = checked_graph(graph, set_, variant, store)
     name = named(checked, [node])[0]
     show_why(checked, name, open_store(store))
 

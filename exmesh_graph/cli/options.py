@@ -34,25 +34,41 @@ SharedUrl = Annotated[
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Where run folders go.")]
 
 
-def checked_graph(graph: Path, sets: list[str] | None, variant: str | None = None) -> tuple[Checked, Packs]:
-    """A graph file, or one of its variants, checked against the installed packs."""
+def checked_graph(
+    graph: Path, sets: list[str] | None, variant: str | None = None, store: Path | None = None
+) -> tuple[Checked, Packs]:
+    """A graph file, or one of its variants, checked against the installed packs.
+
+    Where the store is there already, long files that were parsed before are not parsed again.
+    """
     from exmesh_graph.graph.check import check_file
+    from exmesh_graph.graph.files import Memo
+    from exmesh_graph.graph.language import parsed, yamlfile
     from exmesh_graph.graph.packs import load_packs
 
-    packs = load_packs()
+    packs, root = load_packs(), store_folder(store)
+    memo = Memo(root / "graphs.json", root / "work")
+    yamlfile.reader = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
     if variant:
         from exmesh_graph.graph.variants import check_variant
 
-        return check_variant(graph, sets or [], packs, variant), packs
-    return check_file(graph, sets or [], packs), packs
+        checked = check_variant(graph, sets or [], packs, variant)
+    else:
+        checked = check_file(graph, sets or [], packs)
+    memo.save()
+    return checked, packs
 
 
 def open_store(folder: Path | None, shared: str | None = None) -> Store:
     """The store that --store, $EXMESH_STORE or the working folder names."""
     from exmesh_graph.graph.store import Store
 
-    root = folder or Path(os.environ.get("EXMESH_STORE") or ".exmesh")
-    return Store(root, shared or os.environ.get("EXMESH_SHARED"))
+    return Store(store_folder(folder), shared or os.environ.get("EXMESH_SHARED"))
+
+
+def store_folder(given: Path | None) -> Path:
+    """--store, $EXMESH_STORE or .exmesh."""
+    return (given or Path(os.environ.get("EXMESH_STORE") or ".exmesh")).absolute()
 
 
 def show_notes(store: Store) -> None:

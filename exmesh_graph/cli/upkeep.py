@@ -11,6 +11,7 @@ import typer
 from exmesh_graph.cli.options import (
     RunsFolder,
     Sets,
+    SharedUrl,
     StoreFolder,
     Targets,
     VariantName,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
-    for command in (verify, accept, pin, unpin, gc):
+    for command in (verify, accept, pin, unpin, gc, doctor):
         app.command()(command)
 
 
@@ -69,7 +70,7 @@ def accept(
     for id in revoke or []:
         typer.echo(f"revoked: {accepting.revoke(opened, id)}")
     if graph is not None:
-        checked, _ = checked_graph(graph, set_, variant)
+        checked, _ = checked_graph(graph, set_, variant, store)
         only = set(named(checked, node)) if node else None
         for name, words in accepting.accept(checked, opened, only):
             typer.echo(f"{name}: {words}")
@@ -150,6 +151,19 @@ def gc(
     typer.echo(f"{kinds or 'nothing'} {words}, {shown_bytes(size)}; {shown_bytes(found.kept_bytes)} stay, "
                f"needed by {found.roots.runs} runs and {len(found.roots.pinned)} pinned results")  # fmt: skip
     show_notes(opened)
+
+
+def doctor(store: StoreFolder = None, shared: SharedUrl = None) -> None:
+    """Try what runs need: the store's file system, libraries, the GPU. Exits with 1 if runs would fail."""
+    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.upkeep.doctor import FAIL, WARN, examine
+
+    counts: Counter[str] = Counter()
+    for finding in examine(open_store(store, shared), load_packs()):
+        typer.echo(str(finding))
+        counts[finding.state] += 1
+    typer.echo(f"{counts[FAIL]} to mend, {counts[WARN]} to know" if counts[FAIL] + counts[WARN] else "all is well")
+    raise typer.Exit(1 if counts[FAIL] else 0)
 
 
 def _existing(folder: Path | None) -> Store:

@@ -43,8 +43,7 @@ class Fingerprint:
 
 def fingerprint(definition: NodeDef) -> Fingerprint:
     """The code fingerprint of a node type, as its source files were when this process first looked."""
-    function = definition.function
-    return _fingerprint(function.__module__, function.__name__, definition.code)
+    return _fingerprint(definition.function.__module__, definition.function.__name__, definition.code)
 
 
 def remember_in(memo: Memo) -> None:
@@ -56,6 +55,13 @@ def remember_in(memo: Memo) -> None:
 def sources_changed(definition: NodeDef) -> list[str]:
     """Modules of the fingerprint whose code was edited since: what ran may not be what was fingerprinted."""
     return [name for name in fingerprint(definition).modules if _edited(_module(name))]
+
+
+def outside_imports(definition: NodeDef) -> set[str]:
+    """Top names of what a node type's code imports from neither the project nor the standard library."""
+    modules = [_module(name) for name in fingerprint(definition).modules]
+    own = {OWN, *(module.name.partition(".")[0] for module in modules)}
+    return {name.partition(".")[0] for module in modules for name, _ in module.imports} - own - sys.stdlib_module_names
 
 
 _memo: Memo | None = None
@@ -197,8 +203,7 @@ def _module(name: str) -> _Module:
     if path is None:
         raise GraphError(f"the source of the module {name} cannot be found", fix="install it as plain .py files")
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    stamp = _stamp(path)
-    return _Module(name, path.read_bytes(), package, path, stamp)
+    return _Module(stamp=_stamp(path), name=name, data=path.read_bytes(), package=package, path=path)
 
 
 def _edited(module: _Module) -> bool:

@@ -86,3 +86,13 @@ def test_pin_gc_verify(exmesh: Exmesh, tmp_path: Path) -> None:
     assert "needed by 0 runs" in exmesh("gc", "--delete", "--budget", "1B").stdout
     assert "is no size" in exmesh("gc", "--budget", "much", code=1).stderr
     assert "no store here" in exmesh("gc", "--store", "elsewhere", code=1).stderr
+
+
+def test_doctor(exmesh: Exmesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    from exmesh_graph.graph.upkeep import doctor
+
+    monkeypatch.setattr(doctor, "_gpu", lambda: doctor.Finding("fail", "torch", "cannot be imported", "pip install"))
+    shown = exmesh("doctor", code=1).stdout
+    assert "ok    store, rename" in shown
+    assert "fail  torch: cannot be imported\n      fix: pip install\n" in shown
+    assert "1 to mend" in shown

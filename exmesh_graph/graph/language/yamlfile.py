@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,7 @@ def load_yaml(path: Path) -> Map:
         fail("file", where, "no such graph file")
     except (OSError, UnicodeDecodeError) as error:
         fail("file", where, f"cannot read the graph file: {error}")
-    value = parse_yaml(text, path)
+    value = reader(text, path)
     if not isinstance(value, Map):
         fail("yaml", where, "a graph file is a mapping", expected="name:, nodes:, ...")
     return value
@@ -192,3 +193,7 @@ def _real(text: str) -> float:
     if plain.endswith(".inf"):
         return -math.inf if plain.startswith("-") else math.inf
     return math.nan if plain == ".nan" else float(plain)
+
+
+reader: Callable[[str, Path | None], Any] = parse_yaml
+"""How `load_yaml` reads a text; `parsed.remembered` makes one with a memory."""
