@@ -128,3 +128,21 @@ outputs: {mesh: "@smooth.mesh"}
     assert "2 nodes, 1 source files, no faults" in fresh("check", "g.yaml", path=str(site), cwd=tmp_path)
     fresh("run", "g.yaml", "--workers", "0", path=str(site), cwd=tmp_path)
     assert (tmp_path / "runs" / "latest" / "mesh" / "arrays.safetensors").is_file()
+
+
+def test_the_sub_graph_and_the_parameters_in_the_docs(tmp_path: Path) -> None:
+    from exmesh_graph.graph.check import check_file
+    from exmesh_graph.graph.packs import load_packs
+
+    blocks = [part.split("```")[0] for part in (ROOT / "docs" / "graph_files.md").read_text().split("```yaml\n")[1:]]
+    params, part, use = blocks[2:]
+    (tmp_path / "refine.yaml").write_text(part)
+    start = blocks[0].split("  rounds:\n")[0].split("nodes:\n")[1]
+    body = start + "".join(f"  {line}\n" for line in use.splitlines())
+    text = params + f"nodes:\n{body}"
+    (tmp_path / "doc.yaml").write_text(text)
+    graph = check_file(tmp_path / "doc.yaml", [f"scene={ROOT}/graphs/samples/spot"], load_packs())
+    assert graph.nodes["once.refine"].params.iterations == 900
+    assert graph.nodes["once.uv"].params.dilation == 4
+    assert str(graph.nodes["light"].inputs["mesh"]) == "@once.uv.state"
+    assert graph.params["faces"] == 20000
