@@ -57,7 +57,8 @@ class Study:
         merged = merge(zip(labels, (variant.checked for _, variant in rows), strict=True), name=f"{name}-sweep")
         needed = None
         if targets:
-            known = {own: new for member in merged.members for own, new in member.names.items()}
+            known = dict.fromkeys(name for member in merged.members for name in member.names)
+            known |= dict.fromkeys(merged.checked.nodes)  # as messages name them: `direct:pbr`
             for target in targets:
                 if target not in known:
                     near = nearest(target, known) or list(known)[:8]
@@ -65,6 +66,7 @@ class Study:
                         f"no variant has a node {target!r}", where="command line", expected=", ".join(near)
                     )
             ends = [member.names[t] for member in merged.members for t in targets if t in member.names]
+            ends += [t for t in targets if t in merged.checked.nodes]
             needed = merged.checked.needed_for(ends)
         words = ["exmesh", "sweep", *map(str, files)]
         for option, values in (("--set", sets), ("--only", only or []), ("--node", targets or [])):
@@ -114,14 +116,14 @@ def run_sweep(
     for module, why in study.packs.broken.items():
         typer.echo(f"warning: the node module {module} cannot be imported: {why}", err=True)
     typer.echo(study.say())
-    failures: dict[str, str] = {}
+    records: list[Mapping[str, Any]] = []
     try:
         with view(graph, folder.id) as listener:
             work = Run(graph, store, folder, listener, backend=backend_of(workers, store), targets=study.targets,
                        command=command, overrides=study.overrides, **options)  # fmt: skip
             work.run()
     except NodeFailed as failure:
-        failures = {str(record["node"]): str(record["message"]) for record in failure.records}
+        records = failure.records
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; go on with the same command:\n  {command}", err=True)
         return 130
@@ -129,9 +131,14 @@ def run_sweep(
         folder.close()
         for note in store.notes:
             typer.echo(f"store: {note}", err=True)
+    failures = {str(record["node"]): str(record["message"]) for record in records}
     table = sweep_table(work.record, study.members(), loader(store), failures)
     page = write_sweep(folder.path, table)
     show_table(table)
+    for record in [record for record in records if record["job"] is not None][:5]:
+        typer.echo(
+            f"  {record['node']} alone, on the same inputs: exmesh replay {_short(folder.path / record['file'])}"
+        )
     typer.echo(f"  {_short(page)}")
     return 1 if failures else 0
 

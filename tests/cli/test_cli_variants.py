@@ -91,6 +91,7 @@ def test_a_sweep_runs_shared_nodes_once_and_tells_one_table(exmesh: Exmesh, fold
     assert rows["broken"]["figures"]["Value"]["difference"] == 0
     assert "11.50 ± 0.71  +4.00" in done.stdout
     assert "failed: gate" in done.stdout
+    assert "broken:gate alone, on the same inputs: exmesh replay runs/" in done.stdout
     page = (folder / "runs/latest/sweep.html").read_text()
     assert "The gate does not open." in page
     lines = (folder / "runs/latest/sweep.csv").read_text().splitlines()
@@ -108,6 +109,8 @@ def test_a_sweep_of_some_nodes_and_one_variant(exmesh: Exmesh, folder: Path) -> 
     assert [(row["variant"], row["state"]) for row in table["variants"]] == [("base", "done"), ("broken", "done")]
     assert [repeat["seed"] for repeat in table["variants"][0]["repeats"]] == [5, 6]
     assert table["command"].endswith("--set seed=5 --only broken --node score")
+    exmesh("sweep", "study.yaml", "--node", "broken:gate", "--workers", "0", code=1)
+    assert [row["state"] for row in sweep_of(folder)["variants"]][-1] == "failed"
     assert "no variant has a node 'scor'" in exmesh("sweep", "study.yaml", "--node", "scor", code=2).stderr
     assert "no variant 'brok'" in exmesh("sweep", "study.yaml", "--only", "brok", code=2).stderr
 

@@ -30,6 +30,8 @@ from exmesh_graph.graph.variants.draft import refuse
 from exmesh_graph.graph.variants.patches import operation_of
 
 MAX_VARIANTS = 200
+MAX_PATCHES = 2000
+MAX_CHAIN = 50
 BASE = "base"
 
 
@@ -100,6 +102,8 @@ def _variants(top: Map) -> dict[str, Row]:
     def build(name: str, where: Where, chain: tuple[str, ...]) -> Row:
         if name in chain:
             refuse(where, f"the variants extend each other: {' -> '.join([*chain, name])}")
+        if len(chain) >= MAX_CHAIN:
+            refuse(where, f"variants extend each other more than {MAX_CHAIN} deep")
         if name not in given:
             refuse(
                 where, f"there is no variant {name!r}", near=nearest(name, map(str, given)) or [str(n) for n in given]
@@ -108,6 +112,8 @@ def _variants(top: Map) -> dict[str, Row]:
             entry, here = given[name], given.lines[name]
             bases, doc, patches = _entry(entry, here, name)
             before = [p for base in bases for p in build(base, here, (*chain, name)).patches]
+            if len(before) + len(patches) > MAX_PATCHES:
+                refuse(here, f"the variant {name} has more than {MAX_PATCHES} patches", fix="extend fewer variants")
             done[name] = Row(name, (*before, *patches), {"variant": name}, doc)
         return done[name]
 

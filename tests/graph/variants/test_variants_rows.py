@@ -152,6 +152,15 @@ def test_the_number_of_variants_is_bounded(bench: Any, base: str) -> None:
     assert "31 variants in 7 repeats" in problem.what
 
 
+def test_variants_cannot_grow_without_bound(bench: Any, base: str) -> None:
+    doubled = "\n".join(f"  v{n}: {{extends: [v{n - 1}, v{n - 1}]}}" for n in range(1, 30))
+    (problem,) = refused(bench, base + "variants:\n  v0: [{set: a.value, to: 3}]\n" + doubled)
+    assert "more than 2000 patches" in problem.what
+    chain = "\n".join(f"  v{n}: {{extends: v{n + 1}}}" for n in range(2000))
+    (problem,) = refused(bench, base + "variants:\n  v2000: []\n" + chain)
+    assert "more than 50 deep" in problem.what
+
+
 def test_faults_of_all_variants_come_at_once_and_each_once(bench: Any, base: str) -> None:
     text = (
         base
