@@ -1,10 +1,10 @@
 """Mitsuba 3 on the scene of the light benchmarks, with the paper's own BRDF.
 
-Mitsuba's principled BSDF is another model (its diffuse lobe is Disney's, its Fresnel exact), so `exmesh` below is the formula
-of `shading.brdf` written as a Mitsuba BSDF in Python; in the LLVM variant it is compiled into the same kernels as the built-in
-ones. It is one-sided, samples q GGX (visible normals) + (1 - q) cosine, and reads vertex attributes.
-Mitsuba's environment map has its nodes at other places than ours: row j of H' at v = j / (H' - 1). 2 H + 1 rows at the same
-width hold every kink of our bilinear map, so the resampled map below is the same function.
+Mitsuba's principled BSDF is another model (its diffuse lobe is Disney's, its Fresnel exact), so `exmesh` below is the
+formula of `shading.brdf` written as a Mitsuba BSDF in Python; in the LLVM variant it is compiled into the same
+kernels as the built-in ones. It is one-sided, samples q GGX (visible normals) + (1 - q) cosine, and reads vertex
+attributes. Mitsuba's environment map has its nodes at other places than ours: row j of H' at v = j / (H' - 1). 2 H +
+1 rows at the same width hold every kink of our bilinear map, so the resampled map below is the same function.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The scene of the light benchmarks: an open box with coloured walls, a ball and a ring in it, under a real sky.
 
-Materials are attributes of the vertices, interpolated over the faces, and normals are those of the faces: two conventions
-that every renderer shares exactly, so that differences are differences of the light.
+Materials are attributes of the vertices, interpolated over the faces, and normals are those of the faces: two
+conventions that every renderer shares exactly, so that differences are differences of the light.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def _assemble() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     plane = plane * 2 - [1.0, 0.0, 1.0]
     tints = [(0.65, 0.62, 0.55), (0.75, 0.12, 0.1), (0.12, 0.55, 0.15), (0.2, 0.25, 0.75), (0.75, 0.65, 0.2)]
     # the floor, then four walls that face inwards
-    walls = [plane + [0, -1, 0]]
+    walls = [plane - np.array([0, 1, 0])]
     for turn in range(4):
         c, s = math.cos(turn * math.pi / 2), math.sin(turn * math.pi / 2)
         upright = np.stack([plane[:, 1] - 1, -plane[:, 0], plane[:, 2]], axis=1)
@@ -136,10 +136,12 @@ def _assemble() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     ball, ball_faces = icosphere(4, 0.45)
     stripe = np.sin(12 * ball[:, 1:2]) > 0
     ball_colour = np.where(stripe, [0.85, 0.85, 0.85], [0.85, 0.4, 0.1])
-    parts.append((ball + [-0.35, -0.5, -0.2], ball_faces, ball_colour, np.full(len(ball), 0.25)))
+    parts.append((ball + np.array([-0.35, -0.5, -0.2]), ball_faces, ball_colour, np.full(len(ball), 0.25)))
     ring, ring_faces = torus(64, 32, 0.35, 0.14)
     sector = np.sin(4 * np.arctan2(ring[:, 0], ring[:, 2])) > 0
-    parts.append((ring + [0.45, -0.8, 0.35], ring_faces, np.full((len(ring), 3), 0.6), np.where(sector, 0.2, 0.6)))
+    parts.append(
+        (ring + np.array([0.45, -0.8, 0.35]), ring_faces, np.full((len(ring), 3), 0.6), np.where(sector, 0.2, 0.6))
+    )
     vertices, faces, colours, roughness = [], [], [], []
     for points, part, colour, rough in parts:
         vertices.append(points)

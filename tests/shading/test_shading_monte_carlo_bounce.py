@@ -21,7 +21,9 @@ from exmesh_graph.shading.monte_carlo import (
 )
 from exmesh_graph.shading.monte_carlo.bounce import bounce_irradiance
 
-PAPER = LightSettings()
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+PAPER = LightSettings("environment", 8, 16, 4)
 
 
 def plain(surface, base, metallic=None):

@@ -14,6 +14,8 @@ from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Material, Points, draw_light, make_pool, shade, shade_reference
 from exmesh_graph.shading.monte_carlo.samples import draw_directions
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SAMPLERS = ["environment", "brdf", "mis", "cosine"]
 
 

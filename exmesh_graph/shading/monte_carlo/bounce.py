@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from exmesh_graph.rays import MISS, RayTracer
+from exmesh_graph.rays.tensors import closest_hit
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface
 from exmesh_graph.shading.monte_carlo.samples import (
@@ -23,6 +24,7 @@ from exmesh_graph.shading.monte_carlo.samples import (
     draw_light,
     make_pool,
     ray_origins,
+    rows_within,
 )
 from exmesh_graph.shading.monte_carlo.shade import shade, shade_reference
 
@@ -58,20 +60,32 @@ def draw_bounce(
     """Send `rays` rays from each point, keep the front-facing hits, and sample their light from `light_pool`."""
     pool = make_pool(sampler, "cosine", rays, seed)
     sent = draw_directions(points.flat, points, Material(torch.zeros_like(points.position)), pool)
-    chosen = torch.nonzero(sent.weight.view(-1))[:, 0]
-    row = torch.div(chosen, rays, rounding_mode="floor")
-    direction, weight = sent.own_direction.reshape(-1, 3)[chosen], sent.weight.view(-1)[chosen]
-    hits = tracer.closest_hit(ray_origins(points, tracer)[row.cpu().numpy()], direction.cpu().numpy())
-    device = direction.device
-    face = torch.from_numpy(hits.face).to(device).long()
-    valid = (face != MISS) & ((surface.face_normals[face.clamp_min(0)] * direction).sum(-1) < 0)
-    row, direction, weight, face = row[valid], direction[valid], weight[valid], face[valid]
-    bary = torch.from_numpy(hits.bary).to(direction)[valid]
+    origins = ray_origins(points, tracer)
+    rows = rows_within(memory_mib, rays)
+    found = [
+        _front_hits(sent, slice(start, start + rows), origins, surface, tracer)
+        for start in range(0, max(len(points), 1), rows)
+    ]
+    row, direction, weight, face, bary = (torch.cat(column) for column in zip(*found, strict=True))
     position = (surface.vertices[surface.faces[face]] * bary[..., None]).sum(1)
     normal, material = query(face, bary)
     there = Points(position, surface.face_normals[face], normal, -direction)
     light = draw_light(there, Material(material.base_color), light_pool, tracer, memory_mib)
     return SecondaryHits(row, direction, weight, face, bary, light)
+
+
+def _front_hits(
+    sent: LightSamples, rows: slice, origins: torch.Tensor, surface: Surface, tracer: RayTracer
+) -> tuple[torch.Tensor, ...]:
+    """Row, direction, weight, face and barycentrics of the rays of `rows` that meet a face from its front."""
+    weight = sent.weight[rows].reshape(-1)
+    chosen = torch.nonzero(weight)[:, 0]
+    row = torch.div(chosen, sent.weight.shape[1], rounding_mode="floor") + rows.start
+    direction = sent.own_direction[rows].reshape(-1, 3)[chosen]
+    hits = closest_hit(tracer, origins[row], direction)
+    face = hits.face.long()
+    front = (face != MISS) & ((surface.face_normals[face.clamp_min(0)] * direction).sum(-1) < 0)
+    return row[front], direction[front], weight[chosen][front], face[front], hits.bary[front]
 
 
 def bounce_irradiance(

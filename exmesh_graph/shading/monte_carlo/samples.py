@@ -15,11 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import numpy as np
 import torch
 
 from exmesh_graph.raster.warp_runtime import launch
 from exmesh_graph.rays import RayTracer, offset_origins
+from exmesh_graph.rays.tensors import any_hit
 from exmesh_graph.shading.brdf_sampling import specular_share
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo.points import Material, Points
@@ -30,7 +30,7 @@ Sampler = Literal["environment", "brdf", "mis", "cosine"]
 #: Limit of the pool's entries, where blocks are long.
 _MOST_POOL = 1 << 18
 
-#: Working memory of one traced ray on its way through torch, numpy and the tracer.
+#: Working memory of one traced ray on its way through torch and the tracer.
 _BYTES_PER_RAY = 200
 
 
@@ -107,7 +107,7 @@ def draw_light(
 ) -> LightSamples:
     """Draw the samples of `points` and trace them, as many rays at a time as fit into `memory_mib`. float32."""
     drawn = draw_directions(points.normal, points, material, pool)
-    rows = max(1, int(memory_mib * 2**20 / (_BYTES_PER_RAY * max(drawn.weight.shape[1], 1))))
+    rows = rows_within(memory_mib, drawn.weight.shape[1])
     origins = ray_origins(points, tracer)
     for start in range(0, len(points), rows):
         _occlude(drawn, slice(start, start + rows), origins, tracer)
@@ -153,7 +153,7 @@ def draw_directions(normal: torch.Tensor, points: Points, material: Material, po
     return LightSamples(pool, block, own.view(count, pool.own_samples, 3), weight.view(count, samples))
 
 
-def _occlude(drawn: LightSamples, rows: slice, origins: np.ndarray, tracer: RayTracer) -> None:
+def _occlude(drawn: LightSamples, rows: slice, origins: torch.Tensor, tracer: RayTracer) -> None:
     """Set the weights of the rows' blocked samples to 0, in place."""
     pool, weight = drawn.pool, drawn.weight[rows].view(-1)
     chosen = torch.nonzero(weight)[:, 0]
@@ -173,13 +173,18 @@ def _occlude(drawn: LightSamples, rows: slice, origins: np.ndarray, tracer: RayT
             )
         else:
             direction = pool.direction[index]
-    blocked = tracer.any_hit(origins[rows][row.cpu().numpy()], direction.cpu().numpy())
-    weight[chosen[torch.from_numpy(blocked).to(chosen.device)]] = 0
+    blocked = any_hit(tracer, origins[rows][row], direction)
+    weight[chosen[blocked]] = 0
 
 
-def ray_origins(points: Points, tracer: RayTracer) -> np.ndarray:
+def rows_within(memory_mib: float, rays: int) -> int:
+    """How many points with `rays` rays each can be traced at a time within the memory (at least one)."""
+    return max(1, int(memory_mib * 2**20 / (_BYTES_PER_RAY * max(rays, 1))))
+
+
+def ray_origins(points: Points, tracer: RayTracer) -> torch.Tensor:
     """Where the points' rays start, lifted along their geometric normals: float64 [N, 3]."""
-    return offset_origins(points.position.detach().cpu().numpy(), points.flat.cpu().numpy(), tracer.radius)
+    return offset_origins(points.position.detach(), points.flat.detach(), tracer.radius)
 
 
 def _sobol(count: int, seed: int) -> torch.Tensor:
