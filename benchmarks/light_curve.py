@@ -58,19 +58,19 @@ DEFAULT = Choice(
     LightSettings().secondary_rays,
     LightSettings().secondary_samples,
 )
-PAPER = Choice("environment", 8, 16, 4)
+PAPER = Choice("environment", 8, 16, 4)  # monte_carlo.PAPER
 
 
 def choices(quick: bool) -> list[Choice]:
     """The grid: samplers by N_d, then the bounce's counts and resolution, then cached rays."""
     if quick:
         return list(dict.fromkeys([DEFAULT, PAPER, Choice("mis", 4, 4, 1), Choice("mis", 8, 4, 1, True, True)]))
-    grid = [Choice(sampler, count, 8, 1) for sampler in SAMPLERS for count in (4, 8, 16, 32, 64, 128)]
-    for sampler, count in (("environment", 8), ("mis", 8), ("mis", 32), ("mis", 128)):
-        for rays, at_hit in ((2, 1), (4, 1), (8, 1), (16, 1), (16, 4), (32, 1)):
+    grid = [Choice(sampler, count, 16, 4) for sampler in SAMPLERS for count in (4, 8, 16, 32, 64, 128)]
+    for sampler, count in (("environment", 32), ("mis", 8), ("mis", 32), ("mis", 128)):
+        for rays, at_hit in ((4, 1), (8, 1), (16, 1), (16, 4), (32, 1), (32, 4)):
             grid += [Choice(sampler, count, rays, at_hit, half) for half in (True, False)]
     for sampler in ("environment", "mis"):
-        grid += [Choice(sampler, count, 8, 1, True, True) for count in (8, 32, 128)]
+        grid += [Choice(sampler, count, 16, 4, True, True) for count in (8, 32, 128)]
     return list(dict.fromkeys([DEFAULT, PAPER, *grid]))
 
 

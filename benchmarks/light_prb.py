@@ -36,19 +36,18 @@ from exmesh_graph.shading import brdf
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.monte_carlo import LightSettings, Material, MonteCarloLight, SampleCache
+from exmesh_graph.shading.monte_carlo import PAPER, LightSettings, Material, MonteCarloLight, SampleCache
 from exmesh_graph.shading.transport import LightTransport, trace_transport, with_bounces
 
 #: name -> settings, half resolution, cached slots
 OURS: dict[str, tuple[LightSettings, bool, int]] = {
-    "paper (environment 8, 16 x 4, half)": (LightSettings("environment", 8, 16, 4), True, 0),
+    "paper (environment 8, 16 x 4, half)": (PAPER, True, 0),
     "mis 8, 16 x 4, half": (LightSettings("mis", 8, 16, 4), True, 0),
-    "environment 32, 8 x 1, half": (LightSettings("environment", 32, 8, 1), True, 0),
-    "mis 16, 8 x 1, half": (LightSettings("mis", 16, 8, 1), True, 0),
-    "mis 32, 8 x 1, half": (LightSettings("mis", 32, 8, 1), True, 0),
-    "mis 64, 16 x 1, half": (LightSettings("mis", 64, 16, 1), True, 0),
-    "environment 8, 16 x 4, half, cached": (LightSettings("environment", 8, 16, 4), True, 4),
-    "mis 64, 16 x 1, half, cached": (LightSettings("mis", 64, 16, 1), True, 4),
+    "environment 32, 16 x 4, half": (LightSettings("environment", 32, 16, 4), True, 0),
+    "defaults (mis 32, 16 x 4, half)": (LightSettings(), True, 0),
+    "mis 128, 16 x 4, half": (LightSettings("mis", 128, 16, 4), True, 0),
+    "paper, cached rays": (PAPER, True, 4),
+    "defaults, cached rays": (LightSettings(), True, 4),
 }
 SAMPLES = (4, 16, 64)
 

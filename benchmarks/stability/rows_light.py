@@ -14,7 +14,7 @@ from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import (
-    LightSettings,
+    PAPER,
     Material,
     MeshSurface,
     MonteCarloLight,
@@ -157,7 +157,7 @@ def closed_room() -> Reached:
 
 @row("light", "a black environment", "radiance, and values or gradients not finite", high=0)
 def black() -> Reached:
-    light, points, material, query = _bowl(inward=True)
+    light, points, _, query = _bowl(inward=True)
     base = torch.full((3,), 0.5, requires_grad=True)
     sky = torch.zeros(8, 16, 3, requires_grad=True)
     glossy = Material(base.expand(len(points), 3), torch.full((len(points),), 0.3))
@@ -283,7 +283,7 @@ def _bowl(inward: bool):  # type: ignore[no-untyped-def]
     faces = (faces[:, ::-1] if inward else faces).astype(np.int32)
     surface = MeshSurface(vertices, faces)
     points = _on_faces(surface, 4000)
-    light = MonteCarloLight(surface, make_ray_tracer(vertices, faces), LightSettings("environment", 8, 16, 4))
+    light = MonteCarloLight(surface, make_ray_tracer(vertices, faces), PAPER)
 
     def query(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, Material]:
         return surface.face_normals[face], Material(torch.full((len(face), 3), 0.6))

@@ -28,6 +28,7 @@ class WarpTracer:
         wp = warp()
         self.device = torch.device(device)
         self._points = torch.from_numpy(points).to(self.device)
+        self.device = self._points.device  # with its number: "cuda" alone equals no tensor's device
         self._faces = torch.from_numpy(np.ascontiguousarray(faces, np.int32)).to(self.device)
         # the hierarchy reads its boxes for as long as it lives
         self._low, self._high = torch.empty(2, len(faces), 3, device=self.device)

@@ -11,6 +11,7 @@ from exmesh_graph.geometry.shapes import grid, icosphere
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import (
+    PAPER,
     LightSettings,
     Material,
     MeshSurface,
@@ -22,8 +23,6 @@ from exmesh_graph.shading.monte_carlo import (
 from exmesh_graph.shading.monte_carlo.bounce import bounce_irradiance
 
 pytestmark = pytest.mark.usefixtures("one_thread")
-
-PAPER = LightSettings("environment", 8, 16, 4)
 
 
 def plain(surface, base, metallic=None):
@@ -93,7 +92,7 @@ def test_bounce_converges_to_brute_force_quadrature():
     points, face, bary = on_mesh(*mesh, 2, seed=4)
     _, m = query(face, bary)
     exact = _nested_quadrature(points, m, surface, query, sky, tracer_of(mesh))
-    settings = LightSettings(direct_samples=1, secondary_rays=2048, secondary_samples=16)
+    settings = LightSettings("environment", direct_samples=1, secondary_rays=2048, secondary_samples=16)
     light = MonteCarloLight(surface, tracer_of(mesh), settings)
     runs = []
     for seed in range(8):

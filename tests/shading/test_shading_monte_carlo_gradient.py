@@ -6,7 +6,6 @@ import torch
 from benchmarks.stability.rows_light import fitted_bias, log_l1
 from exmesh_graph.shading.monte_carlo import independent_gradient
 
-
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 

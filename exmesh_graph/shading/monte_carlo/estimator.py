@@ -30,7 +30,9 @@ from exmesh_graph.shading.monte_carlo.upsample import Coarse
 
 @dataclass(frozen=True)
 class LightSettings:
-    """sampler             where the direct samples go: environment (the paper's), brdf, mis or cosine
+    """Sample counts and choices; the defaults lie on the lower hull of error against seconds (docs/monte_carlo.md).
+
+    sampler             where the direct samples go: environment (the paper's), brdf, mis or cosine
     direct_samples      N_d
     secondary_rays      N_b; 0 leaves the bounce out
     secondary_samples   N_s, environment samples at each hit
@@ -38,12 +40,16 @@ class LightSettings:
     memory_mib          limit of the working memory of tracing (the samples themselves: 4 to 16 bytes each on top)
     """
 
-    sampler: Sampler = "environment"
-    direct_samples: int = 8
+    sampler: Sampler = "mis"
+    direct_samples: int = 32
     secondary_rays: int = 16
     secondary_samples: int = 4
     secondary_material: bool = True
     memory_mib: float = 256.0
+
+
+#: The paper's counts, of its hyper-parameter table.
+PAPER = LightSettings("environment", 8, 16, 4)
 
 
 @dataclass(frozen=True)
