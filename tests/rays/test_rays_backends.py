@@ -24,6 +24,7 @@ def _soup(seed, shift=0.0, scale=1.0):
     rng = np.random.default_rng(seed)
     vertices = (rng.normal(size=(40, 3)) + shift) * scale
     faces = rng.permuted(np.tile(np.arange(40), (30, 1)), axis=1)[:, :3].astype(np.int32)
+    faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]  # of two equal faces either may win
     origins = (rng.normal(size=(4000, 3)) * 2 + shift) * scale
     return vertices, faces, origins, rng.normal(size=(4000, 3)) * rng.uniform(0.1, 10, (4000, 1))
 
