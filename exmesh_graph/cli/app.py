@@ -72,6 +72,7 @@ def run(
 ) -> None:
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
     from exmesh_graph.cli.running import backend_of, run_graph
+    from exmesh_graph.graph.layer import writable
     from exmesh_graph.graph.schedule import parse_tokens
 
     offered = parse_tokens(tokens)
@@ -81,19 +82,20 @@ def run(
     command = _command(graph, set_, store, runs, variant, shared)
     if backend is BackendName.ray:
         command += " --backend ray" + (f" --address {address}" if address else "")
-    code = run_graph(
-        checked,
-        open_store(store, shared),
-        runs,
-        packs,
-        partial(backend_of, workers, kind=backend.value, address=address),
-        targets=targets,
-        force=forced,
-        command=command,
-        overrides=tuple(set_ or ()),
-        tokens=offered,
-        keep_going=keep_going,
-    )
+    with writable(open_store(store, shared)) as opened:
+        code = run_graph(
+            checked,
+            opened,
+            runs,
+            packs,
+            partial(backend_of, workers, kind=backend.value, address=address),
+            targets=targets,
+            force=forced,
+            command=command,
+            overrides=tuple(set_ or ()),
+            tokens=offered,
+            keep_going=keep_going,
+        )
     raise typer.Exit(code)
 
 

@@ -67,6 +67,9 @@ class Store:
             raise StoreError("the store is not a folder", where=str(self.root), fix="name a folder with --store")
         self.work = self.root / "work"
         self.notes: list[str] = []
+        self.below: Path | None = None  # a store that may only be read, see `layer`
+        with contextlib.suppress(OSError):
+            self.below = Path((self.root / "below").read_text(encoding="utf-8"))
         self.sources = files.SourceDigests(self.root / "sources.json", self.work)
         self.code = files.Memo(self.root / "code.json", self.work)
         self._records: dict[str, list[Action]] | None = None
@@ -93,7 +96,7 @@ class Store:
         facts = {"host": platform.node(), "path": str(folder.resolve())}
         path = self.root / "roots" / digest_of(facts)[:16]
         if self.folder_of_runs(path) is None:
-            with files.writing("the store", self.root, "--store"):
+            with contextlib.suppress(OSError):  # a store that may only be read; hits do not fail for want of a note
                 files.write_durably(path, files.seal_text(facts), self.work)
 
     def folder_of_runs(self, path: Path) -> tuple[str, Path] | None:
@@ -152,7 +155,7 @@ class Store:
         return stored
 
     def _publish(self, draft: Path, digest: str) -> None:
-        target = self._object(digest)
+        target = self.root / "objects" / digest[:2] / digest
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists() and not self.holds(digest):
             self.quarantine(target, "found broken when the same artifact was written again")
@@ -207,7 +210,7 @@ class Store:
         return None
 
     def _head(self, digest: str, place: Path | None = None) -> dict[str, Any] | None:
-        folder = place or f"{self.root}/objects/{digest[:2]}/{digest}"  # text: a plan of 1000 nodes comes 1000 times
+        folder = place or self._place(f"objects/{digest[:2]}/{digest}")
         try:
             head = files.read_sealed(f"{folder}/artifact.json")
             if head["digest"] != digest or head["format"] != FORMAT:
@@ -223,7 +226,7 @@ class Store:
         table = {port: asdict(stored) for port, stored in outputs.items()}
         record = {"format": FORMAT, "key": key, "preimage": dict(preimage), "outputs": table, **info}
         with files.writing("the store", self.root, "--store"):
-            files.write_durably(self._action(key), files.seal_text(record), self.work)
+            files.write_durably(self.root / "actions" / key[:2] / f"{key}.json", files.seal_text(record), self.work)
         return key
 
     def look_up(self, key: str, use: bool = True) -> Action | None:
@@ -275,14 +278,16 @@ class Store:
                 self._publish(draft, digest)
             if any(s != NOTHING and not self.holds(s.digest) for s in action.outputs.values()):
                 return None
-            files.write_durably(self._action(action.key), text, self.work)
+            path = self.root / "actions" / action.key[:2] / f"{action.key}.json"
+            files.write_durably(path, text, self.work)
         return action
 
     def actions(self, node_type: str) -> list[Action]:
         """The sound records of a node type among the latest RECENT of the store, newest first; read once."""
         if self._records is None:
             self._records = {}
-            paths = [(path.stat().st_mtime_ns, path) for path in (self.root / "actions").glob("*/*.json")]
+            homes = [home / "actions" for home in (self.root, self.below) if home is not None]
+            paths = [(path.stat().st_mtime_ns, path) for home in homes for path in home.glob("*/*.json")]
             for _, path in sorted(paths, reverse=True)[:RECENT]:
                 action = self.read(path)
                 if action is not None:
@@ -310,6 +315,9 @@ class Store:
         """Move away what is in doubt, and note why."""
         if not path.exists():
             return
+        if self.below is not None and path.is_relative_to(self.below):
+            self.notes.append(f"{path} is not used: {reason}")
+            return
         name = path.relative_to(self.root)
         home = self.root / "quarantine"
         try:
@@ -323,10 +331,17 @@ class Store:
             self.notes.append(f"{name} moved to quarantine: {reason}")
 
     def _object(self, digest: str) -> Path:
-        return self.root / "objects" / digest[:2] / digest
+        return Path(self._place(f"objects/{digest[:2]}/{digest}"))
 
     def _action(self, key: str) -> Path:
-        return self.root / "actions" / key[:2] / f"{key}.json"
+        return Path(self._place(f"actions/{key[:2]}/{key}.json"))
+
+    def _place(self, name: str) -> str:
+        """Where a thing is: here, or in the store below. (Text: a plan of 1000 hits comes here thousands of times.)"""
+        path = f"{self.root}/{name}"
+        if self.below is not None and not os.path.exists(path) and os.path.exists(f"{self.below}/{name}"):
+            return f"{self.below}/{name}"
+        return path
 
 
 def _action(key: str, record: dict[str, Any]) -> Action:
