@@ -83,6 +83,10 @@ def named(checked: Checked, names: list[str] | None) -> list[str]:
     from exmesh_graph.graph.problems import nearest
 
     for name in names or []:
+        if name in checked.components:
+            users = [node for node, bound in checked.nodes.items() if any(c.name == name for c in bound.plugged())]
+            what = f"{name} is a component, which never runs by itself"
+            raise GraphError(what, where="command line", fix=f"name a node that uses it: {', '.join(users[:8])}")
         if name not in checked.nodes:
             close = nearest(name, checked.nodes) or list(checked.nodes)
             raise GraphError(f"the graph has no node {name!r}", where="command line", expected=", ".join(close[:8]))

@@ -113,8 +113,8 @@ def show_why(graph: Checked, name: str, store: Store) -> None:
     typer.echo("  the key depends on:")
     for field in ("type", "version", "seed"):
         typer.echo(f"    {field} {step.preimage[field]}")
-    for field in ("params", "libraries", "sources", "inputs"):
-        values: dict[str, Any] = step.preimage[field]
+    for field in ("params", "libraries", "sources", "inputs", "components"):
+        values: dict[str, Any] = step.preimage.get(field, {})
         if values:
             typer.echo(f"    {field}: {', '.join(values)}")
     typer.echo("    code: " + ", ".join(fingerprint(bound.definition).parts))

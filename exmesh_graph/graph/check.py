@@ -37,9 +37,13 @@ class Bound:
     where: Where
     components: Mapping[str, BoundComponent] = field(default_factory=dict)
 
+    def plugged(self) -> list[BoundComponent]:
+        """All components plugged into it and into these."""
+        return [inner for plug in self.components.values() for inner in plug.all()]
+
     def definitions(self) -> list[NodeDef]:
-        """The node's definition and those of all components plugged into it, whose code the key covers."""
-        return [self.definition, *(d for plug in self.components.values() for d in plug.definitions())]
+        """The node's definition and those of all its components, whose code the key covers."""
+        return [self.definition, *(plug.definition for plug in self.plugged())]
 
     def wire(self, port: str) -> str:
         """`views.train -> start.views`, for messages."""
@@ -117,7 +121,7 @@ class _Check:
         judged = {name: self._fields(self.graph.nodes[name]) for name in self.signatures}
         for user, port, link, where in self.graph.given:
             end = f"{user}.{port.name}"
-            source = self.wiring.source(link, where, f"{end} ({where})", port, user)
+            source = self.wiring.source(link, where, end, port, user)
             if source is not None:
                 self.wiring.judge(link, source, port, end, where, user)
         outputs = self._outputs()
@@ -149,6 +153,8 @@ class _Check:
     def _fields(self, spec: NodeSpec) -> tuple[dict[str, Link], dict[str, Value]]:
         """The entries of a node, sorted into wires and parameters."""
         found = self.signatures[spec.name]
+        if found.component is not None and spec.seeded is not None:
+            self.problems.add("seed", spec.seeded, f"{spec.name} is a component, which has no seed")
         links: dict[str, Link] = {}
         params: dict[str, Value] = {}
         for key, value in spec.fields.items():
@@ -289,7 +295,7 @@ class _Check:
         result = {}
         for name, value in self.graph.outputs.items():
             if isinstance(value.value, Link):
-                source = self.wiring.source(value.value, value.where, f"outputs.{name} ({value.where})")
+                source = self.wiring.source(value.value, value.where, f"outputs.{name}")
                 if source is not None and source.plugged:
                     what = f"outputs.{name}: {value.value} is a component, which has nothing to publish"
                     self.problems.add("link", value.where, what, expected='"@node.port"')

@@ -146,3 +146,26 @@ def test_the_sub_graph_and_the_parameters_in_the_docs(tmp_path: Path) -> None:
     assert graph.nodes["once.uv"].params.dilation == 4
     assert str(graph.nodes["light"].inputs["mesh"]) == "@once.uv.state"
     assert graph.params["faces"] == 20000
+
+
+def test_commands_on_components(exmesh: Any, tmp_path: Path) -> None:
+    (tmp_path / "g.yaml").write_text("""
+nodes:
+  two: {type: toy.const, value: 2}
+  line: {type: curve.line, slope: 3}
+  end: {type: toy.evaluate, number: "@two.number", curve: "@line"}
+""")
+    exmesh("run", "g.yaml", "--workers", "0")
+    assert "2 nodes" in exmesh("check", "g.yaml").stdout
+    why = exmesh("why", "end", "g.yaml", "--set", "line.slope=4").stdout
+    assert "component curve: parameter slope 3 -> 4" in why
+    assert "components: curve" in why
+    plan = exmesh("plan", "g.yaml", "--set", "line.slope=4").stdout
+    assert "1 hit, 1 to run" in plan
+    assert "component curve: parameter slope 3 -> 4" in plan
+    refused = exmesh("run", "g.yaml", "--node", "line", code=2).stderr
+    assert "line is a component, which never runs by itself" in refused
+    assert "name a node that uses it: end" in refused
+    shown = exmesh("nodes", "curve.sum").stdout
+    assert "curve.sum  (component, version 1)" in shown
+    assert "second: Curve  (optional)" in shown

@@ -48,6 +48,8 @@ def test_order_follows_wires_not_the_file(bench: Any) -> None:
         ("x: {type: toy.add}", "missing-port", "@one.number"),
         ("x: {type: toy.add, a: null}", "link", "@one.number"),
         ("x: {type: toy.add, a: 3}", "link", "@one.number"),
+        ("x: {type: toy.add, a: [one, 0]}", "link", "@one.number"),
+        ("x: {type: toy.add, a: one.number}", "link", "@one.number"),
         ('x: {type: toy.whole_only, number: "@one.number"}', "wrong-type", "@w.number"),
         ('x: {type: toy.train_only, number: "@cut.test"}', "facet", "@cut.train"),
     ],

@@ -136,6 +136,7 @@ FED = 'x: {type: toy.evaluate, number: "@two.number"'
         ('x: {type: curve.sum, first: "@none"}', "wrong-type", ["expected: Curve"]),
         ('x: {type: curve.sum, first: "@x"}', "cycle", ["x <- x"]),
         ("x: {type: curve.lin}", "node-type", ["curve.line"]),
+        ("x: {type: curve.line, seed: 3}", "seed", ["a component, which has no seed"]),
     ],
 )
 def test_one_fault(bench: Any, line: str, code: str, words: list[str]) -> None:

@@ -146,6 +146,25 @@ def test_edits_that_matter(pack: tuple[Path, Take], name: str, old: str, new: st
     assert take() != before
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new", "matters"),
+    [
+        ("nodes.py", "self.size + LIMIT", "self.size - LIMIT", True),
+        ("nodes.py", "LIMIT = 3", "LIMIT = 4", True),
+        ("nodes.py", '"""Params."""', '"""Other words."""', False),
+        ("nodes.py", 'param(3, doc="Size.")', "param(4)", False),
+        ("nodes.py", "used(x) + TABLE", "used(x) - TABLE", False),
+        ("helpers.py", "return base(x)", "return base(x) + 1", False),
+    ],
+)
+def test_edits_of_a_component_s_class(pack: tuple[Path, Take], name: str, old: str, new: str, matters: bool) -> None:
+    """A component is fingerprinted like a node: its class, what its methods use, and nothing else of the module."""
+    root, take = pack
+    before = take("P")
+    edit(root, name, old, new)
+    assert (take("P") != before) is matters
+
+
 def test_declared_code(pack: tuple[Path, Take]) -> None:
     root, take = pack
     before = take(code=("fp_pack.dynamic",))

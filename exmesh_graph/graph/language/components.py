@@ -77,9 +77,9 @@ class BoundComponent:
         nested = {field: inner.describe() for field, inner in self.nested.items()}
         return {"type": self.definition.type, "params": self.params(), "components": nested}
 
-    def definitions(self) -> list[NodeDef]:
-        """Its own definition and those of the components plugged into it."""
-        return [self.definition, *(d for plug in self.nested.values() for d in plug.definitions())]
+    def all(self) -> list[BoundComponent]:
+        """Itself and all components plugged into it."""
+        return [self, *(inner for plug in self.nested.values() for inner in plug.all())]
 
 
 def component_fields(value: Component) -> set[str]:

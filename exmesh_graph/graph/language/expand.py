@@ -60,6 +60,7 @@ class NodeSpec:
     fields: Mapping[str, Value]
     where: Where
     seed: int
+    seeded: Where | None = None
 
 
 @dataclass(frozen=True)
@@ -248,8 +249,9 @@ class _Expansion:
             names = "name: {type: data.blender, ...}"
             self.problems.add("graph", entry.where, f"node {full} has no type", expected=names)
             return
+        seeded = fields["seed"].where if "seed" in fields else None
         seed = self._seed(full, fields, scope)
-        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed)
+        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, seeded)
 
     def round_patches(self, full: str, entry: Map, scope: _Scope) -> Iterator[Map]:
         for key in ("every", "at"):
@@ -306,7 +308,8 @@ class _Expansion:
             self.problems.add("link", where, f"{text}: there is no carried value outside a repeat block")
             return None
         if node == "inputs":
-            self.problems.add("link", where, f"{text}: this graph declares no inputs")
+            if not self.tree.inputs or scope.root:
+                self.problems.add("link", where, f"{text}: this graph declares no inputs")
             return None
         node = scope.root + node
         if f"{node}.{port}" in self.names:  # a component by its full name

@@ -36,35 +36,37 @@ class Wiring:
                 found="nothing" if link is None else repr(link), nearest=self.suitable(port, spec.name),
             )  # fmt: skip
             return None
-        source = self.source(link, value.where, f"{spec.name}.{port.name} ({value.where})", port, spec.name)
+        source = self.source(link, value.where, f"{spec.name}.{port.name}", port, spec.name)
         if source is None:
             return None
         self.wires.setdefault(spec.name, {})[port.name] = (link, value.where)
         self.judge(link, source, port, f"{spec.name}.{port.name}", value.where, spec.name)
         return link
 
-    def source(self, link: Link, where: Where, end: str, port: Port | None = None, user: str = "") -> Port | None:
+    def source(self, link: Link, where: Where, name: str, port: Port | None = None, user: str = "") -> Port | None:
         """The output that a link points to (for a component: a port of its class); None after a problem was noted.
 
-        `end` is the near end in words, `port` what it takes (None: any artifact).
+        `name` is the near end, `port` what it takes (None: any artifact).
         """
         if link.node not in self.graph.nodes:
-            names = [f"@{name}.{link.port}" for name in nearest(link.node, self.graph.nodes)]
+            names = [
+                f"@{near}.{link.port}" if link.port else f"@{near}" for near in nearest(link.node, self.graph.nodes)
+            ]
             self.problems.add(
                 "unknown-node", where, f"{link}: there is no node {link.node!r}",
-                wire=f"{str(link)[1:]} (nowhere) -> {end}", nearest=names or self.suitable(port, user),
+                wire=f"{str(link)[1:]} (nowhere) -> {name} ({where})", nearest=names or self.suitable(port, user),
             )  # fmt: skip
             return None
         found = self.signatures.get(link.node)
         if found is None:
             return None
-        wire = f"{str(link)[1:]} ({self.graph.nodes[link.node].where}) -> {end}"
-        spec, names = self.graph.nodes[link.node], [f"@{link.node}.{name}" for name in found.outputs]
+        spec, names = self.graph.nodes[link.node], [f"@{link.node}.{output}" for output in found.outputs]
         if found.component is not None:
             if link.port:
                 self.problems.add(
                     "link", where, f"{link}: {link.node} is a component ({spec.type}), which has no outputs",
-                    wire=wire, nearest=[f"@{link.node}"], fix=f'link the component itself: "@{link.node}"',
+                    wire=self._wire(link, name, where), nearest=[f"@{link.node}"],
+                    fix=f'link the component itself: "@{link.node}"',
                 )  # fmt: skip
                 return None
             return Port("", (found.component,))
@@ -72,22 +74,22 @@ class Wiring:
             fits = [n for n, out in found.outputs.items() if port is None or port.takes(out)]
             self.problems.add(
                 "link", where, f"{link}: {link.node} is a node ({spec.type}); a link names one of its outputs",
-                wire=wire, expected="" if port is None else str(port),
-                nearest=[f"@{link.node}.{name}" for name in fits] or self.suitable(port, user) or names,
+                wire=self._wire(link, name, where), expected="" if port is None else str(port),
+                nearest=[f"@{link.node}.{near}" for near in fits] or self.suitable(port, user) or names,
             )  # fmt: skip
             return None
         if link.port not in found.outputs:
             self.problems.add(
-                "unknown-port", where, f"{link}: {spec.type} has no output {link.port!r}", wire=wire,
-                expected=", ".join(f"{name}: {out}" for name, out in found.outputs.items()),
-                nearest=[f"@{link.node}.{name}" for name in nearest(link.port, found.outputs)] or names,
+                "unknown-port", where, f"{link}: {spec.type} has no output {link.port!r}",
+                wire=self._wire(link, name, where),
+                expected=", ".join(f"{key}: {out}" for key, out in found.outputs.items()),
+                nearest=[f"@{link.node}.{near}" for near in nearest(link.port, found.outputs)] or names,
             )  # fmt: skip
             return None
         return found.outputs[link.port]
 
     def judge(self, link: Link, source: Port, port: Port, name: str, where: Where, user: str) -> None:
         """Types, presence and facets of one wire; `name` is its near end, `user` the node that it feeds."""
-        wire = f"{str(link)[1:]} ({self.graph.nodes[link.node].where}) -> {name} ({where})"
         if not issubclass(source.type, port.types):
             if source.plugged != port.plugged:
                 words = ("an artifact", "a component") if port.plugged else ("a component", "an artifact")
@@ -95,19 +97,31 @@ class Wiring:
             else:
                 what = f"{link} does not fit {name}"
             near = self.suitable(port, user)
-            self.problems.add("wrong-type", where, what, wire=wire, expected=str(port), found=str(source), nearest=near)
+            self.problems.add(
+                "wrong-type",
+                where,
+                what,
+                wire=self._wire(link, name, where),
+                expected=str(port),
+                found=str(source),
+                nearest=near,
+            )
         elif source.optional and not port.optional:
             self.problems.add(
                 "maybe-absent", where, f"{link} may be absent, but {name} needs it",
-                wire=wire, expected=str(port), found=f"{source} or nothing",
+                wire=self._wire(link, name, where), expected=str(port), found=f"{source} or nothing",
             )  # fmt: skip
         else:
             for facet, (wanted, promised) in port.clashes(source).items():
                 self.problems.add(
                     "facet", where, f"{link} has {facet}={promised!r}, but {name} takes {facet}={wanted!r}",
-                    wire=wire, expected=str(port), found=f"{source}, {facet}={promised!r}",
+                    wire=self._wire(link, name, where), expected=str(port), found=f"{source}, {facet}={promised!r}",
                     nearest=self.suitable(port, user),
                 )  # fmt: skip
+
+    def _wire(self, link: Link, name: str, where: Where) -> str:
+        """Both ends of a wire, for messages."""
+        return f"{str(link)[1:]} ({self.graph.nodes[link.node].where}) -> {name} ({where})"
 
     def suitable(self, port: Port | None, user: str) -> list[str]:
         """Links that would fit a port: those known to have its facets first, then those of the user's own block."""
