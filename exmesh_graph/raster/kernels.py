@@ -22,6 +22,13 @@ LIST_SHIFT = wp.constant(35)
 
 
 @wp.func
+def is_finite(v: wp.vec3) -> bool:
+    # wp.isfinite is a function call for each component on a CPU
+    nothing = v - v
+    return nothing[0] + nothing[1] + nothing[2] == 0.0
+
+
+@wp.func
 def edge_at(a: wp.vec3, b: wp.vec3, x: float, y: float) -> float:
     return (a[0] - x * a[2]) * (b[1] - y * b[2]) - (b[0] - x * b[2]) * (a[1] - y * a[2])
 
@@ -175,7 +182,7 @@ def rasterize_faces(
     box = _pixel_box(v0, v1, v2, near, height, width)
     if box[2] < box[0] or box[3] < box[1]:
         return
-    if not (wp.isfinite(v0) and wp.isfinite(v1) and wp.isfinite(v2)):
+    if not (is_finite(v0) and is_finite(v1) and is_finite(v2)):
         return
     if largest > 0 and (box[2] - box[0] + 1) * (box[3] - box[1] + 1) > largest:
         tiles = wp.int64(_across(box[0], box[2])) * wp.int64(_across(box[1], box[3]))

@@ -5,7 +5,7 @@
 
 import warp as wp
 
-from exmesh_graph.raster.kernels import edge_at
+from exmesh_graph.raster.kernels import edge_at, is_finite
 
 wp.set_module_options({"enable_backward": False})
 
@@ -86,7 +86,7 @@ def find_silhouette(
     e = wp.tid()
     first_end = vertices[edges[e][0]]
     second_end = vertices[edges[e][1]]
-    if not (wp.isfinite(first_end) and wp.isfinite(second_end)):
+    if not (is_finite(first_end) and is_finite(second_end)):
         return
     if first_end[2] <= near and second_end[2] <= near:
         return
