@@ -5,7 +5,6 @@ Exit codes: 0 done; 1 a node, the store or the report failed; 2 the graph or the
 
 from __future__ import annotations
 
-import enum
 import os
 import signal
 import sys
@@ -17,7 +16,10 @@ import typer
 
 from exmesh_graph.cli import authoring, upkeep, variants, watching
 from exmesh_graph.cli.options import (
+    BackendChoice,
+    BackendName,
     GraphFile,
+    RayAddress,
     RunsFolder,
     Sets,
     SharedUrl,
@@ -25,6 +27,7 @@ from exmesh_graph.cli.options import (
     Targets,
     VariantName,
     checked_graph,
+    checked_variants,
     named,
     open_store,
     show_notes,
@@ -37,11 +40,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Photographs to relightable USD assets, as a cached graph of typed nodes.",
 )
-
-
-class BackendName(enum.Enum):
-    local = "local"
-    ray = "ray"
 
 
 @app.command()
@@ -59,12 +57,8 @@ def run(
     workers: Annotated[
         int | None, typer.Option(min=0, help="Worker processes at most; 0 runs all nodes in this process.")
     ] = None,
-    backend: Annotated[
-        BackendName, typer.Option(help="Where nodes run: worker processes of this machine, or a Ray cluster.")
-    ] = BackendName.local,
-    address: Annotated[
-        str | None, typer.Option(help="With ray: the cluster's address, or auto; by default a new one on this machine.")
-    ] = None,
+    backend: BackendChoice = BackendName.local,
+    address: RayAddress = None,
     tokens: Annotated[str, typer.Option(metavar="cpu=4,gpu=1", help="What nodes may use together.")] = "",
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="After a failure run what does not need it.")
@@ -101,12 +95,19 @@ def run(
 
 @app.command()
 def check(graph: GraphFile, set_: Sets = None, variant: VariantName = None) -> None:
-    """Check a graph: types, wires, parameters, source files; list what --set can change. Nothing runs."""
-    checked, _ = checked_graph(graph, set_, variant)
+    """Check a graph and its variants: types, wires, parameters, source files; list what --set can change."""
+    variants: list[str] = []
+    if variant:
+        checked, _ = checked_graph(graph, set_, variant)
+    else:
+        rows, _ = checked_variants(graph, set_, repeats=False)
+        checked, variants = rows[0].checked, [row.name for row in rows[1:]]
     sources = sum(len(bound.sources) for bound in checked.nodes.values())
     typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
     for name, declared in checked.declared.items():
         typer.echo(f"  {name} = {checked.params[name]!r}{'' if declared.inferred else f'  ({declared})'}")
+    if variants:
+        typer.echo(f"  {len(variants)} variants, no faults: {', '.join(variants)}")
 
 
 @app.command()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import enum
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +15,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.check import Checked
     from exmesh_graph.graph.packs import Packs
     from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.variants import CheckedVariant
 
 GraphFile = Annotated[Path, typer.Argument(metavar="GRAPH", help="The graph file (YAML).")]
 Sets = Annotated[
@@ -34,6 +38,20 @@ SharedUrl = Annotated[
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Where run folders go.")]
 
 
+class BackendName(enum.Enum):
+    local = "local"
+    ray = "ray"
+
+
+BackendChoice = Annotated[
+    BackendName, typer.Option("--backend", help="Where nodes run: worker processes of this machine, or a Ray cluster.")
+]
+RayAddress = Annotated[
+    str | None,
+    typer.Option("--address", help="With ray: the cluster's address, or auto; by default a new one on this machine."),
+]
+
+
 def checked_graph(
     graph: Path, sets: list[str] | None, variant: str | None = None, store: Path | None = None
 ) -> tuple[Checked, Packs]:
@@ -42,21 +60,40 @@ def checked_graph(
     Where the store is there already, long files that were parsed before are not parsed again.
     """
     from exmesh_graph.graph.check import check_file
-    from exmesh_graph.graph.files import Memo
-    from exmesh_graph.graph.language import parsed, yamlfile
     from exmesh_graph.graph.packs import load_packs
 
-    packs, root = load_packs(), store_folder(store)
-    memo = Memo(root / "graphs.json", root / "work")
-    yamlfile.reader = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
-    if variant:
+    packs = load_packs()
+    with _remembering(store):
+        if not variant:
+            return check_file(graph, sets or [], packs), packs
         from exmesh_graph.graph.variants import check_variant
 
-        checked = check_variant(graph, sets or [], packs, variant)
-    else:
-        checked = check_file(graph, sets or [], packs)
+        return check_variant(graph, sets or [], packs, variant), packs
+
+
+def checked_variants(
+    graph: Path, sets: list[str] | None, store: Path | None = None, **options: Any
+) -> tuple[list[CheckedVariant], Packs]:
+    """A graph file and all variants that it declares, checked; `options` are those of `check_variants`."""
+    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.variants import check_variants
+
+    packs = load_packs()
+    with _remembering(store):
+        return check_variants(graph, sets or [], packs, **options), packs
+
+
+@contextlib.contextmanager
+def _remembering(store: Path | None) -> Iterator[None]:
+    """Read files through the store's memory of parsed files, where there is a store."""
+    from exmesh_graph.graph.files import Memo
+    from exmesh_graph.graph.language import parsed, yamlfile
+
+    root = store_folder(store)
+    memo = Memo(root / "graphs.json", root / "work")
+    yamlfile.reader = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
+    yield
     memo.save()
-    return checked, packs
 
 
 def open_store(folder: Path | None, shared: str | None = None) -> Store:

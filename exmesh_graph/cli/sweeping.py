@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,18 @@ from typing import Any
 import typer
 
 from exmesh_graph.cli.live import view
-from exmesh_graph.cli.running import backend_of, loader
+from exmesh_graph.cli.options import checked_variants
+from exmesh_graph.cli.running import loader
 from exmesh_graph.cli.show import clock
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.packs import Packs, load_packs
+from exmesh_graph.graph.backends import Backend
+from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN, plan
-from exmesh_graph.graph.problems import GraphErrors, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problem, nearest
 from exmesh_graph.graph.run import NodeFailed, Run
 from exmesh_graph.graph.rundir import RunFolder
 from exmesh_graph.graph.store import Store
-from exmesh_graph.graph.variants import CheckedVariant, Merged, check_variants, merge
+from exmesh_graph.graph.variants import CheckedVariant, Merged, merge
 from exmesh_graph.report.sweep import sweep_table, write_sweep
 from exmesh_graph.report.sweep_charts import signed
 from exmesh_graph.report.sweep_page import label_of, text_of
@@ -41,12 +43,22 @@ class Study:
     overrides: tuple[str, ...]
 
     @classmethod
-    def of(cls, files: Sequence[Path], sets: list[str], only: list[str] | None, targets: list[str] | None) -> Study:
+    def of(
+        cls,
+        files: Sequence[Path],
+        sets: list[str],
+        only: list[str] | None,
+        targets: list[str] | None,
+        store: Path | None,
+    ) -> Study:
         """Check all variants of all files; the faults of all files are raised at once."""
-        packs, rows, problems = load_packs(), [], []
+        rows: list[tuple[str, CheckedVariant]] = []
+        problems: list[Problem] = []
+        packs = Packs()
         for file in files:
             try:
-                rows += [(file.stem, variant) for variant in check_variants(file, sets, packs, only)]
+                found, packs = checked_variants(file, sets, store, only=only)
+                rows += [(file.stem, variant) for variant in found]
             except GraphErrors as error:
                 problems += [problem for problem in error.problems if problem not in problems]
         if problems:
@@ -108,10 +120,11 @@ def show_plan(study: Study, store: Store) -> None:
 
 
 def run_sweep(
-    study: Study, store: Store, runs: Path, workers: int | None, places: Sequence[str], **options: Any
+    study: Study, store: Store, runs: Path, make: Callable[[Store], Backend], words: Sequence[str], **options: Any
 ) -> int:
     """Run a study, write and print its table, return the exit code. `options` are those of `Run`."""
-    graph, command = study.merged.checked, shlex.join([*study.words, *places])
+    graph, command = study.merged.checked, shlex.join([*study.words, *words])
+    backend = make(store)
     folder = RunFolder(runs, graph.name)
     for module, why in study.packs.broken.items():
         typer.echo(f"warning: the node module {module} cannot be imported: {why}", err=True)
@@ -119,7 +132,7 @@ def run_sweep(
     records: list[Mapping[str, Any]] = []
     try:
         with view(graph, folder.id) as listener:
-            work = Run(graph, store, folder, listener, backend=backend_of(workers, store), targets=study.targets,
+            work = Run(graph, store, folder, listener, backend=backend, targets=study.targets,
                        command=command, overrides=study.overrides, **options)  # fmt: skip
             work.run()
     except NodeFailed as failure:

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from exmesh_graph.cli.options import RunsFolder, Sets, StoreFolder, Targets, VariantName, checked_graph, open_store
+from exmesh_graph.cli.options import (
+    BackendChoice,
+    BackendName,
+    RayAddress,
+    RunsFolder,
+    Sets,
+    SharedUrl,
+    StoreFolder,
+    Targets,
+    VariantName,
+    checked_graph,
+    open_store,
+)
 
 PictureFile = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="A picture: FILE.svg, FILE.html or FILE.mmd.")
@@ -37,20 +50,27 @@ def sweep(
     ] = None,
     tokens: Annotated[str, typer.Option(metavar="cpu=4,gpu=1", help="What nodes may use together.")] = "",
     store: StoreFolder = None,
+    shared: SharedUrl = None,
     runs: RunsFolder = Path("runs"),
+    backend: BackendChoice = BackendName.local,
+    address: RayAddress = None,
 ) -> None:
     """Run a graph and all variants it declares, equal nodes once, and compare them in one table."""
+    from exmesh_graph.cli.running import backend_of
     from exmesh_graph.cli.sweeping import Study, run_sweep, show_plan
     from exmesh_graph.graph.schedule import parse_tokens
 
     offered = parse_tokens(tokens)
-    study = Study.of(graphs, set_ or [], only, node)
-    opened = open_store(store)
+    study = Study.of(graphs, set_ or [], only, node, store)
+    opened = open_store(store, shared)
     if plan:
         show_plan(study, opened)
         return
-    places = [*(("--store", str(store)) if store else ()), *(("--runs", str(runs)) if runs != Path("runs") else ())]
-    raise typer.Exit(run_sweep(study, opened, runs, workers, places, tokens=offered, keep_going=keep_going))
+    given = {"--store": store, "--shared": shared, "--runs": None if runs == Path("runs") else runs,
+             "--backend": "ray" if backend is BackendName.ray else None, "--address": address}  # fmt: skip
+    words = [word for option, value in given.items() if value is not None for word in (option, str(value))]
+    make = partial(backend_of, workers, kind=backend.value, address=address)
+    raise typer.Exit(run_sweep(study, opened, runs, make, words, tokens=offered, keep_going=keep_going))
 
 
 def diff(

@@ -36,6 +36,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_one_variant_is_checked_planned_run_and_explained(exmesh: Exmesh, folder: Path) -> None:
+    assert "2 variants, no faults: lone, more" in exmesh("check", "study.yaml").stdout
     assert exmesh("check", "study.yaml", "--variant", "lone").stdout.startswith("study-lone: 4 nodes")
     exmesh("run", "toy.yaml")
     assert "1 hit, 1 to run, 2 unknown" in exmesh("plan", "study.yaml", "--variant", "more").stdout

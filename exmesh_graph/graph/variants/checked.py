@@ -30,15 +30,15 @@ class CheckedVariant(NamedTuple):
 
 
 def check_variants(
-    path: Path, overrides: Iterable[str], packs: Packs, only: Iterable[str] | None = None
+    path: Path, overrides: Iterable[str], packs: Packs, only: Iterable[str] | None = None, *, repeats: bool = True
 ) -> list[CheckedVariant]:
-    """The base and every variant that `path` declares, in that order, each with its repeats.
+    """The base and every variant that `path` declares, in that order, each with its repeats (or in one, if False).
 
     `only` keeps the base and the rows of these names. Raises GraphErrors with the faults of all rows.
     """
     path, sets = path.absolute(), list(overrides)
     top = _load(path)
-    rows, repeats = rows_of(top), repeats_of(top)
+    rows, times = rows_of(top), repeats_of(top) if repeats else Repeats()
     if only is not None:
         chosen = list(only)
         for name in chosen:
@@ -48,7 +48,7 @@ def check_variants(
     faults: dict[tuple[str, str, str], tuple[Problem, list[str]]] = {}
     for row in rows:
         try:
-            found += _built(top, path, sets, row, repeats, packs)
+            found += _built(top, path, sets, row, times, packs)
         except GraphErrors as error:
             for problem in error.problems:
                 key = (problem.code, str(problem.where), problem.what)
