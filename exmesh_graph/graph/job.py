@@ -89,7 +89,7 @@ class Job:
         return Bound(self.name, definition, found, params, links, paths, self.seed, place, plugs)
 
     def to_json(self) -> dict[str, Any]:
-        return asdict(self)
+        return dict(vars(self))
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Job:

@@ -65,6 +65,8 @@ class Local:
     def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
         end = time.monotonic() + timeout
         done: list[Outcome] = []
+        for worker in self.workers:
+            worker.forget()
         while not done:
             wait = min(max(0.0, end - time.monotonic()), _LOOK)
             heard: list[_Worker] = [key.data for key, _ in self.selector.select(wait)]
@@ -94,10 +96,8 @@ class Local:
     def forget(self, digests: Iterable[str]) -> None:
         gone = set(digests)
         for worker in self.workers:
-            held = worker.holds & gone
-            if held:
-                worker.holds -= held
-                worker.send({"forget": sorted(held)})
+            worker.gone |= worker.holds & gone
+            worker.holds -= gone
 
     def stop(self) -> None:
         for worker in self.workers:
@@ -128,6 +128,7 @@ class _Worker:
         self.threads, self.devices = job.threads, job.devices
         self.job: Job | None = None
         self.holds: set[str] = set()
+        self.gone: set[str] = set()
         self.closed = False
         self._rest = b""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (what it prints outside of nodes; closed in `end`)
@@ -154,7 +155,14 @@ class _Worker:
 
     def begin(self, job: Job) -> None:
         self.job = job
-        self.send({"job": job.to_json()})
+        self.send({"forget": sorted(self.gone), "job": job.to_json()})
+        self.gone.clear()
+
+    def forget(self) -> None:
+        """Pass on what it need not keep, where that did not go out with a job."""
+        if self.gone:
+            self.send({"forget": sorted(self.gone)})
+            self.gone.clear()
 
     def send(self, message: Mapping[str, Any]) -> None:
         assert self.process.stdin is not None
