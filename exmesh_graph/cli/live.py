@@ -65,7 +65,8 @@ class Plain:
             count = f"[{len(self.board.finished)}/{len(self.board.states)}]"
             state = self.board.states[node]
             seconds = f"  {clock(event['seconds'])}" if state == "done" else ""
-            typer.echo(f"{count:>9} {state:<5}{node}  {self.types[node]}{seconds}".rstrip())
+            line = f"{count:>9} {state:<5}{node}  {self.types[node]}{seconds}".rstrip()
+            print(line, flush=state != "hit")
 
 
 class _Live:

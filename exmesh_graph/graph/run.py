@@ -369,7 +369,7 @@ class Run:
         began = time.monotonic()
         if not now and began - self.saved < max(0.5, 20 * self.save_cost):
             return
-        done = self.record["state"] != "unfinished"
-        self.folder.write("run.json", self.record, 1 if done else None)  # compact is much faster
+        readable = self.record["state"] != "unfinished" and len(self.nodes) <= 200
+        self.folder.write("run.json", self.record, 1 if readable else None)  # compact is much faster
         self.saved = time.monotonic()
         self.save_cost = self.saved - began

@@ -12,6 +12,7 @@ from exmesh_graph.report.text import seconds, size
 
 _NAME, _UNDER = 7.3, 6.0  # widths of letters
 _HEIGHT, _LINE = 42.0, 15.0
+_MOST = 300  # boxes in the picture of a report; 1000 take seconds to arrange
 _STATES = {"done": "ran", "hit": "from the store", "run": "would run", "unknown": "unknown", "failed": "failed",
            "running": "running", "blocked": "blocked", "waiting": "waiting", "interrupted": "interrupted",
            "added": "added", "removed": "removed", "changed": "changed", "rerun": "would run again"}  # fmt: skip
@@ -61,7 +62,9 @@ class Picture:
 
 
 def graph_picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], loops: Sequence[tuple[str, str]] = ()) -> str:
-    """SVG of boxes and wires; an empty string when there is nothing to draw."""
+    """SVG of boxes and wires; an empty string when there is nothing to draw, a sentence where nobody could read it."""
+    if len(boxes) > _MOST:
+        return f"<p>{len(boxes)} boxes are not drawn here; <code>exmesh show</code> draws them.</p>"
     return draw(Picture(boxes, edges, loops)) if boxes else ""
 
 
