@@ -23,7 +23,7 @@ from exmesh_graph.graph.problems import GraphErrors, Problem, nearest
 from exmesh_graph.graph.run import NodeFailed, Run
 from exmesh_graph.graph.rundir import RunFolder
 from exmesh_graph.graph.store import Store
-from exmesh_graph.graph.variants import CheckedVariant, Merged, merge
+from exmesh_graph.graph.variants import CheckedVariant, Merged, merge, variant_names
 from exmesh_graph.report.sweep import sweep_table, write_sweep
 from exmesh_graph.report.sweep_charts import signed
 from exmesh_graph.report.sweep_page import label_of, text_of
@@ -54,16 +54,18 @@ class Study:
         """Check all variants of all files; the faults of all files are raised at once."""
         rows: list[tuple[str, CheckedVariant]] = []
         problems: list[Problem] = []
-        packs = Packs()
+        packs, files = Packs(), list(dict.fromkeys(files))
+        stems = [file.stem for file in files]
         for file in files:
             try:
-                found, packs = checked_variants(file, sets, store, only=only)
-                rows += [(file.stem, variant) for variant in found]
+                found, packs = checked_variants(file, sets, store, only=_known(only, file, files))
+                title = file.stem if stems.count(file.stem) == 1 else str(file.with_suffix(""))
+                rows += [(title, variant) for variant in found if only is None or len(found) > 1 or BASE in only]
             except GraphErrors as error:
                 problems += [problem for problem in error.problems if problem not in problems]
         if problems:
             raise GraphErrors(problems)
-        several = len(files) > 1
+        several = len({title for title, _ in rows}) > 1
         labels = [_label(file, variant, several) for file, variant in rows]
         name = "-".join(dict.fromkeys(file.stem for file in files))
         merged = merge(zip(labels, (variant.checked for _, variant in rows), strict=True), name=f"{name}-sweep")
@@ -201,6 +203,15 @@ def show_table(table: Mapping[str, Any], width: int | None = None) -> None:
     counts = table["nodes"]
     notes.append(f"{counts['from_store']} nodes from the store, {counts['run']} run, {clock(table['seconds'] or 0.0)}")
     typer.echo("\n  " + "; ".join(notes))
+
+
+def _known(only: list[str] | None, file: Path, files: Sequence[Path]) -> list[str] | None:
+    """The names of --only that a file knows; each must be known to one of them."""
+    if only is None or len(files) == 1:
+        return only
+    names = {other: variant_names(other) for other in files}
+    known = {name for found in names.values() for name in found}
+    return [name for name in only if name in names[file] or name not in known]
 
 
 def _label(file: str, variant: CheckedVariant, several: bool) -> str:

@@ -33,7 +33,10 @@ def write(picture: Picture, path: Path) -> None:
 def mermaid(picture: Picture) -> str:
     """Mermaid text of a flowchart, for Markdown files."""
     lines = ["flowchart TD"]
-    ids = {box.name: _id(box.name) for box in picture.boxes}
+    ids: dict[str, str] = {}
+    for box in picture.boxes:
+        name = _id(box.name)
+        ids[box.name] = name if name not in ids.values() else f"{name}_{len(ids)}"
     inside: dict[tuple[str, ...], list[Box]] = {}
     for box in picture.boxes:
         inside.setdefault(box.scopes, []).append(box)

@@ -74,7 +74,17 @@ def arrange(
     `scopes` names for every box the frames it lies in, from the outermost on.
     """
     wires = list(dict.fromkeys((a, b) for a, b in edges if a != b))
-    return _Scope((), sizes, wires, {name: tuple(scopes.get(name, ())) for name in sizes}).lay()
+    layout = _Scope((), sizes, wires, {name: tuple(scopes.get(name, ())) for name in sizes}).lay()
+    ends = {(piece.source, target) for piece in layout.pieces if piece.arrow for target in piece.to}
+    foot = {name: y + sizes[name][1] / 2 for name, (_, y) in layout.boxes.items()}
+    starts = {(p.source, target) for p in layout.pieces if abs(p.y0 - foot[p.source]) < 0.5 for target in p.to}
+    for a, b in wires:
+        if (a, b) not in ends & starts:  # against the flow of the layers, as between frames that feed each other
+            (x0, y0), (x1, y1) = layout.boxes[a], layout.boxes[b]
+            down, up = sizes[a][1] / 2, sizes[b][1] / 2
+            layout.pieces = [piece for piece in layout.pieces if piece.source != a or piece.to != {b}]
+            layout.pieces.append(Piece(a, frozenset({b}), x0, y0 + down, x1, y1 - up, arrow=True))
+    return layout
 
 
 class _Scope:
@@ -145,7 +155,7 @@ class _Scope:
             start: Key = ("in", a, 0) if mine is None else ("box", mine, self.layer[mine])
             end: Key = ("out", a, end_layer) if theirs is None else ("box", theirs, self.layer[theirs])
             path = [start, *(("way", a, layer) for layer in range(start[2] + 1, end[2])), end]
-            if start[2] < end[2]:  # a wire against the flow is drawn by nobody
+            if start[2] < end[2]:  # else against the flow: see `arrange`
                 for upper, lower in itertools.pairwise(path):
                     self.links.setdefault((upper, lower, a), set()).add(b)
         self.last = end_layer

@@ -122,6 +122,13 @@ def test_a_sweep_of_two_files(exmesh: Exmesh, folder: Path) -> None:
     assert "6 variants: 24 nodes" in done.stdout
     assert "other/more" in done.stdout
     assert {row["file"] for row in sweep_of(folder)["variants"]} == {"study", "other"}
+    (folder / "third.yaml").write_text("extends: toy.yaml\nvariants: {own: [{set: one.value, to: 4}]}")
+    shown = exmesh("sweep", "study.yaml", "third.yaml", "--only", "own", "--plan").stdout
+    assert shown.startswith("2 variants: 8 nodes")
+    assert "no variant 'owm'" in exmesh("sweep", "study.yaml", "third.yaml", "--only", "owm", code=2).stderr
+    (folder / "deep").mkdir()
+    (folder / "deep/study.yaml").write_text("extends: ../toy.yaml\nvariants: {own: [{set: one.value, to: 4}]}")
+    assert "deep/study/own" in exmesh("sweep", "study.yaml", "deep/study.yaml", "--plan").stdout
 
 
 def test_faults_of_all_files_of_a_sweep_come_at_once(exmesh: Exmesh, folder: Path) -> None:

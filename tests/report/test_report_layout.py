@@ -67,6 +67,16 @@ def test_every_wire_is_whole_and_runs_down(graph: tuple[list[str], list[tuple[st
         assert all(p.y1 >= p.y0 for p in pieces)
 
 
+def test_wires_between_frames_that_feed_each_other_are_all_drawn() -> None:
+    names = ["f.a", "x", "f.b", "g.a"]
+    edges = [("f.a", "x"), ("x", "f.b"), ("f.b", "g.a"), ("f.a", "g.a")]
+    layout = arrange(dict.fromkeys(names, SIZE), edges, scopes_of(names))
+    for a, b in edges:
+        pieces = [piece for piece in layout.pieces if piece.source == a and b in piece.to]
+        assert any(piece.arrow for piece in pieces), (a, b)
+        assert min(piece.y0 for piece in pieces) == pytest.approx(layout.boxes[a][1] + SIZE[1] / 2), (a, b)
+
+
 def test_a_chain_stands_upright() -> None:
     names = [f"n{k}" for k in range(6)]
     layout = arrange(dict.fromkeys(names, SIZE), list(itertools.pairwise(names)), scopes_of(names))

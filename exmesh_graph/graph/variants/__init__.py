@@ -4,7 +4,7 @@ A patch changes the merged file before `repeat` blocks are unrolled, so that `by
 The patched file goes through the same loading, unrolling and checking as any other.
 """
 
-from exmesh_graph.graph.variants.checked import CheckedVariant, check_variant, check_variants
+from exmesh_graph.graph.variants.checked import CheckedVariant, check_variant, check_variants, variant_names
 from exmesh_graph.graph.variants.declared import MAX_VARIANTS, Row, rows_of
 from exmesh_graph.graph.variants.merge import Member, Merged, identities, merge
 from exmesh_graph.graph.variants.patches import OPERATIONS, apply_patches
@@ -22,4 +22,5 @@ __all__ = [
     "identities",
     "merge",
     "rows_of",
+    "variant_names",
 ]

@@ -69,6 +69,11 @@ def check_variant(path: Path, overrides: Iterable[str], packs: Packs, name: str)
         raise GraphErrors([_attributed(problem, [name]) for problem in error.problems]) from None
 
 
+def variant_names(path: Path) -> list[str]:
+    """The base and all variants that a graph file declares."""
+    return [row.name for row in rows_of(_load(path.absolute()))]
+
+
 def _load(path: Path) -> Map:
     problems = Problems()
     top = load_merged(path, [], problems)

@@ -206,6 +206,13 @@ def test_insert_behind_an_output_takes_all_its_users_along(patched: Patched) -> 
     graph = patched("{insert: {name: mid, type: toy.sign}, on: '@rounds.state'}")
     assert (wires(graph)["mid.number"], wires(graph)["end.a"]) == ("rounds[2].hop.state", "mid.number")
     assert wires(patched("{insert: {name: mid, type: toy.sign}, on: outputs.end}"))["mid.number"] == "end.number"
+    graph = patched("{insert: {name: mid, type: toy.sign}, on: rounds.next.state}")
+    assert (wires(graph)["rounds[1].mid.number"], wires(graph)["end.a"]) == (
+        "rounds[1].hop.state",
+        "rounds[2].mid.number",
+    )
+    graph = patched("{insert: {name: mid, type: toy.sign}, on: rounds.carry.state}")
+    assert (wires(graph)["mid.number"], wires(graph)["rounds[1].step.state"]) == ("start.number", "mid.number")
 
 
 def test_insert_asks_which_port_where_several_fit(patched: Patched, refusal: Refusal) -> None:
