@@ -4,6 +4,8 @@ import math
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from shading_statistics import chi_square_excess, sphere_cells, sphere_integral
 
 from exmesh_graph.errors import NumericsError
@@ -135,3 +137,24 @@ def test_radiance_that_cannot_be_sampled_is_refused(bad):
         EnvSampler(image)
     with pytest.raises(ValueError, match="uniform"):
         EnvSampler(torch.ones(2, 4, 3), uniform=0)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    height=st.integers(1, 9),
+    width=st.integers(1, 12),
+    seed=st.integers(0, 2**31),
+    spread=st.sampled_from([0.0, 1.0, 6.0]),
+    uniform=st.sampled_from([0.001, 0.3, 1.0]),
+)
+def test_any_map_has_a_density_that_its_samples_follow(height, width, seed, spread, uniform):
+    """Radiance over many decades: density 1 in all, and the samples' mean of a smooth g is its mean under it."""
+    generator = torch.Generator().manual_seed(seed)
+    image = 10 ** (spread * torch.randn(height, width, 3, generator=generator, dtype=torch.float64))
+    sampler = EnvSampler(image, uniform=uniform)
+    assert float(sphere_integral(sampler.pdf, 2 * height, 2 * width, 12).sum()) == pytest.approx(1, abs=5e-3)
+    direction, density = sampler.sample(hammersley(4096).double())
+    torch.testing.assert_close(density, sampler.pdf(direction), rtol=1e-5, atol=1e-12)
+    found = 2 + direction[:, 0]
+    expected = sphere_integral(lambda d: sampler.pdf(d) * (2 + d[:, 0]), 2 * height, 2 * width, 12).sum()
+    assert float(found.mean()) == pytest.approx(float(expected), rel=0.02)

@@ -74,3 +74,46 @@ def test_hits_send_diffuse_times_irradiance(model):
             torch.testing.assert_close(found, leaving[int(transport.face_points[face, number])], rtol=1e-5, atol=1e-6)
     middle = lattice_radiance(transport, leaving)(torch.tensor([3]), torch.tensor([[0.5, 0.5, 0.0]]))[0]
     torch.testing.assert_close(radiance(torch.tensor([3]), torch.tensor([[0.5, 0.5, 0.0]]))[0], middle)
+
+
+CUDA = pytest.param(
+    "cuda",
+    marks=[pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device")],
+)
+
+
+@pytest.mark.parametrize("device", ["cpu", CUDA])
+def test_traced_specular_is_the_same_over_warp_as_over_embree(carrier, transport, device):
+    from exmesh_graph.rays import make_ray_tracer
+    from exmesh_graph.rays.warp_bvh import WarpTracer
+    from exmesh_graph.shading.sampling import Pyramid
+    from exmesh_graph.stage2.reflect import traced_specular
+    from exmesh_graph.stage2.surface import CarrierGeometry
+
+    rng = np.random.default_rng(0)
+    face = torch.from_numpy(rng.integers(0, len(carrier.faces), 600))
+    bary = torch.from_numpy(rng.dirichlet([1, 1, 1], 600).astype(np.float32))
+    leaving = torch.rand(len(transport.points), 3, generator=torch.Generator().manual_seed(2))
+    sky = torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(3))
+    found = []
+    for where, tracer in (
+        ("cpu", make_ray_tracer(carrier.vertices, carrier.faces)),
+        (device, WarpTracer(carrier.vertices, carrier.faces, device)),
+    ):
+        geometry = CarrierGeometry(carrier, where)
+        surface = geometry.samples(face.to(where), bary.to(where), torch.tensor([0.3, 1.5, 2.0], device=where))
+        radiance = traced_specular(
+            surface,
+            geometry.face_normals,
+            torch.full((600,), 0.3, device=where),
+            torch.full((600, 3), 0.04, device=where),
+            Pyramid(sky.to(where)),
+            tracer,
+            lattice_radiance(transport, leaving.to(where)),
+            8,
+            torch.Generator().manual_seed(0),
+        )
+        found.append(radiance.cpu())
+    assert 0 < float(found[0].mean()) < 1
+    # a ray within rounding of an edge may meet the other side of it
+    assert ((found[0] - found[1]).abs().amax(dim=1) < 1e-5).float().mean() > 0.99
