@@ -83,7 +83,8 @@ def pack(exmesh: Callable[..., Any], tmp_path: Path) -> Path:
 
 def test_new_node_passes_its_own_test(pack: Path) -> None:
     words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", str(pack / "pyproject.toml")]
-    done = subprocess.run([*words, str(pack)], capture_output=True, text=True, check=False, cwd=pack)
+    quick = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""}
+    done = subprocess.run([*words, str(pack)], capture_output=True, text=True, check=False, cwd=pack, env=quick)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "3 passed" in done.stdout
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 PART = """
 params: {by: 3, times: 2}
@@ -246,3 +248,25 @@ def test_a_value_defined_by_itself(bench: Any) -> None:
     bench.write('inputs: {x: Number}\nnodes: {c: {type: toy.const}}\noutputs: {y: "@inputs.x"}', "pass.yaml")
     problems = bench.problems('nodes: {p: {graph: pass.yaml, x: "@p.y"}, e: {type: toy.sign, number: "@p.y"}}')
     assert any("defined by itself" in problem.what for problem in problems)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), count=st.integers(1, 6))
+def test_a_part_makes_what_its_nodes_make(bench: Any, data: st.DataObject, count: int) -> None:
+    """Any run of nodes, cut out into a file of its own: the same values under the same keys."""
+    lines = []
+    for index in range(count):
+        a, b = data.draw(st.lists(st.integers(-1, index - 1), min_size=2, max_size=2))
+        kind = data.draw(st.sampled_from(["add", "subtract"]))
+        ends = [f"@n{end}.number" if end >= 0 else "@inputs.x" for end in (a, b)]
+        lines.append(f'n{index}: {{type: toy.{kind}, a: "{ends[0]}", b: "{ends[1]}"}}')
+    body = "\n".join(f"  {line}" for line in lines)
+    bench.write(f'inputs: {{x: Number}}\nnodes:\n{body}\noutputs: {{y: "@n{count - 1}.number"}}\n', "cut.yaml")
+    flat = body.replace("@inputs.x", "@x.number")
+    start, end = "x: {type: toy.const, value: 5}", 'end: {type: toy.sign, number: "%s"}'
+    plain = bench.run(f"nodes:\n  {start}\n{flat}\n  {end % f'@n{count - 1}.number'}\n")
+    use = 'p: {graph: cut.yaml, x: "@x.number"}'
+    parted = bench.run(f"nodes:\n  {start}\n  {use}\n  {end % '@p.y'}\n")
+    keys = [{row["name"].removeprefix("p."): row["key"] for row in record["nodes"]} for record in (plain, parted)]
+    assert keys[0] == keys[1]
+    assert {row["state"] for row in parted["nodes"]} == {"hit"}
