@@ -44,7 +44,7 @@ def plan(graph: Checked, store: Store, targets: set[str] | None = None, reasons:
             steps.append(Step(name, UNKNOWN, error.what))
             continue
         key = key_of(preimage)
-        action = store.find(preimage, fetch=False)
+        action = store.find(preimage, key, fetch=False)
         if action is not None and set(action.outputs) == set(bound.signature.outputs):
             outputs[name] = action.outputs
             steps.append(Step(name, HIT, _remark(action, key, store), key, preimage, action))

@@ -6,6 +6,7 @@ Invariant: a check never stops at its first finding; `Problems.raise_if_any` rep
 from __future__ import annotations
 
 import difflib
+import functools
 import os
 import re
 from collections.abc import Iterable
@@ -27,14 +28,19 @@ class Where:
     def __str__(self) -> str:
         if self.file is None:
             return "command line"
-        shown = os.path.relpath(self.file)
-        place = f"{self.file if shown.startswith('..' + os.sep + '..') else shown}:{self.line}"
+        place = f"{_shown(self.file, os.getcwd())}:{self.line}"
         return place if self.via is None else f"{place} (used at {self.via})"
 
     @property
     def base(self) -> Path:
         """The folder that relative paths written here start from."""
         return Path.cwd() if self.file is None else self.file.parent
+
+
+@functools.lru_cache(maxsize=256)
+def _shown(file: Path, folder: str) -> str:
+    shown = os.path.relpath(file, folder)
+    return str(file) if shown.startswith(".." + os.sep + "..") else shown
 
 
 @dataclass(frozen=True)

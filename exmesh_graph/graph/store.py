@@ -242,12 +242,12 @@ class Store:
                 return None
         return action
 
-    def find(self, preimage: Mapping[str, Any], fetch: bool = True) -> Action | None:
+    def find(self, preimage: Mapping[str, Any], key: str = "", fetch: bool = True) -> Action | None:
         """`look_up` of the pre-image's key; else of one that differs in accepted code changes, and only in these.
 
         Then the shared tier is asked; its record is brought here with its objects, or with fetch=False only shown.
         """
-        keys = [key_of(preimage)]
+        keys = [key or key_of(preimage)]
         action = self.look_up(keys[0])
         if action is None and (self.root / "accepted").is_dir():
             from exmesh_graph.graph.upkeep.accepted import equivalents

@@ -135,7 +135,7 @@ def check_layer(bench: Any, store: Store, states: Any) -> None:
         stored = Stored(**row["outputs"]["number"])
         value = Store(layer.root).load(artifact_types()[stored.type], stored.digest)
         assert value is not None
-        assert value.value == 2  # type: ignore[attr-defined]
+        assert value.value == 2
         assert (bench.root / "runs" / record["id"] / "sum").is_dir()
         (note,) = layer.notes
         assert "new results are not kept" in note
