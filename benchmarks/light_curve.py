@@ -4,7 +4,7 @@ docs/monte_carlo.md.
     python -m benchmarks.light_curve --svg docs/pictures/light_curve.svg
     python -m benchmarks.light_curve --quick
 
-Scene: `light_scene` (an open box with a ball and a ring under a real sky), direct light plus one bounce. Seconds:
+Scene: `light_scene` (an open box, a ball and a ring partly of metal, a real sky), direct plus one bounce. Seconds:
 forward and backward (to vertex materials and sky), best of --repeats; error: RMSE over RMS of the image against a
 converged one, over as many seeds. Choices: where the N_d direct samples go, N_b secondary rays, N_s light samples at
 their hits, the bounce at half or full resolution, rays fresh or cached (a cached step traces nothing, and repeats its
@@ -77,7 +77,7 @@ def choices(quick: bool) -> list[Choice]:
 def main() -> int:
     options = arguments()
     torch.set_num_threads(options.threads)
-    scene = light_scene.build(options.size)
+    scene = light_scene.build(options.size, metallic=True)
     bench = Bench(scene, options)
     print(f"{len(scene.pixel)} points, {options.threads} threads, {options.clock} clock", flush=True)
     rows = []
@@ -200,7 +200,7 @@ def picture(rows: list[dict], scene: light_scene.Scene, threads: int) -> str:
             "Direct and one-bounce light: error of the image against milliseconds of a step",
             extra='font-size="14"',
         ),
-        text(LEFT, 36, f"forward and backward, {len(scene.pixel)} points, {threads} CPU threads", extra='fill="#555"'),
+        text(LEFT, 36, f"forward and backward, {len(scene.pixel)} points, CPU threads: {threads}", extra='fill="#555"'),
     ]
     for value in _ticks(x_low, x_high):
         x, _ = place(math.log(value), y_low)
@@ -231,10 +231,10 @@ def picture(rows: list[dict], scene: light_scene.Scene, threads: int) -> str:
             out.append(text(x + 12, y - 8, label, extra='font-weight="bold"'))
     for number, (name, colour) in enumerate(COLOURS.items()):
         y = TOP + 16 + 17 * number
-        out.append(f'<circle cx="{WIDTH - 190}" cy="{y - 4}" r="4.5" fill="{colour}"/>' + text(WIDTH - 180, y, name))
+        out.append(f'<circle cx="{WIDTH - 214}" cy="{y - 4}" r="4.5" fill="{colour}"/>' + text(WIDTH - 204, y, name))
     y = TOP + 16 + 17 * len(COLOURS)
-    out.append(text(WIDTH - 196, y, "● half  ■ full resolution of the bounce", extra='font-size="11"'))
-    out.append(text(WIDTH - 196, y + 16, "hollow, dashed: cached rays", extra='font-size="11"'))
+    out.append(text(WIDTH - 219, y, "● half, ■ full-resolution bounce", extra='font-size="11"'))
+    out.append(text(WIDTH - 219, y + 16, "hollow, dashed: cached rays", extra='font-size="11"'))
     return "\n".join([*out, "</svg>"]) + "\n"
 
 

@@ -44,8 +44,8 @@ OURS: dict[str, tuple[LightSettings, bool, int]] = {
     "paper (environment 8, 16 x 4, half)": (PAPER, True, 0),
     "mis 8, 16 x 4, half": (LightSettings("mis", 8, 16, 4), True, 0),
     "environment 32, 16 x 4, half": (LightSettings("environment", 32, 16, 4), True, 0),
-    "defaults (mis 32, 16 x 4, half)": (LightSettings(), True, 0),
-    "mis 128, 16 x 4, half": (LightSettings("mis", 128, 16, 4), True, 0),
+    "defaults (mis 64, 16 x 4, half)": (LightSettings(), True, 0),
+    "mis 32, 16 x 4, half": (LightSettings("mis", 32, 16, 4), True, 0),
     "paper, cached rays": (PAPER, True, 4),
     "defaults, cached rays": (LightSettings(), True, 4),
 }

@@ -41,7 +41,7 @@ class LightSettings:
     """
 
     sampler: Sampler = "mis"
-    direct_samples: int = 32
+    direct_samples: int = 64
     secondary_rays: int = 16
     secondary_samples: int = 4
     secondary_material: bool = True

@@ -33,12 +33,17 @@ class Footprint:
 
 
 @wp.func
-def _footprint(d: wp.vec3, height: int, width: int) -> Footprint:
-    """The four texels of `envmap.bilinear` under direction d."""
+def _uv(d: wp.vec3) -> wp.vec2:
+    """Image coordinates of direction d, as `envmap.uv_of`."""
     u = 0.5 - wp.atan2(d[0], d[2]) / (2.0 * PI)
-    v = wp.atan2(wp.sqrt(d[0] * d[0] + d[2] * d[2]), d[1]) / PI
-    x = u * float(width) - 0.5
-    y = wp.clamp(v * float(height) - 0.5, 0.0, float(height - 1))
+    return wp.vec2(u, wp.atan2(wp.sqrt(d[0] * d[0] + d[2] * d[2]), d[1]) / PI)
+
+
+@wp.func
+def _footprint(uv: wp.vec2, height: int, width: int) -> Footprint:
+    """The four texels of `envmap.bilinear` under image coordinates uv."""
+    x = uv[0] * float(width) - 0.5
+    y = wp.clamp(uv[1] * float(height) - 0.5, 0.0, float(height - 1))
     x0 = wp.floor(x)
     y0 = wp.min(wp.floor(y), float(wp.max(height - 2, 0)))
     fx = x - x0
@@ -66,8 +71,8 @@ def _footprint(d: wp.vec3, height: int, width: int) -> Footprint:
 
 
 @wp.func
-def _environment_pdf(d: wp.vec3, density: wp.array(dtype=float), height: int, width: int) -> float:
-    f = _footprint(d, height, width)
+def _environment_pdf(d: wp.vec3, uv: wp.vec2, density: wp.array(dtype=float), height: int, width: int) -> float:
+    f = _footprint(uv, height, width)
     value = density[f.i00] * f.w00 + density[f.i01] * f.w01 + density[f.i10] * f.w10 + density[f.i11] * f.w11
     sine = wp.sqrt(d[0] * d[0] + d[2] * d[2])
     return value / (2.0 * PI * PI * wp.max(sine, SINE_MIN))
@@ -166,6 +171,7 @@ def draw_light(
     seed: int,
     block: wp.array(dtype=int),
     own_direction: wp.array(dtype=wp.vec3),
+    own_uv: wp.array(dtype=wp.vec2),
     weight: wp.array(dtype=float),
 ):
     """Per point: its block of the pool, its own directions, and 1 / sum_i n_i p_i of each sample above the horizons."""
@@ -182,20 +188,26 @@ def draw_light(
     samples = pool_samples + own_samples
     for s in range(samples):
         d = wp.vec3(0.0, 1.0, 0.0)
-        p_env = 0.0
+        k = 0
         if s < pool_samples:
             k = chosen * pool_samples + s
             d = pool_direction[k]
-            p_env = pool_pdf[k]
         else:
+            k = i * own_samples + s - pool_samples
             p = lobe_points[s - pool_samples] + shift
             d = _sample_lobe(n, v, a, q, wp.vec2(p[0] - wp.floor(p[0]), p[1] - wp.floor(p[1])))
-            own_direction[i * own_samples + s - pool_samples] = d
-            if pool_samples > 0:
-                p_env = _environment_pdf(d, density, height, width)
+            own_direction[k] = d
         w = 0.0
         if wp.dot(n, d) > COSINE_MIN and wp.dot(g, d) > 0.0:
-            mixed = float(pool_samples) * p_env
+            mixed = 0.0
+            if s < pool_samples:
+                mixed = float(pool_samples) * pool_pdf[k]
+            else:
+                # the only place that finds a direction's place in the map: two arctangents are dear
+                uv = _uv(d)
+                own_uv[k] = uv
+                if pool_samples > 0:
+                    mixed = float(pool_samples) * _environment_pdf(d, uv, density, height, width)
             if own_samples > 0:
                 mixed += float(own_samples) * _lobe_pdf(n, v, d, a, q)
             if mixed > 0.0:
@@ -215,6 +227,7 @@ def shade_light(
     pool_radiance: wp.array(dtype=wp.vec3),
     block: wp.array(dtype=int),
     own_direction: wp.array(dtype=wp.vec3),
+    own_uv: wp.array(dtype=wp.vec2),
     weight: wp.array(dtype=float),
     environment: wp.array(dtype=wp.vec3),
     height: int,
@@ -245,8 +258,9 @@ def shade_light(
                     l = pool_direction[k]
                     radiance = pool_radiance[k]
                 else:
-                    l = own_direction[i * own_samples + s - pool_samples]
-                    t = _footprint(l, height, width)
+                    k = i * own_samples + s - pool_samples
+                    l = own_direction[k]
+                    t = _footprint(own_uv[k], height, width)
                     radiance = (
                         t.w00 * environment[t.i00]
                         + t.w01 * environment[t.i01]
@@ -281,6 +295,7 @@ def shade_light_adjoint(
     pool_radiance: wp.array(dtype=wp.vec3),
     block: wp.array(dtype=int),
     own_direction: wp.array(dtype=wp.vec3),
+    own_uv: wp.array(dtype=wp.vec2),
     weight: wp.array(dtype=float),
     environment: wp.array(dtype=wp.vec3),
     height: int,
@@ -329,8 +344,9 @@ def shade_light_adjoint(
                     l = pool_direction[k]
                     radiance = pool_radiance[k]
                 else:
-                    l = own_direction[i * own_samples + s - pool_samples]
-                    t = _footprint(l, height, width)
+                    k = i * own_samples + s - pool_samples
+                    l = own_direction[k]
+                    t = _footprint(own_uv[k], height, width)
                     radiance = (
                         t.w00 * environment[t.i00]
                         + t.w01 * environment[t.i01]

@@ -57,12 +57,14 @@ class LightPool:
 class LightSamples:
     """The samples of N points: of each, block `block` [N] of the pool, then own directions [N, own, 3].
 
-    weight [N, pool_samples + own_samples]: visible / sum_i n_i p_i.
+    own_uv [N, own, 2]: where the own directions lie in the environment's image; set where weight > 0
+    weight [N, pool_samples + own_samples]: visible / sum_i n_i p_i
     """
 
     pool: LightPool
     block: torch.Tensor
     own_direction: torch.Tensor
+    own_uv: torch.Tensor
     weight: torch.Tensor
 
     def directions(self) -> torch.Tensor:
@@ -127,6 +129,7 @@ def draw_directions(normal: torch.Tensor, points: Points, material: Material, po
     samples = pool.pool_samples + pool.own_samples
     block = torch.empty(count, dtype=torch.int32, device=device)
     own = torch.empty(count * pool.own_samples, 3, device=device)
+    own_uv = torch.empty(count * pool.own_samples, 2, device=device)
     weight = torch.empty(count * samples, device=device)
     if count:
         launch(
@@ -148,9 +151,11 @@ def draw_directions(normal: torch.Tensor, points: Points, material: Material, po
             pool.seed & 0x7FFFFFFF,
             block,
             own if len(own) else weight.new_empty(1, 3),
+            own_uv if len(own) else weight.new_empty(1, 2),
             weight,
         )
-    return LightSamples(pool, block, own.view(count, pool.own_samples, 3), weight.view(count, samples))
+    spread = (count, pool.own_samples)
+    return LightSamples(pool, block, own.view(*spread, 3), own_uv.view(*spread, 2), weight.view(count, samples))
 
 
 def _occlude(drawn: LightSamples, rows: slice, origins: torch.Tensor, tracer: RayTracer) -> None:

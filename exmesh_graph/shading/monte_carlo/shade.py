@@ -129,7 +129,7 @@ class _Shade(torch.autograd.Function):
 def _arguments(inputs: list[torch.Tensor], view: torch.Tensor, samples: LightSamples, specular: bool) -> list[Any]:
     normal, base, roughness, metallic, pool_radiance, environment = inputs
     pool = samples.pool
-    own = samples.own_direction.reshape(-1, 3)
+    own, own_uv = samples.own_direction.reshape(-1, 3), samples.own_uv.reshape(-1, 2)
     return [
         normal,
         view,
@@ -140,7 +140,8 @@ def _arguments(inputs: list[torch.Tensor], view: torch.Tensor, samples: LightSam
         pool.direction,
         pool_radiance,
         samples.block,
-        own if len(own) else pool.direction[:1],
+        own if len(own) else environment.new_zeros(1, 3),
+        own_uv if len(own) else environment.new_zeros(1, 2),
         samples.weight.reshape(-1),
         environment.view(-1, 3),
         environment.shape[0],
