@@ -45,7 +45,7 @@ class Checkpoints:
             self.folder.mkdir(parents=True, exist_ok=True)
             os.rename(draft, self.folder / f"{step:012d}-{time.time_ns()}")
         for old in self.steps()[self.keep :]:
-            files.remove_tree(old)
+            self._remove(old)
 
     def load(self) -> tuple[int, dict[str, Any]] | None:
         """(step, state) of the latest sound checkpoint, None when there is none. Doubtful ones are removed."""
@@ -55,12 +55,17 @@ class Checkpoints:
                 return step, load_state(folder)
             except Exception as error:
                 self.notes.append(f"checkpoint {folder.name} of {self.key[:10]} is not used: {error}")
-                files.remove_tree(folder)
+                self._remove(folder)
         return None
 
     def clear(self) -> None:
         """Remove all of them: the result is recorded."""
-        files.remove_tree(self.folder)
+        self._remove(self.folder)
+
+    def _remove(self, path: Path) -> None:
+        """Out of sight in one step: a half removed checkpoint would look like a broken one."""
+        with contextlib.suppress(OSError), files.own_folder(self.work) as home:
+            os.rename(path, home / "gone")
 
     def steps(self) -> list[Path]:
         """Their folders, latest step first."""

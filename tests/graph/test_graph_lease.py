@@ -73,6 +73,10 @@ def test_one_holder_at_a_time(tmp_path: Path) -> None:
     assert taken(other.acquire(KEY)).notice == ""
 
 
+@pytest.mark.reliability(
+    "a stale lease: another boot, a process that is gone, no heartbeat",
+    "free again, with a notice",
+)
 def test_a_lease_ends_with_its_process(tmp_path: Path) -> None:
     process = hold(tmp_path)
     try:
@@ -92,6 +96,10 @@ def test_a_process_id_used_again_does_not_count(tmp_path: Path) -> None:
     assert "outlived its process" in taken(Leases(tmp_path).acquire(KEY)).notice
 
 
+@pytest.mark.reliability(
+    "a stale lease: another boot, a process that is gone, no heartbeat",
+    "free again, with a notice",
+)
 def test_another_boot_of_this_machine(tmp_path: Path) -> None:
     taken(Leases(tmp_path).acquire(KEY))
     rewrite(tmp_path, boot="another")
@@ -99,6 +107,10 @@ def test_another_boot_of_this_machine(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("facts", [{"host": "elsewhere", "boot": "another"}, {"space": "pid:[1]", "pid": 999999}])
+@pytest.mark.reliability(
+    "a stale lease: another boot, a process that is gone, no heartbeat",
+    "free again, with a notice",
+)
 def test_elsewhere_only_the_heartbeat_counts(tmp_path: Path, facts: dict[str, Any]) -> None:
     lease, clock = taken(Leases(tmp_path).acquire(KEY)), Clock()
     rewrite(tmp_path, **facts)
@@ -131,6 +143,7 @@ def test_a_living_process_has_ten_times_as_long(tmp_path: Path) -> None:
     assert isinstance(waiter.acquire(KEY), Lease)
 
 
+@pytest.mark.reliability("the clock jumps while a lease is held", "it stays held")
 def test_wall_clocks_may_jump(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     taken(Leases(tmp_path).acquire(KEY))
     rewrite(tmp_path, host="elsewhere")
@@ -142,6 +155,10 @@ def test_wall_clocks_may_jump(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]\n1\n", '{"nonce": 1}\n', "\0\0"])
+@pytest.mark.reliability(
+    "a stale lease: another boot, a process that is gone, no heartbeat",
+    "free again, with a notice",
+)
 def test_an_unreadable_lease_is_free_after_the_limit(tmp_path: Path, text: str) -> None:
     path, clock = tmp_path / "leases" / f"{KEY}.json", Clock()
     path.parent.mkdir()

@@ -63,21 +63,37 @@ def refused(bench: Any, text: str, *, traced: bool = True) -> str:
     ],
     ids=lambda value: value[:18],
 )  # fmt: skip
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_bombs(bench: Any, text: str, words: str) -> None:
     assert words in refused(bench, text)
 
 
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_giant_files(bench: Any) -> None:
     assert "at most 256 KiB" in refused(bench, "a: 1\n" * (MAX_BYTES // 5 + 1))
     assert parse_yaml("a: " + "x" * 200_000, None) == {"a": "x" * 200_000}
 
 
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_endless_files_are_not_read_to_their_end() -> None:
     with pytest.raises(GraphErrors, match="at most 256 KiB"):
         load_yaml(Path("/dev/zero"))
 
 
 @pytest.mark.parametrize("key", ["extends: {0}", "nodes: {{x: {{graph: '{0}'}}}}"], ids=["extends", "graph"])
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_only_plain_files_are_named(bench: Any, key: str) -> None:
     os.mkfifo(bench.root / "pipe.yaml")  # reading it would wait for ever
     (bench.root / "dir.yaml").mkdir()
@@ -86,6 +102,10 @@ def test_only_plain_files_are_named(bench: Any, key: str) -> None:
 
 
 @pytest.mark.parametrize("key", ["extends: {0}", "nodes: {{x: {{graph: {0}}}}}"], ids=["extends", "graph"])
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_symlink_loops(bench: Any, key: str) -> None:
     (bench.root / "loop.yaml").symlink_to("loop.yaml")
     assert "no such graph file" in refused(bench, key.format("loop.yaml"))
@@ -93,6 +113,10 @@ def test_symlink_loops(bench: Any, key: str) -> None:
     assert "each other" in refused(bench, key.format("again/graph.yaml"))
 
 
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_long_chains_of_files(bench: Any) -> None:
     for index in range(50):
         bench.write(f"extends: e{index + 1}.yaml", f"e{index}.yaml")
@@ -101,6 +125,10 @@ def test_long_chains_of_files(bench: Any) -> None:
     assert "nest deeper than 16 files" in refused(bench, "nodes: {x: {graph: g0.yaml}}")
 
 
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_sub_graphs_that_multiply(bench: Any) -> None:
     """Ten files, each using the next ten times: 10^10 uses, none of them with a node."""
     for index in range(10):
@@ -110,6 +138,10 @@ def test_sub_graphs_that_multiply(bench: Any) -> None:
     assert "more than 10000 rounds and sub-graphs" in refused(bench, "nodes: {x: {graph: m0.yaml}}", traced=False)
 
 
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_long_lines_of_blocks(bench: Any) -> None:
     """Values handed through thousands of sub-graphs: an answer, not a crash."""
     bench.write('inputs: {x: Number}\nnodes: {c: {type: toy.const}}\noutputs: {y: "@inputs.x"}', "pass.yaml")
@@ -119,6 +151,10 @@ def test_long_lines_of_blocks(bench: Any) -> None:
     assert "pass through too many blocks or sub-graphs" in refused(bench, text, traced=False)
 
 
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_values_stay_text(bench: Any) -> None:
     """What looks like code is a text, or an error; `${...}` looks up names and nothing else."""
     text = "nodes: {x: {type: toy.const, label: \"{{''.__class__}} $(ls) `ls` __import__('os')\"}}"
@@ -126,6 +162,10 @@ def test_values_stay_text(bench: Any) -> None:
     assert "is not a parameter here" in refused(bench, "nodes: {x: {type: toy.const, label: '${x.__class__}'}}")
 
 
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
 def test_checking_reads_only_what_is_named(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every file opened below the working folder is the graph, what it extends and uses, or a named source."""
     import sys

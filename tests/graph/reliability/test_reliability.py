@@ -17,6 +17,8 @@ import pytest
 from faults import why_not
 
 CAMPAIGNS = Path(__file__).parent / "campaigns.py"
+NOTICED = "noticed and told; never served; made again"
+ROOMS = {"objects", "actions", "leases", "checkpoints", "pins", "accepted"}
 NOTHING_LOST = "verify clean, all that was recorded served, the next run completes with the right values"
 
 
@@ -44,7 +46,7 @@ traced = pytest.mark.skipif(why_not() is not None, reason=why_not() or "")
 @traced
 @pytest.mark.reliability("kill -9 before each system call that changes a file; each write torn in half", NOTHING_LOST)
 def test_kill_at_every_step(campaign: Any) -> None:
-    facts = campaign("kill_every_step", 30, 100_000)
+    facts = campaign("kill_every_step", 24, 100_000)
     assert {"write", "rename", "fsync", "mkdir", "unlinkat"} <= set(facts)
 
 
@@ -52,6 +54,12 @@ def test_kill_at_every_step(campaign: Any) -> None:
 def test_kill_at_random(campaign: Any) -> None:
     facts = campaign("kill_at_random", 20, 600)
     assert facts["killed"] > 0
+
+
+@pytest.mark.reliability("kill -9 of a runner or of one of its worker processes", "workers end too; " + NOTHING_LOST)
+def test_kill_workers(campaign: Any) -> None:
+    facts = campaign("kill_workers", 4, 60)
+    assert facts["runners killed"] + facts["workers killed"] > 0
 
 
 @pytest.mark.reliability("two runners at once on one store", "both complete; " + NOTHING_LOST)
@@ -65,28 +73,30 @@ def test_three_runners_with_kills(campaign: Any) -> None:
     assert facts["killed"] > 0
 
 
-@pytest.mark.reliability("one flipped bit in any file of a store", "noticed and told; never served; made again")
+@pytest.mark.reliability(
+    "one flipped bit in an object, record, checkpoint, lease, pin, accepted change or memo", NOTICED
+)
 def test_flipped_bits(campaign: Any) -> None:
-    facts = campaign("flipped_bits", 20, 500)
-    assert {"objects", "actions"} <= set(facts)
+    facts = campaign("flipped_bits", 16, 500)
+    assert set(facts) >= ROOMS
 
 
-@pytest.mark.reliability("any file of a store truncated", "noticed and told; never served; made again")
+@pytest.mark.reliability("any of these files truncated", NOTICED)
 def test_truncated_files(campaign: Any) -> None:
-    facts = campaign("truncated_files", 20, 500)
-    assert {"objects", "actions"} <= set(facts)
+    facts = campaign("truncated_files", 16, 500)
+    assert set(facts) >= ROOMS
 
 
 @traced
 @pytest.mark.reliability("disk full from each step on", "a message names the folder; " + NOTHING_LOST)
 def test_full_disk(campaign: Any) -> None:
-    campaign("full_disk", 15, 100_000)
+    campaign("full_disk", 10, 100_000)
 
 
 @traced
 @pytest.mark.reliability("input/output error at each step", "a message names folder or node; " + NOTHING_LOST)
 def test_failing_disk(campaign: Any) -> None:
-    campaign("failing_disk", 15, 100_000)
+    campaign("failing_disk", 10, 100_000)
 
 
 @pytest.mark.reliability("store may only be read", "hits are served; a miss is an error that names the folder")

@@ -233,6 +233,10 @@ def test_checkpoints_and_quarantine(store: Store) -> None:
     assert len(list((store.root / "quarantine").iterdir())) == 1
 
 
+@pytest.mark.reliability(
+    "gc: killed half-way, or beside a runner",
+    "no record without its object, nothing in use removed",
+)
 def test_a_killed_gc_leaves_no_dangling_record(store: Store) -> None:
     made = [result(store, n) for n in range(6)]
     code = (
@@ -287,6 +291,10 @@ def test_keys_by_their_beginning(store: Store) -> None:
     assert key_of_prefix(store, "runs/latest") is None
 
 
+@pytest.mark.reliability(
+    "gc: killed half-way, or beside a runner",
+    "no record without its object, nothing in use removed",
+)
 def test_gc_beside_a_runner(bench: Any) -> None:
     """Runs and gc with no grace at all, at once, with no folder of runs known: no run fails, no record dangles."""
     graph = bench.write("\n".join(["nodes:"] + [f"  n{n}: {{type: toy.const, value: {n}}}" for n in range(30)]))
