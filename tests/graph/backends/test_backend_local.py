@@ -106,6 +106,7 @@ nodes:
         ("exit", "ended itself with exit status 7"),
     ],
 )
+@pytest.mark.reliability("a native library crashes, aborts, exits or is killed", "one failed node, with its last words")
 def test_a_death_is_one_failed_node_with_its_last_words(bench: Any, states: Any, how: str, words: str) -> None:
     text = f"""
 nodes:
@@ -153,6 +154,10 @@ nodes:
 COUNT = 'nodes: {{a: {{type: toy.const}}, n: {{type: toy.count, number: "@a.number", steps: 60{more}}}}}'
 
 
+@pytest.mark.reliability(
+    "kill -9 of a node that keeps checkpoints; Ctrl-C",
+    "it goes on from there and ends with the same bytes",
+)
 def test_a_killed_worker_goes_on_from_its_checkpoint(bench: Any, tmp_path: Path) -> None:
     """Killed at step 40 with a checkpoint at each: the next run does only the rest and ends with the same bytes."""
     whole = bench.run(COUNT.format(more=""))
@@ -202,6 +207,10 @@ def wait_for(condition: Any, seconds: float = 20) -> None:
 
 
 @pytest.mark.parametrize("workers", ["0", "1"])
+@pytest.mark.reliability(
+    "kill -9 of a node that keeps checkpoints; Ctrl-C",
+    "it goes on from there and ends with the same bytes",
+)
 def test_ctrl_c_writes_a_checkpoint_and_the_same_command_goes_on(bench: Any, tmp_path: Path, workers: str) -> None:
     whole = bench.run(COUNT.format(more="").replace("60", "600"))
     bench = type(bench)(tmp_path / "other", bench.packs)

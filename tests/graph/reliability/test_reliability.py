@@ -73,9 +73,7 @@ def test_three_runners_with_kills(campaign: Any) -> None:
     assert facts["killed"] > 0
 
 
-@pytest.mark.reliability(
-    "one flipped bit in an object, record, checkpoint, lease, pin, accepted change or memo", NOTICED
-)
+@pytest.mark.reliability("one flipped bit in an object, record, checkpoint, lease, pin, acceptance or memo", NOTICED)
 def test_flipped_bits(campaign: Any) -> None:
     facts = campaign("flipped_bits", 16, 500)
     assert set(facts) >= ROOMS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -111,6 +112,7 @@ FOOTPRINTS = {
 
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(order=st.permutations(sorted(FOOTPRINTS)), size=st.integers(2, 6))
+@pytest.mark.reliability("patches of a variant in any order, on different nodes", "the same graph")
 def test_patches_with_separate_footprints_commute(order: list[str], size: int, bench: Any, base: str) -> None:
     chosen: list[str] = []
     for text in order:
