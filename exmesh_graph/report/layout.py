@@ -173,13 +173,14 @@ class _Scope:
             self.above[lower].append((upper, source))
             self.below[upper].append((lower, source))
         best, fewest = [list(row) for row in rows], self._crossings(rows)
+        place = {key: index / max(1, len(row) - 1) for row in rows for index, key in enumerate(row)}
         for sweep in range(_SWEEPS):
             down = sweep % 2 == 0
             near = self.above if down else self.below
             for row in rows if down else rows[::-1]:
-                place = {key: index / max(1, len(r) - 1) for r in rows for index, key in enumerate(r)}
                 mean = {k: sum(place[n] for n, _ in near[k]) / len(near[k]) if near[k] else place[k] for k in row}
                 row.sort(key=lambda key: mean[key])
+                place.update((key, index / max(1, len(row) - 1)) for index, key in enumerate(row))
             crossings = self._crossings(rows)
             if crossings < fewest:
                 best, fewest = [list(row) for row in rows], crossings
@@ -247,6 +248,9 @@ class _Scope:
         height = top - GAP_Y + MARGIN
         layout = Layout(width, height)
         ends: dict[Key, tuple[float, float]] = {}
+        users: dict[Key, set[str]] = {}
+        for (upper, _, _), to in self.links.items():
+            users.setdefault(upper, set()).update(to)
         for row in rows:
             for key in row:
                 y0, y1 = ys[key[2]]
@@ -256,8 +260,7 @@ class _Scope:
                     self._place(layout, key[1], xs[key], middle)
                 elif key[0] == "way":
                     ends[key] = y0, y1
-                    users = frozenset[str]().union(*(to for link, to in self.links.items() if link[0] == key))
-                    layout.pieces.append(Piece(key[1], users, xs[key], y0, xs[key], y1))
+                    layout.pieces.append(Piece(key[1], frozenset(users[key]), xs[key], y0, xs[key], y1))
                 else:
                     ends[key] = (0.0, 0.0) if key[0] == "in" else (height, height)
                     (layout.tops if key[0] == "in" else layout.bottoms)[key[1]] = xs[key]
