@@ -116,6 +116,16 @@ def test_a_sweep_of_some_nodes_and_one_variant(exmesh: Exmesh, folder: Path) -> 
     assert "no variant 'brok'" in exmesh("sweep", "study.yaml", "--only", "brok", code=2).stderr
 
 
+def test_an_interrupted_sweep_says_how_to_go_on(exmesh: Exmesh, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(self: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("exmesh_graph.graph.run.Run._loop", interrupt)
+    shown = exmesh("sweep", "study.yaml", "--only", "lone", "--workers", "0", "--runs", "r", code=130).stderr
+    assert "go on with the same command:\n  exmesh sweep study.yaml --only lone --runs r" in shown
+    assert json.loads((folder / "r/latest/run.json").read_text())["state"] == "interrupted"
+
+
 def test_a_sweep_of_two_files(exmesh: Exmesh, folder: Path) -> None:
     (folder / "other.yaml").write_text(VARIANTS.replace("two.value", "one.value"))
     done = exmesh("sweep", "study.yaml", "other.yaml", "--workers", "0")

@@ -14,7 +14,7 @@ from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 from exmesh_graph.graph.variants.declared import BASE, Repeats, Row, repeats_of, rows_of, setting
-from exmesh_graph.graph.variants.draft import refuse
+from exmesh_graph.graph.variants.draft import Draft, is_part, refuse
 from exmesh_graph.graph.variants.patches import apply_patches
 
 
@@ -102,7 +102,8 @@ def _built(
         seed = tree.seed + index
         if index and repeats.of:
             where = top.lines["repeats"]
-            again = apply_patches(patched, [setting(f"{name}.seed", seed, where) for name in repeats.of], packs)
+            names = [name for name in repeats.of if row.name == BASE or _has_node(patched, name, packs)]
+            again = apply_patches(patched, [setting(f"{name}.seed", seed, where) for name in names], packs)
             tree = tree_of(again, path, overrides, problems)
         elif index:
             tree.seed = seed
@@ -111,6 +112,15 @@ def _built(
         checked = replace(checked, name=name, variant="" if row.name == BASE else row.name)
         found.append(CheckedVariant(row.name, row.settings, checked, index + 1, seed, row.doc))
     return found
+
+
+def _has_node(top: Map, name: str, packs: Packs) -> bool:
+    """Whether a merged file has this node, or a sub-graph that may hold it: a variant may have taken it out."""
+    draft, path = Draft(top, packs), tuple(name.split("."))
+    known = set(draft.paths())
+    return any(
+        path[:n] in known and (n == len(path) or is_part(draft.entry(path[:n]))) for n in range(1, len(path) + 1)
+    )
 
 
 def _attributed(problem: Problem, names: list[str]) -> Problem:

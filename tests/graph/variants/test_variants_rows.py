@@ -96,6 +96,12 @@ def test_repeats_of_single_nodes_leave_the_others_alone(bench: Any, base: str) -
     assert found[0].checked.nodes["rounds[1].step"].seed == found[1].checked.nodes["rounds[1].step"].seed
 
 
+def test_a_variant_without_the_node_of_the_repeats_is_the_same_in_all(bench: Any, base: str) -> None:
+    found = rows(bench, base + "repeats: {count: 2, of: [rounds.hop]}\nvariants: {off: [{bypass: rounds.hop}]}")
+    assert [row.name for row in found] == ["base", "base", "off", "off"]
+    assert found[2].checked.resolved() == found[3].checked.resolved()
+
+
 def test_only_keeps_the_base_and_what_is_named(bench: Any, base: str) -> None:
     assert [row.name for row in rows(bench, base + MATRIX, only=["alone"])] == ["base", "alone"]
     (problem,) = refused(bench, base + MATRIX, only=["alon"])
