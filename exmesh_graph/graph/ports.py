@@ -124,8 +124,13 @@ def types_by_name() -> dict[str, type]:
 @functools.cache
 def component_ports(cls: type[Component]) -> Mapping[str, Port]:
     """The fields of a component class that take components."""
-    fields = cls.model_fields.items()
-    return {n: _port(cls, n, i.annotation, not i.is_required()) for n, i in fields if _holds(i.annotation, Component)}
+    ports = {}
+    for name, info in cls.model_fields.items():
+        if _holds(info.annotation, Component):
+            ports[name] = _port(cls, name, info.annotation, not info.is_required())
+            if not info.is_required() and info.get_default(call_default_factory=True) is not None:
+                raise TypeError(f"{cls.__qualname__}: {name} may be required or None, but not a component by default")
+    return ports
 
 
 @functools.cache

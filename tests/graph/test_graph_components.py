@@ -218,6 +218,9 @@ def test_declarations_that_cannot_be_used_are_refused() -> None:
     class Clash(Component):
         seed: int = param(0, doc="Taken.")
 
-    for cls, word in ((WithPath, "declares no sources"), (Clash, "in use already")):
+    class Filled(Component):
+        inner: Component = Component()  # its parameters would be in no key
+
+    for cls, word in ((WithPath, "declares no sources"), (Clash, "in use already"), (Filled, "by default")):
         with pytest.raises(TypeError, match=word):
             signature(NodeDef("t", cls, "1"))

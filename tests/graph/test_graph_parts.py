@@ -236,6 +236,12 @@ def test_a_graph_with_inputs_cannot_run_alone(parts: Any) -> None:
     assert 'start: "@node.port"' in problem.fix
 
 
+def test_a_missing_file_hides_no_other_fault(parts: Any) -> None:
+    text = GRAPH.replace("graph: part.yaml, start", "graph: gone.yaml, start", 1).replace("toy.const", "toy.cnst")
+    assert [problem.code for problem in parts.problems(text)] == ["node-type", "graph"]
+    assert only(parts.problems("extends: prat.yaml")).nearest[0] == "part.yaml"
+
+
 def test_files_that_use_each_other(bench: Any) -> None:
     bench.write("nodes: {x: {graph: b.yaml}}", "a.yaml")
     bench.write("nodes: {x: {graph: a.yaml}}", "b.yaml")

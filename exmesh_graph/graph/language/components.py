@@ -48,11 +48,6 @@ def component(
     return add
 
 
-def is_component(definition: NodeDef) -> bool:
-    """Whether a registered type is a component, not a node."""
-    return isinstance(definition.function, type) and issubclass(definition.function, Component)
-
-
 @dataclass(frozen=True)
 class BoundComponent:
     """A component of a graph: its validated object, and the components plugged into it, by field."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.language.params import Declared
-from exmesh_graph.graph.language.parts import MAX_COPIED, Part, declare_part
+from exmesh_graph.graph.language.parts import MAX_COPIED, Lost, Part, declare_part
 from exmesh_graph.graph.language.spec import (
     BLOCK_KEYS,
     Tree,
@@ -85,7 +85,7 @@ class _Scope:
     prefix: str = ""
     parent: _Scope | None = None
     rounds: tuple[int, ...] = ()
-    nodes: dict[str, str | _Block | Part] = field(default_factory=dict)
+    nodes: dict[str, str | _Block | Part | Lost] = field(default_factory=dict)
     block: _Block | None = None
     part: Part | None = None
     root: str = ""

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.graph.language.spec import Tree, Value, _mapping, _merge_nodes, load_merged, substitute, tree_of
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.language.yamlfile import Map, files_like
 from exmesh_graph.graph.ports import Port, link_form, types_by_name
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
@@ -80,6 +80,13 @@ class Part:
         return self.known[key]
 
 
+class Lost:
+    """Stands for a sub-graph whose file cannot be used; the problem was noted."""
+
+    def value(self, port: str, where: Where) -> None:
+        """Nothing comes out of it."""
+
+
 def declare_part(work: _Expansion, name: str, entry: Map, scope: _Scope) -> None:
     """Load the file that `graph:` names and declare its nodes below `name`."""
     full, where = scope.prefix + name, entry.lines["graph"]
@@ -91,7 +98,10 @@ def declare_part(work: _Expansion, name: str, entry: Map, scope: _Scope) -> None
     for key, value in work.overrides_of(full):
         raw[key] = value, Where(None)
     source = substitute(raw["graph"][0], scope.params, raw["graph"][1], work.problems)
-    path = _part_file(source.value, source.base, raw["graph"][1], scope.files)
+    path = _part_file(source.value, source.base, raw["graph"][1], scope.files, work.problems)
+    if path is None:
+        scope.nodes[name] = Lost()
+        return
     if path not in work.files:
         work.files[path] = load_merged(path, [], work.problems)
     if (path, where) not in work.copies:
@@ -179,19 +189,22 @@ def _used_at(value: Any, via: Where, budget: list[int]) -> Any:
     return result
 
 
-def _part_file(raw: Any, base: Path, where: Where, chain: tuple[Path, ...]) -> Path:
-    """The file that `graph:` names; refuses what is no file and files that use each other."""
+def _part_file(raw: Any, base: Path, where: Where, chain: tuple[Path, ...], problems: Problems) -> Path | None:
+    """The file that `graph:` names; None, with a problem, for what is no file and for files that use each other."""
     if not isinstance(raw, str):
-        fail("graph", where, "graph: names one graph file", expected="{graph: part.yaml, ...}")
+        problems.add("graph", where, "graph: names one graph file", expected="{graph: part.yaml, ...}")
+        return None
     path = Path(raw).expanduser()
     path = path if path.is_absolute() else base / path
     if not path.is_file():
-        near = nearest(path.name, [p.name for p in path.parent.glob("*.yaml")][:200] if path.parent.is_dir() else ())
-        fail("graph", where, f"no such graph file: {raw}", nearest=near)
+        problems.add("graph", where, f"no such graph file: {raw}", nearest=files_like(path))
+        return None
     path = path.resolve()
     if path in chain:
         names = " -> ".join(p.name for p in [*chain[chain.index(path) :], path])
-        fail("graph", where, f"the graph files use each other: {names}")
-    if len(chain) >= MAX_DEPTH:
-        fail("graph", where, f"sub-graphs nest deeper than {MAX_DEPTH} files")
-    return path
+        problems.add("graph", where, f"the graph files use each other: {names}")
+    elif len(chain) >= MAX_DEPTH:
+        problems.add("graph", where, f"sub-graphs nest deeper than {MAX_DEPTH} files")
+    else:
+        return path
+    return None

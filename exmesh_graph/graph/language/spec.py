@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from exmesh_graph.graph.language.params import Declared, declare, give
-from exmesh_graph.graph.language.yamlfile import Map, load_yaml, parse_yaml
+from exmesh_graph.graph.language.yamlfile import Map, files_like, load_yaml, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, nearest
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
@@ -195,7 +195,7 @@ def load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
     base_path = Path(child["extends"]).expanduser()
     base_path = base_path if base_path.is_absolute() else path.parent / base_path
     if not base_path.is_file():
-        fail("extends", where, f"no such graph file: {child['extends']}")
+        fail("extends", where, f"no such graph file: {child['extends']}", nearest=files_like(base_path))
     base = load_merged(base_path.resolve(), [*chain, path], problems)
     result = base.copy()
     for key, value in child.items():

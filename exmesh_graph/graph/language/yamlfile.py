@@ -7,13 +7,14 @@ alias that multiplies itself, can take more than a few seconds.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.problems import Where, fail
+from exmesh_graph.graph.problems import Where, fail, nearest
 
 MAX_VALUES = 100_000
 MAX_BYTES = 1 << 18
@@ -59,13 +60,22 @@ def load_yaml(path: Path) -> Map:
             )
         text = raw.decode("utf-8")
     except FileNotFoundError:
-        fail("file", where, "no such graph file")
+        fail("file", where, "no such graph file", nearest=files_like(path))
     except (OSError, UnicodeDecodeError) as error:
         fail("file", where, f"cannot read the graph file: {error}")
     value = reader(text, path)
     if not isinstance(value, Map):
         fail("yaml", where, "a graph file is a mapping", expected="name:, nodes:, ...")
     return value
+
+
+def files_like(path: Path) -> list[str]:
+    """Names of graph files beside a path that does not exist, the most similar ones."""
+    try:
+        names = [other.name for other in itertools.islice(path.parent.glob("*.yaml"), 200) if other.is_file()]
+    except OSError:
+        return []
+    return nearest(path.name, names)
 
 
 def parse_yaml(text: str, file: Path | None) -> Any:
