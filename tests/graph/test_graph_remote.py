@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -220,3 +222,22 @@ def test_a_store_copied_to_another_place_serves_hits(bench: Any, states: Any, tm
         folder.close()
         assert states(record) == {"one": "hit", "sum": "hit"}
         assert list(Store(place).verify()) == []
+
+
+def test_a_shared_folder_is_a_store_itself(tmp_path: Path) -> None:
+    """verify and gc work on it; what a machine left half-sent goes after a day."""
+    from exmesh_graph.graph.upkeep.collect import DAY, delete, survey
+
+    url = str(tmp_path / "shared")
+    key, stored = made(opened(tmp_path, "a", url))
+    shared = Store(tmp_path / "shared")
+    assert list(shared.verify()) == []
+    for name, days in (("old", 2), ("new", 0)):
+        path = shared.root / "drafts" / name
+        path.write_text("x")
+        os.utime(path, (time.time() - days * DAY,) * 2)
+    removed, _ = delete(shared, survey(shared))
+    assert [item.name for item in removed] == ["old"]
+    removed, _ = delete(shared, survey(shared, age=-1))
+    assert {item.name for item in removed} == {key, stored.digest}
+    assert opened(tmp_path, "b", url).find(PREIMAGE) is None

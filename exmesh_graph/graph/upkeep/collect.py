@@ -70,7 +70,7 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
     going = [item for item in records if not _stays(item, roots, recent)]
     for item in going:
         item.why = "no run or pin shows it"
-    others = [*_checkpoints(store, roots, age), *_quarantine(store)]
+    others = [*_checkpoints(store, roots, age), *_quarantine(store), *_drafts(store)]
     needed = Counter(digest for item in kept for digest in item.objects)
     size = sum(item.bytes for item in kept) + sum(i.bytes for d, i in objects.items() if d in needed or i.used > recent)
     if budget is not None:
@@ -171,6 +171,15 @@ def _quarantine(store: Store) -> Iterator[Item]:
                 size = sum(files.sizes(path).values()) if path.is_dir() else path.stat().st_size
                 why = f"in quarantine for more than {QUARANTINE_AGE / DAY:.0f} days"
                 yield Item("quarantine", path.name, path, size, path.stat().st_mtime, why=why)
+
+
+def _drafts(store: Store) -> Iterator[Item]:
+    """What machines that died left half-sent in a shared store."""
+    for path in sorted((store.root / "drafts").glob("*")):
+        with contextlib.suppress(OSError):
+            status = path.stat()
+            if time.time() - status.st_mtime > DAY:
+                yield Item("draft", path.name, path, status.st_size, status.st_mtime, why="half-sent a day ago")
 
 
 def _starts_of_work(store: Store) -> Iterator[float]:
