@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch.autograd.function import once_differentiable
 
-from exmesh_graph.raster.limits import check_size
+from exmesh_graph.raster.limits import check_indices, check_size
 from exmesh_graph.raster.texture import sample_adjoint, sample_texture
 from exmesh_graph.raster.warp_runtime import kernels, launch
 
@@ -117,12 +117,15 @@ def shade(
         return shade_reference(projected, faces, uvs, uv_faces, texture, face_id)
     check_size(colours=face_id.shape[-2] * face_id.shape[-1] * texture.shape[-1], texels=texture.numel())
     device = projected.device
+    faces, uv_faces = (f.to(device, torch.int32).contiguous() for f in (faces, uv_faces))
+    check_indices("faces", faces, projected.shape[-2])
+    check_indices("uv_faces", uv_faces, len(uvs))
     return _Shade.apply(
         projected,
         texture,
-        faces.to(device, torch.int32).contiguous(),
+        faces,
         uvs.to(device, torch.float32).contiguous(),
-        uv_faces.to(device, torch.int32).contiguous(),
+        uv_faces,
         face_id,
         sparse,
     )

@@ -24,3 +24,15 @@ def check_near(near: float) -> None:
     """Raises ValueError unless the near plane lies in front of the camera."""
     if not 0 < near < float("inf"):
         raise ValueError(f"the near plane must be a positive depth in world units, got {near}")
+
+
+def check_indices(what: str, indices: torch.Tensor, count: int) -> None:
+    """Raises IndexError if an index lies outside [0, count): a kernel would read other memory.
+
+    On a CPU only, where it costs some microseconds; on CUDA it would make the host wait for the device.
+    """
+    if indices.device.type != "cpu" or indices.numel() == 0:
+        return
+    low, high = (int(x) for x in indices.aminmax())
+    if low < 0 or high >= count:
+        raise IndexError(f"{what} hold indices from {low} to {high}; expected 0 to {count - 1}")

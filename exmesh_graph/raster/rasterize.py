@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 
 from exmesh_graph.raster.camera import project
-from exmesh_graph.raster.limits import EMPTY_KEY, check_near, check_size
+from exmesh_graph.raster.limits import EMPTY_KEY, check_indices, check_near, check_size
 from exmesh_graph.raster.warp_runtime import kernels, launch
 
 NEAR = 1e-3
@@ -52,7 +52,8 @@ def rasterize(
 
     Rules: a centre on an edge belongs to all faces of that edge; of equal depths the lowest face index wins, so the
     result is the same on every run and device. Faces without area or with a vertex that is not finite are not seen.
-    Raises ValueError for sizes beyond 32-bit indices (see `limits`) and for near <= 0.
+    Raises ValueError for sizes beyond 32-bit indices (see `limits`) and for near <= 0, and on a CPU IndexError for
+    faces of vertices that there are not.
     """
     with torch.no_grad():
         projected = project(vertices.detach().to(torch.float32), intrinsics, world_to_camera)
@@ -79,6 +80,7 @@ def rasterize_projected(
     device = projected.device
     projected = projected.detach().to(torch.float32).contiguous()
     faces = faces.to(device, torch.int32).contiguous()
+    check_indices("faces", faces, projected.shape[-2])
     if large_face is None:
         large_face = LARGE_FACE if device.type == "cuda" else 0
     shape = (*projected.shape[:-2], height, width)

@@ -122,6 +122,29 @@ def test_sizes_beyond_the_index_are_refused_before_anything_is_allocated():
         sample_texture(torch.zeros(1, 1, 4), torch.zeros(1, 2).expand(2**30, 2))
 
 
+@pytest.mark.parametrize("index", [-1, 3, 2**20])
+def test_indices_outside_the_mesh_are_refused_not_read(index):
+    vertices, faces = soup(1, 0.5, seed=0)
+    bad = torch.tensor([[0, 1, index]])
+    with pytest.raises(IndexError, match="faces hold indices"):
+        rasterize_projected(vertices, bad, 4, 4)
+    face_id = torch.zeros(2, 2, dtype=torch.int32)
+    with pytest.raises(IndexError, match="uv_faces hold indices"):
+        shade(vertices, faces, torch.zeros(3, 2), bad, torch.zeros(2, 2, 3), face_id)
+
+
+@pytest.mark.parametrize("kernels", ["visibility", "texture", "silhouette"])
+def test_the_same_kernels_compile_for_cuda(kernels, tmp_path):
+    """To PTX, which takes no CUDA device."""
+    from exmesh_graph.raster import warp_runtime
+
+    wp = warp_runtime.warp()
+    if not hasattr(wp, "compile_aot_module"):
+        pytest.skip("this version of Warp cannot compile ahead of time")
+    wp.compile_aot_module(warp_runtime.kernels(kernels), arch=80, module_dir=str(tmp_path), use_ptx=True)
+    assert [path.suffix for path in tmp_path.glob("*.ptx")] == [".ptx"]
+
+
 @pytest.mark.parametrize("near", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_near_plane_must_lie_before_the_camera(near):
     vertices, faces = soup(1, 0.5, seed=0)
