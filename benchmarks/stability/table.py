@@ -104,7 +104,7 @@ def elsewhere(room: str, hazard: str, figure: str, where: str) -> None:
 
 
 def collect() -> list[Row]:
-    """All rows of the modules `rows_*.py`, in the order of their names."""
+    """All rows of the modules `rows_*.py`, those of a room together."""
     package = importlib.import_module(__package__)
     for found in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
         if found.name.startswith("rows_"):
@@ -113,7 +113,8 @@ def collect() -> list[Row]:
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise ValueError(f"two stability rows of the same name: {', '.join(doubled)}")
-    return list(_ROWS)
+    rooms = list(dict.fromkeys(r.room for r in _ROWS))
+    return sorted(_ROWS, key=lambda r: rooms.index(r.room))
 
 
 def run(row: Row) -> Outcome:
