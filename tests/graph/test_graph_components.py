@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph import Component, NodeDef, param
+from exmesh_graph.graph import Component, NodeDef, keys, param
 from exmesh_graph.graph.job import Job, job_of
 from exmesh_graph.graph.keys import key_of, preimage_of
 from exmesh_graph.graph.language.components import MAX_NESTING, differences, rebuild
@@ -48,6 +48,22 @@ def test_the_record_shows_components(bench: Any) -> None:
     assert resolved["components"]["both"]["components"]["first"] == {
         "type": "curve.line", "params": {"slope": 3.0, "chunk": 1}, "components": {},
     }  # fmt: skip
+
+
+def test_golden_key(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Fixed:
+        digest = "c" * 64
+
+    monkeypatch.setattr(keys, "fingerprint", lambda definition: Fixed)
+    preimage = preimage_of(bench.check(GRAPH).nodes["end"], "d" * 64, {}, {"number": ("Number", "1" * 64)})
+    rest = {"version": "1", "code": "c" * 64, "libraries": {}}
+    line = {"type": "curve.line", "params": {"slope": {"~float": "0x1.8000000000000p+1"}}, "components": {}, **rest}
+    sign = {"type": "curve.sign", "params": {}, "components": {}, **rest}
+    scale = {"scale": {"~float": "0x1.0000000000000p+1"}}
+    both = {"type": "curve.sum", "params": scale, "components": {"first": line, "second": sign}, **rest}
+    assert preimage["components"] == {"curve": both}
+    assert preimage["inputs"] == {"number": ["Number", "1" * 64]}
+    assert key_of(preimage) == "6ed8589690286ea102fb72689e73eba92346f773d1c752389607a6b2c620bdd3"
 
 
 @pytest.mark.parametrize(
