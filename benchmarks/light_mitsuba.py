@@ -40,7 +40,16 @@ def load(threads: int) -> Any:
     return mi
 
 
-def scene_of(mi: Any, scene: Scene, *, spp: int, depth: int, specular: bool = True, integrator: str = "path") -> Any:
+def scene_of(
+    mi: Any,
+    scene: Scene,
+    *,
+    spp: int,
+    depth: int,
+    specular: bool = True,
+    integrator: str = "path",
+    sampler: str = "independent",
+) -> Any:
     """The Mitsuba scene: `depth` 2 is direct light, 3 adds one bounce. `specular` off leaves (1 - m) a / pi alone."""
     properties = mi.Properties()
     properties["brdf"] = mi.load_dict(
@@ -71,7 +80,7 @@ def scene_of(mi: Any, scene: Scene, *, spp: int, depth: int, specular: bool = Tr
                 "fov": float(np.degrees(FIELD)),
                 "to_world": mi.ScalarTransform4f().look_at(origin=EYE.tolist(), target=TARGET.tolist(), up=[0, 1, 0]),
                 "film": {"type": "hdrfilm", **side, "rfilter": {"type": "box"}, "component_format": "float32"},
-                "sampler": {"type": "independent", "sample_count": spp},
+                "sampler": {"type": sampler, "sample_count": spp},
             },
             "sky": {"type": "envmap", "bitmap": mi.Bitmap(_nodes(scene.sky))},
             "mesh": mesh,

@@ -10,8 +10,9 @@ lobe and ours has none, and each is held against its own converged reference. Ev
 own: best time of --repeats, errors relative (RMSE over RMS) of image and base-colour gradient, mean over the runs,
 peak memory over what was in use before the first step.
 
-Last columns: seconds over those of Mitsuba at the same error of image and of gradient (its error falls as one over the
-square root of its samples, its seconds grow linearly; both fitted to its runs). "transport" is no Monte Carlo: it is
+Last columns: seconds over those of Mitsuba at the same error of image and of gradient (its error falls as one over
+the square root of its samples, its seconds grow linearly; both fitted to its runs). Mitsuba draws its gradient's
+samples apart from the image's; ours share them unless the row says otherwise. "transport" is no Monte Carlo: it is
 `shading.transport`, traced once, seconds of a step; its error is bias.
 """
 
@@ -36,16 +37,25 @@ from exmesh_graph.shading import brdf
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.monte_carlo import PAPER, LightSettings, Material, MonteCarloLight, SampleCache
+from exmesh_graph.shading.monte_carlo import (
+    PAPER,
+    Drawn,
+    LightSettings,
+    Material,
+    MonteCarloLight,
+    SampleCache,
+    independent_gradient,
+)
 from exmesh_graph.shading.transport import LightTransport, trace_transport, with_bounces
 
-#: name -> settings, half resolution, cached slots
+#: name -> settings, half resolution, cached slots (-1: none, and the backward pass draws its own samples)
 OURS: dict[str, tuple[LightSettings, bool, int]] = {
     "paper (environment 8, 16 x 4, half)": (PAPER, True, 0),
     "mis 8, 16 x 4, half": (LightSettings("mis", 8, 16, 4), True, 0),
     "environment 32, 16 x 4, half": (LightSettings("environment", 32, 16, 4), True, 0),
     "defaults (mis 64, 16 x 4, half)": (LightSettings(), True, 0),
     "mis 32, 16 x 4, half": (LightSettings("mis", 32, 16, 4), True, 0),
+    "defaults, the gradient's own seed": (LightSettings(), True, -1),
     "paper, cached rays": (PAPER, True, 4),
     "defaults, cached rays": (LightSettings(), True, 4),
 }
@@ -97,7 +107,7 @@ def compare(rows: list[dict]) -> None:
 
 def run(options: argparse.Namespace, surface: str, name: str, folder: str) -> dict:
     command = [sys.executable, "-m", "benchmarks.light_prb", "--child", name, "--materials", surface, "--work", folder]
-    for key in ("size", "threads", "repeats", "runs", "reference", "clock"):
+    for key in ("size", "threads", "repeats", "runs", "reference", "clock", "sampler"):
         command += [f"--{key}", str(getattr(options, key))]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -118,7 +128,7 @@ def child(options: argparse.Namespace) -> dict:
         if name.startswith("ours"):
             step = our_step(scene, options.threads, matt, weights, LightSettings("mis", 64, 32, 4), False, 0)
         else:
-            step = mitsuba_step(scene, options.threads, matt, weights, 128)
+            step = mitsuba_step(scene, options.threads, matt, weights, 128, "independent")
         parts = [step(seed) for seed in range(1000, 1000 + options.reference)]
         image, gradient = (np.mean(values, axis=0) for values in zip(*parts, strict=True))
         np.savez(store / f"{surface}_{name.split()[0]}.npz", image=image, gradient=gradient)
@@ -126,7 +136,7 @@ def child(options: argparse.Namespace) -> dict:
     if name == "transport":
         step = transport_step(scene, weights)
     elif name.startswith("mitsuba"):
-        step = mitsuba_step(scene, options.threads, matt, weights, int(name.split()[1]))
+        step = mitsuba_step(scene, options.threads, matt, weights, int(name.split()[1]), options.sampler)
     else:
         step = our_step(scene, options.threads, matt, weights, *OURS[name])
     before = resident()
@@ -168,24 +178,29 @@ def our_step(
     light = MonteCarloLight(scene.surface, scene.tracer(threads), settings)
     points, coarse = scene.points(), scene.coarse() if half else None
     attributes, sky = scene.attributes.clone().requires_grad_(), scene.sky.clone().requires_grad_()
-    cache = SampleCache(slots) if slots else None
+    cache = SampleCache(slots) if slots > 0 else None
 
-    def read(face: torch.Tensor, bary: torch.Tensor) -> Material:
-        material = scene.material(attributes, face, bary)
-        return Material(material.base_color) if matt else material
+    def render(seed: int, attributes: torch.Tensor, sky: torch.Tensor) -> torch.Tensor:
+        def read(face: torch.Tensor, bary: torch.Tensor) -> Material:
+            material = scene.material(attributes, face, bary)
+            return Material(material.base_color) if matt else material
 
-    def query(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, Material]:
-        return scene.surface.face_normals[face], read(face, bary)
+        def query(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, Material]:
+            return scene.surface.face_normals[face], read(face, bary)
+
+        def draw(number: int) -> Drawn:
+            return light.draw(points, material, query, EnvSampler(sky), number, coarse)
+
+        material = read(scene.face, scene.bary)
+        drawn = cache.get(seed, draw) if cache else draw(seed)
+        return light.shade(drawn, points, material, query, sky)
 
     def step(seed: int) -> tuple[np.ndarray, np.ndarray]:
         attributes.grad = sky.grad = None
-        material = read(scene.face, scene.bary)
-
-        def draw(number: int):  # type: ignore[no-untyped-def]
-            return light.draw(points, material, query, EnvSampler(sky), number, coarse)
-
-        drawn = cache.get(seed, draw) if cache else draw(seed)
-        image = light.shade(drawn, points, material, query, sky)
+        if slots < 0:
+            image = independent_gradient(render, 2 * seed, 2 * seed + 1, attributes, sky)
+        else:
+            image = render(seed, attributes, sky)
         (image * weights).sum().backward()
         return image.detach().numpy(), attributes.grad[:, :3].numpy().copy()
 
@@ -215,11 +230,15 @@ def transport_step(scene: light_scene.Scene, weights: torch.Tensor) -> Step:
     return step
 
 
-def mitsuba_step(scene: light_scene.Scene, threads: int, matt: bool, weights: torch.Tensor, samples: int) -> Step:
+def mitsuba_step(
+    scene: light_scene.Scene, threads: int, matt: bool, weights: torch.Tensor, samples: int, sampler: str
+) -> Step:
     mi = light_mitsuba.load(threads)
     import drjit as dr
 
-    loaded = light_mitsuba.scene_of(mi, scene, spp=samples, depth=3, specular=not matt, integrator="prb_centre")
+    loaded = light_mitsuba.scene_of(
+        mi, scene, spp=samples, depth=3, specular=not matt, integrator="prb_centre", sampler=sampler
+    )
     parameters = mi.traverse(loaded)
     names = [key for key in parameters.keys() if key.endswith(("vertex_base", "vertex_roughness", "sky.data"))]  # noqa: SIM118
     parameters.keep(names)
@@ -263,6 +282,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--clock", choices=["wall", "cpu"], default="wall", help="cpu: seconds over all cores, for a busy machine"
     )
+    parser.add_argument("--sampler", default="multijitter", help="Mitsuba's: independent, stratified, multijitter...")
     parser.add_argument("--repeats", type=int, default=8, help="steps to take the best time of")
     parser.add_argument("--runs", type=int, default=4, help="steps whose errors are averaged")
     parser.add_argument("--reference", type=int, default=64, help="steps averaged into the reference")

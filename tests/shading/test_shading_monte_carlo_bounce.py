@@ -8,6 +8,7 @@ import torch
 from monte_carlo_scenes import bowl, material, on_mesh, studio, tracer_of, wall_and_floor
 
 from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.rays.warp_bvh import WarpTracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import (
@@ -278,3 +279,35 @@ def test_materials_shape_is_free_of_metallic_and_roughness():
     m = material(3)
     assert m[1:].base_color.shape == (2, 3)
     torch.testing.assert_close(Material(m.base_color).diffuse(), m.base_color)
+
+
+@pytest.mark.parametrize(
+    "device",
+    [
+        "cpu",
+        pytest.param(
+            "cuda",
+            marks=[
+                pytest.mark.gpu,
+                pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device that torch can use"),
+            ],
+        ),
+    ],
+)
+def test_warps_tracer_on_its_own_device_gives_embrees_light(device):
+    mesh = bowl(12)
+    points, _, _ = on_mesh(*mesh, 1500)
+    sky, found = studio(), []
+    for tracer, where in ((tracer_of(mesh), "cpu"), (WarpTracer(*mesh, device), device)):
+        surface = MeshSurface(*mesh, where)
+        here = Points(*(t.to(where) for t in (points.position, points.flat, points.normal, points.view)))
+        base = torch.tensor([0.7, 0.5, 0.2], device=where, requires_grad=True)
+        light = MonteCarloLight(surface, tracer, PAPER)
+        coarse = coarse_points(here, torch.arange(1500, device=where), 50)
+        image = light.render(
+            here, Material(base.expand(1500, 3)), plain(surface, base), sky.to(where), 1, coarse=coarse
+        )
+        image.sum().backward()
+        found.append((image.detach().cpu(), base.grad.cpu()))
+    for one, other in zip(*found, strict=True):
+        assert float((one - other).norm() / one.norm()) < 0.01

@@ -55,7 +55,7 @@ def draw_bounce(
     rays: int,
     light_pool: LightPool,
     seed: int,
-    memory_mib: float = 256,
+    memory_mib: float = 64,
 ) -> SecondaryHits:
     """Send `rays` rays from each point, keep the front-facing hits, and sample their light from `light_pool`."""
     pool = make_pool(sampler, "cosine", rays, seed)

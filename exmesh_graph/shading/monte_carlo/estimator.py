@@ -45,7 +45,7 @@ class LightSettings:
     secondary_rays: int = 16
     secondary_samples: int = 4
     secondary_material: bool = True
-    memory_mib: float = 256.0
+    memory_mib: float = 64.0
 
 
 #: The paper's counts, of its hyper-parameter table.

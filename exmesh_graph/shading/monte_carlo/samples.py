@@ -105,7 +105,7 @@ def make_pool(sampler: EnvSampler, kind: Sampler, count: int, seed: int, blocks:
 
 @torch.no_grad()
 def draw_light(
-    points: Points, material: Material, pool: LightPool, tracer: RayTracer, memory_mib: float = 256
+    points: Points, material: Material, pool: LightPool, tracer: RayTracer, memory_mib: float = 64
 ) -> LightSamples:
     """Draw the samples of `points` and trace them, as many rays at a time as fit into `memory_mib`. float32."""
     drawn = draw_directions(points.normal, points, material, pool)
