@@ -83,10 +83,10 @@ class Process:
     pid: int
     started: int
 
-    @classmethod
-    def here(cls) -> Process:
+    @staticmethod
+    def here() -> Process:
         """This process."""
-        return cls(platform.node(), _boot(), _space(), os.getpid(), _state(os.getpid())[1])
+        return _process(os.getpid())
 
     def fate(self, now: Process) -> str:
         """`alive`, `gone`, `rebooted`, or `unknown` from where `now` is."""
@@ -100,6 +100,11 @@ class Process:
         if state in "ZX" or (started and self.started and started != self.started):
             return "gone"
         return "unknown" if state == "T" or not self.started else "alive"
+
+
+@functools.lru_cache(maxsize=1)
+def _process(pid: int) -> Process:
+    return Process(platform.node(), _boot(), _space(), pid, _state(pid)[1])
 
 
 def _boot() -> str:
