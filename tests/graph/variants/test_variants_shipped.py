@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -31,3 +32,15 @@ def test_stage_two_shares_all_of_stage_one(packs: Any) -> None:
     merged = merge([(f"{row.name}#{row.repeat}", row.checked) for row in rows])
     assert all(member.names["settle"] == "settle" for member in merged.members)
     assert len(merged.checked.nodes) < 0.15 * sum(len(member.names) for member in merged.members)
+
+
+def test_the_examples_in_the_docs(tmp_path: Path, packs: Any) -> None:
+    text = (ABLATIONS.parent.parent / "docs" / "variants.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```yaml\n(.*?)```", text, flags=re.DOTALL)
+    assert len(blocks) == 2
+    path = tmp_path / "study.yaml"
+    path.write_text("".join(blocks).replace("../quickstart.yaml", str(ABLATIONS.parent / "quickstart.yaml")))
+    names = list(dict.fromkeys(row.name for row in check_variants(path, [], packs)))
+    combinations = [f"faces={faces},split={split}" for faces in (2000, 8000) for split in ("score", "random")]
+    left = [f"direct,faces=2000,split={split}" for split in ("score", "random")]
+    assert names == ["base", "no_chroma", "both", *combinations, *left, "faces=500"]
