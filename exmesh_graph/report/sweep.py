@@ -48,8 +48,10 @@ def sweep_table(
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for part in parts:
         base = bases.get((part["file"], part["repeat"]), part)
-        part["shared"] = len(part["own"] & base["own"])
-        part["own_seconds"] = sum(rows[name]["seconds"] for name in part["own"] - base["own"])
+        theirs = {_result(rows[name]) for name in base["own"]}
+        new = [name for name in part["own"] if _result(rows[name]) not in theirs]
+        part["shared"] = len(part["own"]) - len(new)
+        part["own_seconds"] = sum(rows[name]["seconds"] for name in new)
         groups.setdefault((part["file"], part["variant"]), []).append(part)
     variants = [_variant(group, groups.get((file, BASE), group)) for (file, _), group in groups.items()]
     figures = _columns(parts, variants)
@@ -135,6 +137,11 @@ def _part(
     state, reason = _state(names, rows, failures)
     return {**member, "own": set(names.values()), "figures": figures, "state": state, "reason": reason,
             "seconds": sum(rows[name]["seconds"] for name in names.values())}  # fmt: skip
+
+
+def _result(row: Mapping[str, Any]) -> str:
+    """What tells one result from another: the key, since other nodes may come to the same one (equal inputs)."""
+    return str(row.get("key") or row["name"])
 
 
 def _renamed(wire: str, back: Mapping[str, str]) -> str:

@@ -80,6 +80,14 @@ def test_seconds_count_hits_and_the_shared_part_apart(sweep: Any) -> None:
     assert table_of(sweep)["nodes"] == {"of_all_variants": 36, "after_sharing": 25, "from_store": 1, "run": 22}
 
 
+def test_nodes_that_came_to_the_same_key_are_shared(sweep: Any) -> None:
+    record, members, loads = sweep
+    for row in record["nodes"]:
+        row["key"] = row["name"].replace("good", "base")
+    good = table_of((record, members, loads))["variants"][1]
+    assert (good["shared"], good["seconds"]["own"]) == (3, 0.0)
+
+
 def test_a_failed_variant_keeps_its_line_its_reason_and_what_it_has(sweep: Any) -> None:
     bad = table_of(sweep)["variants"][-1]
     assert (bad["state"], bad["reason"]) == ("failed", "fit: no rays left; fix: add rays")
