@@ -8,6 +8,7 @@ a key run once: the second waits and finds the record of the first.
 from __future__ import annotations
 
 import bisect
+import contextlib
 import heapq
 import shlex
 import sys
@@ -20,6 +21,7 @@ from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.backends import Backend
 from exmesh_graph.graph.backends.inline import Inline
 from exmesh_graph.graph.check import Bound, Checked
+from exmesh_graph.graph.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
 from exmesh_graph.graph.keys import key_of
 from exmesh_graph.graph.plan import preimage_for
@@ -108,6 +110,7 @@ class Run:
         started = time.perf_counter()
         self.store.sweep()
         self.store.note_runs(self.folder.path.parent)
+        self._look_at_code()
         self._save(now=True)
         self._emit({"event": "run_started", "run": self.folder.id, "nodes": list(self.nodes)})
         state = FAILED
@@ -138,6 +141,14 @@ class Run:
         self.record.update(state=state, seconds=seconds, finished=time.time())
         self._save(now=True)
         self._emit({"event": "run_finished", "state": state, "seconds": round(seconds, 3)})
+
+    def _look_at_code(self) -> None:
+        """Take all fingerprints now, beside the imports: what is edited later must not pass for what runs."""
+        remember_in(self.store.code)
+        with contextlib.suppress(ExmeshError):  # told of where the node is planned
+            for bound in self.nodes.values():
+                for definition in bound.definitions():
+                    fingerprint(definition)
 
     def _loop(self) -> None:
         while True:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -27,6 +28,16 @@ def machine_tokens() -> dict[str, float]:
         gpus = len([word for word in visible.split(",") if word.strip() not in ("", "-1")])
     ram = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     return {"cpu": cpus, "gpu": gpus, "ram_gb": ram}
+
+
+def gpu_memory() -> float:
+    """Memory of all NVIDIA devices together in GB (10^9 bytes), 0 where nvidia-smi does not say."""
+    words = ["nvidia-smi", "--query-gpu=memory.total", "--format=csv,noheader,nounits"]
+    try:
+        told = subprocess.run(words, capture_output=True, text=True, timeout=20, check=True).stdout
+        return sum(float(line) for line in told.split()) * 2**20 / 1e9
+    except (OSError, subprocess.SubprocessError, ValueError):
+        return 0.0
 
 
 def parse_tokens(text: str) -> dict[str, float]:

@@ -95,3 +95,18 @@ def test_the_machine_s_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["gpu"] == 2
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     assert machine_tokens()["gpu"] == 0
+
+
+def test_gpu_memory_is_asked_for_where_a_node_needs_it(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Any
+) -> None:
+    tool = tmp_path / "nvidia-smi"
+    tool.write_text("#!/bin/sh\necho 24564\necho 24564\n")
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    pool = Pool({"cpu": 4, "jobs": 4, "gpu": 2})
+    assert pool.wish(wishing(bench, gpu=1, vram_gb=40))["vram_gb"] == 40
+    assert pool.capacity["vram_gb"] == pytest.approx(51.5, abs=0.1)
+    tool.unlink()
+    with pytest.raises(GraphError, match="asks for vram_gb=1"):
+        Pool({"cpu": 4, "jobs": 4, "gpu": 2}).wish(wishing(bench, vram_gb=1))

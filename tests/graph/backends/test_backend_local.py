@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -190,9 +191,9 @@ def test_checkpoints_must_be_declared(bench: Any) -> None:
 START = [sys.executable, "-c", "from exmesh_graph.cli import main; main()", "run", "g.yaml"]
 
 
-def command(bench: Any, text: str, *words: str) -> subprocess.Popen[str]:
+def command(bench: Any, text: str, *words: str, pack: Path = TOY) -> subprocess.Popen[str]:
     bench.write(text, "g.yaml")
-    path = os.pathsep.join([str(TOY), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([str(pack), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "EXMESH_STORE": str(bench.store.root)}
     return subprocess.Popen(
         [*START, *words], cwd=bench.root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -284,3 +285,45 @@ def test_two_runs_at_once_compute_a_key_once(bench: Any) -> None:
     assert any("waits for process" in e.get("message", "") for e in bench.events)
     first.communicate(timeout=30)
     assert first.returncode == 0
+
+
+def test_code_edited_while_a_run_goes_on_is_not_remembered(bench: Any, tmp_path: Path) -> None:
+    """The helper changes after its module was imported by run and worker, and before its node is planned."""
+    pack = tmp_path / "pack"
+    shutil.copytree(TOY, pack)
+    text = """
+nodes:
+  a: {type: toy.const, value: 5}
+  w: {type: toy.slow, number: "@a.number", seconds: 3, steps: 30}
+  s: {type: toy.sign, number: "@w.number"}
+"""
+    for workers in ("0", "1"):
+        process = command(bench, text, "--workers", workers, "--store", workers, pack=pack)
+        events = bench.root / "runs" / "latest" / "events.jsonl"
+        wait_for(lambda events=events: events.exists() and '"node": "w", "step"' in events.read_text())
+        helper = pack / "toy_pack" / "helpers.py"
+        old = helper.read_text()
+        helper.write_text(old.replace("1.0 if value", "2.0 if value"))
+        shown = process.communicate(timeout=30)
+        assert process.returncode == 0, shown
+        assert "not remembered: its code changed during the run" in shown[0]
+        again = command(bench, text, "--store", workers, pack=pack).communicate(timeout=30)[0]
+        assert "done s" in again
+        helper.write_text(old)
+        (bench.root / "runs" / "latest").unlink()
+
+
+def test_another_result_of_a_random_node_replaces_the_first(bench: Any, states: Any) -> None:
+    text = """
+nodes:
+  a: {type: toy.const}
+  d: {type: toy.dice, number: "@a.number"}
+  b: {type: toy.add, a: "@d.number"}
+"""
+    first = run(bench, text)
+    second = run(bench, text, force={"d"})
+    assert states(second) == {"a": "hit", "d": "done", "b": "done"}
+    assert bench.value(second, "b") == bench.value(second, "d") != bench.value(first, "d")
+    third = run(bench, text)
+    assert set(states(third).values()) == {"hit"}
+    assert bench.value(third, "d") == bench.value(second, "d")

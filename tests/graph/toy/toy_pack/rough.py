@@ -139,3 +139,9 @@ def hang(ctx: Context, number: Number, *, p: PathParams) -> NumberOut:
     Path(p.path).touch()
     sum(range(10**11))
     return NumberOut(number)
+
+
+@node("toy.dice", version="1", deterministic=False)
+def dice(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
+    """Another number each time."""
+    return NumberOut(Number(float(int.from_bytes(os.urandom(6)))))
