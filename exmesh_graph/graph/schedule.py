@@ -70,6 +70,8 @@ class Pool:
     def wish(self, bound: Bound) -> dict[str, float]:
         """What a node asks for, one `jobs` token and by default one cpu. Raises GraphError if it can never get it."""
         wanted = {"cpu": 1.0, "jobs": 1.0, **bound.definition.resources}
+        if "vram_gb" in wanted and "vram_gb" not in self.capacity:
+            self.capacity["vram_gb"] = self.free["vram_gb"] = self.most["vram_gb"] = gpu_memory()
         cpus = self.most.get("cpu", 1.0)
         wanted["cpu"] = min(wanted["cpu"] or cpus, cpus)
         lacking = {name: count for name, count in wanted.items() if count > self.most.get(name, 0.0)}
