@@ -67,6 +67,8 @@ def test_children_keep_the_declaration(bench: Any) -> None:
     assert bench.check("extends: base.yaml\nparams: {value: 7}").nodes["x"].params.value == 7
     problem = only(bench.problems("extends: base.yaml\nparams: {value: 70}"))
     assert "graph.yaml:2: [param]" in str(problem)
+    assert "(declared at " in problem.expected
+    assert problem.expected.endswith("base.yaml:3)")
     assert "< 10" in str(problem)
     child = "extends: base.yaml\nparams: {value: {type: float, default: 70, le: 100}}"
     assert bench.check(child).nodes["x"].params.value == 70

@@ -33,6 +33,7 @@ class Declared:
     unit: str = ""
     doc: str = ""
     inferred: bool = False
+    declared_at: Where | None = None
 
     def __str__(self) -> str:
         words = [self.kind, *(f"{SIGNS[sign]} {limit:g}" for sign, limit in self.limits.items())]
@@ -48,11 +49,11 @@ class Declared:
                 return value
         elif self.inferred and value is None:
             return value
+        place = "" if self.declared_at is None else f" (declared at {self.declared_at})"
+        fix = f"its default is {self.default!r}; write {{type: any, default: ...}} if more makes sense"
         problems.add(
-            "param", where, f"the graph parameter {self.name} cannot be {value!r}", expected=str(self),
-            nearest=nearest(str(value), map(str, self.choices)),
-            fix=f"its default is {self.default!r}; write {{type: any, default: ...}} if more makes sense"
-            if self.inferred else "",
+            "param", where, f"the graph parameter {self.name} cannot be {value!r}", expected=f"{self}{place}",
+            nearest=nearest(str(value), map(str, self.choices)), fix=fix if self.inferred else "",
         )  # fmt: skip
         return value if isinstance(self.default, str) else self.default
 
@@ -108,6 +109,7 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
     return Declared(
         name, kind, where, raw.get("default"), "default" not in raw, limits,
         tuple(choices) if isinstance(choices, list) else (), str(raw.get("unit", "")), str(raw.get("doc", "")),
+        declared_at=raw.where,
     )  # fmt: skip
 
 
