@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from importlib import resources
+from string import Template
 
 from exmesh_graph.report.layout import Layout, Piece, arrange
 from exmesh_graph.report.text import seconds, size
@@ -16,6 +18,15 @@ _MOST = 300  # boxes in the picture of a report; 1000 take seconds to arrange
 _STATES = {"done": "ran", "hit": "from the store", "run": "would run", "unknown": "unknown", "failed": "failed",
            "running": "running", "blocked": "blocked", "waiting": "waiting", "interrupted": "interrupted",
            "added": "added", "removed": "removed", "changed": "changed", "rerun": "would run again"}  # fmt: skip
+
+
+_LIGHT = {"ink": "#1d2327", "soft": "#66717a", "line": "#d4d9dc", "paper": "#ffffff", "frame": "#f3f5f6",
+          "done": "#1f6f8b", "hit": "#7fa9b8", "bad": "#b3261e", "add": "#2e7d32", "change": "#b7791f"}  # fmt: skip
+_DARK = {"ink": "#e6eaec", "soft": "#98a4ac", "line": "#3a444a", "paper": "#1c2226", "frame": "#171c20",
+         "done": "#5cb3d0", "hit": "#4d7482", "bad": "#ef6f66", "add": "#7fc27f", "change": "#e0b05c"}  # fmt: skip
+_COLOURS = {"done": "done", "run": "done", "running": "done", "rerun": "done", "hit": "hit", "failed": "bad",
+            "interrupted": "bad", "added": "add", "removed": "bad", "changed": "change"}  # fmt: skip
+_FILLED = ("done", "run", "failed", "added", "removed", "changed")
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,7 @@ def draw(picture: Picture) -> str:
     top = (30 if picture.title else 0) + (24 if legend else 0)
     width = max(layout.width, 30 + 8 * len(picture.title), 420 if legend else 0)
     name = escape(picture.title or "graph", quote=True)
-    style = (resources.files(__package__) / "graph_picture.css").read_text(encoding="utf-8")
+    style = _style()
     parts = [
         f'<svg class="graph" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {layout.height + top:.0f}" '
         f'width="{width:.0f}" height="{layout.height + top:.0f}" role="img" aria-label="{name}"><style>{style}</style>'
@@ -99,6 +110,31 @@ def draw(picture: Picture) -> str:
         parts.append(f'<text class="gp-frame-title" x="{frame.x + 12:.1f}" y="{frame.y + 19:.1f}">{title}</text>')
     parts += [_box(box, *layout.boxes[name], *sizes[name]) for name, box in boxes.items()]
     return "".join(parts) + "</g></svg>"
+
+
+@functools.cache
+def _style() -> str:
+    """The style sheet, light and dark, in plain colours: some viewers know neither variables nor colour functions."""
+    sheet = Template((resources.files(__package__) / "graph_picture.css").read_text(encoding="utf-8"))
+    themes = []
+    for palette in (_LIGHT, _DARK):
+        rules = []
+        for state, name in _COLOURS.items():
+            colour = palette[name]
+            fill = _mixed(colour, palette["paper"]) if state in _FILLED else palette["paper"]
+            rules.append(
+                f".graph .gp-box.{state} .gp-body{{stroke:{colour};fill:{fill}}}"
+                f".graph .gp-box.{state} .gp-stripe,.graph .gp-wire.{state} path{{stroke:{colour}}}"
+                f".graph .gp-wire.{state} .gp-head{{fill:{colour};stroke:none}}"
+            )
+        themes.append(sheet.substitute(palette, states="\n".join(rules)))
+    return f"{themes[0]}@media(prefers-color-scheme:dark){{\n{themes[1]}}}"
+
+
+def _mixed(colour: str, paper: str) -> str:
+    """A tenth of a colour on paper."""
+    pairs = zip(bytes.fromhex(colour[1:]), bytes.fromhex(paper[1:]), strict=True)
+    return "#" + "".join(f"{round(0.09 * a + 0.91 * b):02x}" for a, b in pairs)
 
 
 def _size(box: Box, third: bool) -> tuple[float, float]:
