@@ -9,7 +9,7 @@
       faces: [2000, 8000]                           # anything that --set can set
       split: {score: [], random: [{set: rounds.split.method, to: random}]}      # named patch lists
       exclude: [{variant: direct, faces: 8000}]
-      include: [{variant: no_chroma, faces: 500}]
+      include: [{variant: no_chroma, faces: 500}]   # values and parameters that no axis has may stand here
     repeats: 3                                      # seeds s, s + 1, s + 2; {count: 3, of: [pbr]}: of these nodes
 
 Rows are the base, every variant that the matrix does not use, and the combinations of the matrix; each as often as
@@ -175,7 +175,8 @@ def _matrix(top: Map, named: Mapping[str, Row]) -> tuple[Axes, list[dict[str, st
         cells = kept
     for rule, there in _rules(matrix, "include"):
         for axis, value in rule.items():
-            _grow(axes, axis, value, there, named)
+            if _text(value) not in axes.get(str(axis), {}) and not isinstance(matrix.get(axis), Map):
+                axes.setdefault(str(axis), {}).update(_axis(str(axis), [value], there, named))
         cells.append({axis: _label(axes, axis, value, there) for axis, value in rule.items()})
     return axes, cells
 
@@ -211,22 +212,6 @@ def _named(name: str, where: Where, named: Mapping[str, Row]) -> Row:
     if name not in named:
         refuse(where, f"there is no variant {name!r}", near=nearest(name, [*named, BASE]) or [*named, BASE])
     return named[name]
-
-
-def _grow(axes: Axes, axis: Any, value: Any, where: Where, named: Mapping[str, Row]) -> None:
-    """Give an axis a value that only an include has."""
-    known = axes.setdefault(str(axis), {}) if "." in str(axis) or axis in axes else None
-    if known is None:
-        refuse(where, f"the matrix has no axis {axis!r}", near=nearest(str(axis), axes) or list(axes))
-    if _text(value) not in known:
-        if any(isinstance(shown, str) and patches != () and axis != "variant" and not _is_set(patches)
-               for shown, patches in known.values()):  # fmt: skip
-            refuse(where, f"the axis {axis} has no {value!r}", near=list(known))
-        known.update(_axis(str(axis), [value], where, named))
-
-
-def _is_set(patches: tuple[Any, ...]) -> bool:
-    return len(patches) == 1 and "set" in patches[0]
 
 
 def _label(axes: Axes, axis: Any, value: Any, where: Where) -> str:

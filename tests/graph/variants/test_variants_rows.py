@@ -79,6 +79,13 @@ def test_a_matrix_combines_variants_parameters_and_patch_lists(bench: Any, base:
     assert "rounds[1].hop" not in row.checked.nodes
 
 
+def test_an_include_may_name_what_no_axis_has(bench: Any, base: str) -> None:
+    text = "variants: {off: []}\nmatrix: {n: [1], include: [{n: 2}, {variant: 'off', a.value: 4}, {five: 6, n: 1}]}"
+    found = {row.name: row.checked for row in rows(bench, base + text)}
+    assert list(found) == ["base", "n=1", "n=2", "off,a.value=4", "five=6,n=1"]
+    assert found["off,a.value=4"].nodes["a"].params.model_dump()["value"] == 4
+
+
 def test_repeats_count_seeds_up(bench: Any, base: str) -> None:
     found = rows(bench, base + "seed: 5\nrepeats: 3\nvariants: {x: [{set: a.value, to: 3}]}")
     assert [(row.name, row.repeat, row.seed) for row in found] == [
@@ -134,7 +141,8 @@ def test_one_variant_by_name(bench: Any, base: str) -> None:
         ("matrix: {n: [1], exclude: [{n: 2}]}", "the axis n has no 2"),
         ("matrix: {n: [1], exclude: [{m: 2}]}", "the matrix has no axis 'm'"),
         ("matrix: {n: [1, 2], five: [3], exclude: [{n: 1}, {n: 1}]}", "exclude matches no combination"),
-        ("matrix: {n: [1], include: [{m: 2}]}", "the matrix has no axis 'm'"),
+        ("matrix: {n: [1], include: [{m: 2}]}", "the graph has no parameter 'm'"),
+        ("matrix: {x: {plain: []}, include: [{x: other}]}", "the axis x has no 'other'"),
         ("matrix: {n: [1], include: 3}", "include: is a list of mappings"),
         ("repeats: 0", "repeats is 0"),
         ("repeats: true", "repeats is True"),
