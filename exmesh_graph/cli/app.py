@@ -6,6 +6,7 @@ Exit codes: 0 done; 1 a node, the store or the report failed; 2 the graph or the
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 from functools import partial
@@ -74,6 +75,9 @@ def run(
     targets = checked.needed_for(named(checked, node)) if node else None
     forced = set(named(checked, force))
     command = _command(graph, set_, store, runs, variant, shared)
+    command += "" if workers is None else f" --workers {workers}"
+    command += f" --tokens {shlex.quote(tokens)}" if tokens else ""
+    command += " --keep-going" if keep_going else ""
     if backend is BackendName.ray:
         command += " --backend ray" + (f" --address {address}" if address else "")
     with writable(open_store(store, shared)) as opened:
@@ -210,8 +214,6 @@ def _command(
     shared: str | None = None,
 ) -> str:
     """The command that runs this again, for the messages."""
-    import shlex
-
     words = ["exmesh", "run", str(graph)]
     for text in sets or []:
         words += ["--set", text]

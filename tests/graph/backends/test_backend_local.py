@@ -259,17 +259,24 @@ def test_workers_of_a_killed_run_end_and_another_run_goes_on(bench: Any, tmp_pat
     assert list((bench.store.root / "work").iterdir()) == []
 
 
-def test_a_hanging_node_is_killed_after_a_while_of_grace(bench: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_hanging_node_is_killed_after_a_while_or_a_second_ctrl_c(bench: Any, tmp_path: Path, twice: bool) -> None:
     mark = tmp_path / "mark"
     text = f'nodes: {{a: {{type: toy.const}}, h: {{type: toy.hang, number: "@a.number", path: {mark}}}}}'
-    process = command(bench, text)
+    process = command(bench, text, "--workers", "1")
     wait_for(mark.exists)
     found = workers_of(process.pid)
     began = time.monotonic()
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert time.monotonic() - began < 15
+    if twice:
+        events = bench.root / "runs" / "latest" / "events.jsonl"
+        wait_for(lambda: '"stopping"' in events.read_text())
+        process.send_signal(signal.SIGINT)
+    shown = process.communicate(timeout=30)
+    assert process.returncode == 130, shown
+    assert "exmesh run g.yaml --workers 1" in shown[1]
+    if not twice:
+        assert time.monotonic() - began >= 3
     assert not any(Path(f"/proc/{pid}").exists() for pid in found)
     assert list((bench.store.root / "work").iterdir()) == []
 
