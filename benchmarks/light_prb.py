@@ -10,8 +10,8 @@ lobe and ours has none, and each is held against its own converged reference. Ev
 own: best time of --repeats, errors relative (RMSE over RMS) of image and base-colour gradient, mean over the runs,
 peak memory over what was in use before the first step.
 
-Last columns: seconds over those of Mitsuba at the same error of image and of gradient (its error falls as one over
-the square root of its samples, its seconds grow linearly; both fitted to its runs). Mitsuba draws its gradient's
+Last columns: seconds over those of Mitsuba at the same error of image and of gradient (its error falls as a power
+of its samples, its seconds grow linearly; both fitted to its runs). Mitsuba draws its gradient's
 samples apart from the image's; ours share them unless the row says otherwise. "transport" is no Monte Carlo: it is
 `shading.transport`, traced once, seconds of a step; its error is bias.
 """
@@ -51,7 +51,7 @@ from exmesh_graph.shading.transport import LightTransport, trace_transport, with
 #: name -> settings, half resolution, cached slots (-1: none, and the backward pass draws its own samples)
 OURS: dict[str, tuple[LightSettings, bool, int]] = {
     "paper (environment 8, 16 x 4, half)": (PAPER, True, 0),
-    "mis 8, 16 x 4, half": (LightSettings("mis", 8, 16, 4), True, 0),
+    "mis 64, 32 x 4, half": (LightSettings("mis", 64, 32, 4), True, 0),
     "environment 32, 16 x 4, half": (LightSettings("environment", 32, 16, 4), True, 0),
     "defaults (mis 64, 16 x 4, half)": (LightSettings(), True, 0),
     "mis 32, 16 x 4, half": (LightSettings("mis", 32, 16, 4), True, 0),
@@ -99,10 +99,10 @@ def compare(rows: list[dict]) -> None:
     count = np.array([float(row["name"].split()[1]) for row in theirs])
     slope, fixed = np.polyfit(count, [row["seconds"] for row in theirs], 1, w=1 / count)
     for figure, name in (("image", "ratio"), ("gradient", "ratio_gradient")):
-        # error^2 = c / samples, fitted in the logarithm
-        c = float(np.exp(np.mean(np.log(np.array([row[figure] for row in theirs]) ** 2 * count))))
+        power, start = np.polyfit(np.log(count), np.log([row[figure] for row in theirs]), 1)
         for row in rows:
-            row[name] = row["seconds"] / (max(fixed, 0) + slope * c / row[figure] ** 2)
+            needed = np.exp((np.log(row[figure]) - start) / power)
+            row[name] = float(row["seconds"] / (max(fixed, 0) + slope * needed))
 
 
 def run(options: argparse.Namespace, surface: str, name: str, folder: str) -> dict:

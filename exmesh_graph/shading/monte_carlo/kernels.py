@@ -216,6 +216,29 @@ def draw_light(
 
 
 @wp.kernel
+def ray_directions(
+    chosen: wp.array(dtype=wp.int64),
+    block: wp.array(dtype=int),
+    pool_direction: wp.array(dtype=wp.vec3),
+    own_direction: wp.array(dtype=wp.vec3),
+    pool_samples: int,
+    own_samples: int,
+    row: wp.array(dtype=int),
+    direction: wp.array(dtype=wp.vec3),
+):
+    """Point and direction of the samples `chosen`, numbered point by point."""
+    r = wp.tid()
+    samples = pool_samples + own_samples
+    i = int(chosen[r] / wp.int64(samples))
+    s = int(chosen[r] - wp.int64(i) * wp.int64(samples))
+    row[r] = i
+    if s < pool_samples:
+        direction[r] = pool_direction[block[i] * pool_samples + s]
+    else:
+        direction[r] = own_direction[i * own_samples + s - pool_samples]
+
+
+@wp.kernel
 def shade_light(
     normal: wp.array(dtype=wp.vec3),
     view: wp.array(dtype=wp.vec3),

@@ -27,8 +27,8 @@ from exmesh_graph.shading.monte_carlo.shade import kernels
 
 Sampler = Literal["environment", "brdf", "mis", "cosine"]
 
-#: Limit of the pool's entries, where blocks are long.
-_MOST_POOL = 1 << 18
+#: Entries of the pool where blocks are long, and the fewest blocks for the points to choose from.
+_POOL, _LEAST_BLOCKS = 1 << 13, 64
 
 #: Working memory of one traced ray on its way through torch and the tracer.
 _BYTES_PER_RAY = 200
@@ -78,7 +78,7 @@ def make_pool(sampler: EnvSampler, kind: Sampler, count: int, seed: int, blocks:
     """The pool for `count` samples a point: all from the environment, all from the BRDF's lobes ("brdf"), half and
     half ("mis"), or from the cosine lobe ("cosine"). The same seed gives the same samples.
 
-    blocks    how many sets of environment samples the points choose from
+    blocks    the most sets of environment samples that points choose from; fewer where the sets are large
     """
     if kind not in get_args(Sampler):
         raise ValueError(f"sampler {kind!r}; expected one of {', '.join(get_args(Sampler))}")
@@ -87,7 +87,7 @@ def make_pool(sampler: EnvSampler, kind: Sampler, count: int, seed: int, blocks:
     pool_samples = {"environment": count, "mis": count // 2}.get(kind, 0)
     own_samples = count - pool_samples
     device = sampler.density.device
-    blocks = max(1, min(blocks, _MOST_POOL // max(pool_samples, 1)))
+    blocks = min(blocks, max(_LEAST_BLOCKS, _POOL // max(pool_samples, 1)))
     uniform = _sobol(blocks * pool_samples, seed).to(device)
     direction, pdf = sampler.sample(uniform)
     return LightPool(
@@ -162,24 +162,24 @@ def _occlude(drawn: LightSamples, rows: slice, origins: torch.Tensor, tracer: Ra
     """Set the weights of the rows' blocked samples to 0, in place."""
     pool, weight = drawn.pool, drawn.weight[rows].view(-1)
     chosen = torch.nonzero(weight)[:, 0]
-    samples = drawn.weight.shape[1]
-    row = torch.div(chosen, samples, rounding_mode="floor")
-    if pool.pool_samples == 0:
-        direction = drawn.own_direction[rows].reshape(-1, 3)[chosen]
-    else:
-        index = drawn.block[rows].long()[row] * pool.pool_samples + (chosen - row * samples)
-        if pool.own_samples:
-            own = drawn.own_direction[rows].reshape(-1, 3)
-            sample = chosen - row * samples - pool.pool_samples
-            direction = torch.where(
-                (sample >= 0)[:, None],
-                own[row * pool.own_samples + sample.clamp_min(0)],
-                pool.direction[torch.where(sample >= 0, 0, index)],
-            )
-        else:
-            direction = pool.direction[index]
-    blocked = any_hit(tracer, origins[rows][row], direction)
-    weight[chosen[blocked]] = 0
+    if len(chosen) == 0:
+        return
+    own = drawn.own_direction[rows].reshape(-1, 3)
+    row = torch.empty(len(chosen), dtype=torch.int32, device=chosen.device)
+    direction = torch.empty(len(chosen), 3, device=chosen.device)
+    launch(
+        kernels().ray_directions,
+        len(chosen),
+        chosen,
+        drawn.block[rows],
+        pool.direction,
+        own if len(own) else direction,
+        pool.pool_samples,
+        pool.own_samples,
+        row,
+        direction,
+    )
+    weight[chosen[any_hit(tracer, origins[rows][row], direction)]] = 0
 
 
 def rows_within(memory_mib: float, rays: int) -> int:
