@@ -58,7 +58,7 @@ def test_kill_at_random(campaign: Any) -> None:
 
 @pytest.mark.reliability("kill -9 of a runner or of one of its worker processes", "workers end too; " + NOTHING_LOST)
 def test_kill_workers(campaign: Any) -> None:
-    facts = campaign("kill_workers", 4, 60)
+    facts = campaign("kill_workers", 4, 40)
     assert facts["runners killed"] + facts["workers killed"] > 0
 
 
@@ -75,13 +75,13 @@ def test_three_runners_with_kills(campaign: Any) -> None:
 
 @pytest.mark.reliability("one flipped bit in an object, record, checkpoint, lease, pin, acceptance or memo", NOTICED)
 def test_flipped_bits(campaign: Any) -> None:
-    facts = campaign("flipped_bits", 16, 500)
+    facts = campaign("flipped_bits", 16, 200)
     assert set(facts) >= ROOMS
 
 
 @pytest.mark.reliability("any of these files truncated", NOTICED)
 def test_truncated_files(campaign: Any) -> None:
-    facts = campaign("truncated_files", 16, 500)
+    facts = campaign("truncated_files", 16, 200)
     assert set(facts) >= ROOMS
 
 
