@@ -14,7 +14,9 @@ Subtracting the pixel first keeps the cancellation out of float32.
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+# Without fused multiply-add an edge function is exactly the negative of the one in the other direction: no centre can
+# fall between two faces of an edge, on CUDA either.
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 EMPTY = wp.constant(wp.int64(9223372036854775807))
 TILE = wp.constant(16)
@@ -34,28 +36,8 @@ def edge_at(a: wp.vec3, b: wp.vec3, x: float, y: float) -> float:
 
 
 @wp.func
-def _shared_edge(a: wp.vec3, b: wp.vec3, ia: int, ib: int, x: float, y: float) -> float:
-    # both faces of an edge evaluate it in the same order, so that rounding (fused multiply-add) cannot open a gap
-    if ia < ib:
-        return edge_at(a, b, x, y)
-    return -edge_at(b, a, x, y)
-
-
-@wp.func
-def barycentrics_at(v0: wp.vec3, v1: wp.vec3, v2: wp.vec3, f: wp.vec3i, x: float, y: float) -> wp.vec3:
-    return wp.vec3(
-        _shared_edge(v1, v2, f[1], f[2], x, y),
-        _shared_edge(v2, v0, f[2], f[0], x, y),
-        _shared_edge(v0, v1, f[0], f[1], x, y),
-    )
-
-
-@wp.func
-def _cross(ax: float, ay: float, bx: float, by: float, in_order: bool) -> float:
-    # `_shared_edge` of points that are already relative to the pixel
-    if in_order:
-        return ax * by - bx * ay
-    return -(bx * ay - ax * by)
+def barycentrics_at(v0: wp.vec3, v1: wp.vec3, v2: wp.vec3, x: float, y: float) -> wp.vec3:
+    return wp.vec3(edge_at(v1, v2, x, y), edge_at(v2, v0, x, y), edge_at(v0, v1, x, y))
 
 
 @wp.func
@@ -97,7 +79,6 @@ def _pixel_box(v0: wp.vec3, v1: wp.vec3, v2: wp.vec3, near: float, height: int, 
 @wp.func
 def _cover(
     i: int,
-    f: wp.vec3i,
     v0: wp.vec3,
     v1: wp.vec3,
     v2: wp.vec3,
@@ -111,9 +92,6 @@ def _cover(
     # no fragment of the face is nearer than its nearest vertex (1e-5 covers the rounding of z below)
     nearest = wp.max(near, wp.min(wp.min(v0[2], v1[2]), v2[2]) * 0.99999)
     bound = wp.int64(wp.cast(nearest, wp.int32)) << wp.int64(32)
-    order_0 = f[1] < f[2]
-    order_1 = f[2] < f[0]
-    order_2 = f[0] < f[1]
     for row in range(box[1], box[3] + 1):
         y = float(row) + 0.5
         y0 = v0[1] - y * v0[2]
@@ -127,9 +105,9 @@ def _cover(
             x0 = v0[0] - x * v0[2]
             x1 = v1[0] - x * v1[2]
             x2 = v2[0] - x * v2[2]
-            u0 = _cross(x1, y1, x2, y2, order_0)
-            u1 = _cross(x2, y2, x0, y0, order_1)
-            u2 = _cross(x0, y0, x1, y1, order_2)
+            u0 = x1 * y2 - x2 * y1
+            u1 = x2 * y0 - x0 * y2
+            u2 = x0 * y1 - x1 * y0
             total = u0 + u1 + u2
             # y points down, so a counter-clockwise face seen from outside has negative area
             if total > 0.0:
@@ -191,7 +169,7 @@ def rasterize_faces(
         large[place] = i
         first_tile[place] = before & ((wp.int64(1) << wp.int64(LIST_SHIFT)) - wp.int64(1))
         return
-    _cover(i, f, v0, v1, v2, box, width, near, cull_back, keys)
+    _cover(i, v0, v1, v2, box, width, near, cull_back, keys)
 
 
 @wp.kernel
@@ -228,7 +206,7 @@ def rasterize_tiles(
     left = box[0] + (n % across) * TILE
     top = box[1] + (n / across) * TILE
     part = wp.vec4i(left, top, wp.min(left + TILE - 1, box[2]), wp.min(top + TILE - 1, box[3]))
-    _cover(i, f, v0, v1, v2, part, width, near, cull_back, keys)
+    _cover(i, v0, v1, v2, part, width, near, cull_back, keys)
 
 
 @wp.kernel
@@ -253,7 +231,7 @@ def resolve_fragments(
     f = faces[i]
     x = float(pixel % width) + 0.5
     y = float(pixel // width) + 0.5
-    u = barycentrics_at(vertices[f[0]], vertices[f[1]], vertices[f[2]], f, x, y)
+    u = barycentrics_at(vertices[f[0]], vertices[f[1]], vertices[f[2]], x, y)
     face_id[pixel] = i
     bary[pixel] = u / (u[0] + u[1] + u[2])
     depth[pixel] = wp.cast(wp.int32(key >> wp.int64(32)), float)

@@ -180,7 +180,7 @@ def shade(
     t = uv_faces[i]
     x = float(pixel % image_width) + 0.5
     y = float(pixel // image_width) + 0.5
-    u = barycentrics_at(vertices[f[0]], vertices[f[1]], vertices[f[2]], f, x, y)
+    u = barycentrics_at(vertices[f[0]], vertices[f[1]], vertices[f[2]], x, y)
     b = u / (u[0] + u[1] + u[2])
     here = b[0] * uvs[t[0]] + b[1] * uvs[t[1]] + b[2] * uvs[t[2]]
     uv[pixel] = here
