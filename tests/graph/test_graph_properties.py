@@ -227,7 +227,7 @@ def test_cached_results_equal_fresh_ones_many(
 
 
 @pytest.mark.reliability("a node's inputs swapped", "the key changes, always")
-@settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     inputs=st.dictionaries(
         st.sampled_from("abcdef"), st.tuples(st.just("Number"), st.sampled_from("01234567")), min_size=2
@@ -302,7 +302,7 @@ def same(a: Any, b: Any) -> bool:
 
 
 @pytest.mark.reliability("any two different parameter values", "different texts under the key, equal ones the same")
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(a=VALUES, b=VALUES)
 def test_canonical_text_is_one_to_one(a: Any, b: Any) -> None:
     assert (canonical(a) == canonical(b)) == same(a, b)

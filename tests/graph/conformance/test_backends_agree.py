@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from exmesh_graph.graph.backends.inline import Inline
 from exmesh_graph.graph.job import DONE, FAILED, STOPPED, Job, Outcome
 from exmesh_graph.graph.run import NodeFailed, Run
 from exmesh_graph.graph.rundir import RunFolder
+from exmesh_graph.graph.schedule import Pool
 
 GRAPH = """
 name: conformance
@@ -260,3 +263,27 @@ def test_an_unknown_node_type_is_a_failed_job(
     (outcome,) = outcomes(engine, 40)
     assert outcome.state == FAILED
     assert "steps" in outcome.info["message"]
+
+
+def test_without_ray_its_backend_says_what_to_install(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from exmesh_graph.errors import MissingLibraryError
+    from exmesh_graph.graph.backends.ray import RayCluster
+
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingLibraryError, match="exmesh-graph\\[ray\\]"):
+        RayCluster(bench.store)
+
+
+def test_ray_is_imported_only_where_it_is_used() -> None:
+    code = "import sys, exmesh_graph.graph.backends.ray, exmesh_graph.cli.app; assert 'ray' not in sys.modules"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_job_may_have_at_most_what_one_machine_has(bench: Any) -> None:
+    pool = Pool({"cpu": 12, "jobs": 12, "ram_gb": 90}, {"cpu": 4, "ram_gb": 30})
+    nodes = bench.check('nodes: {a: {type: toy.const}, w: {type: toy.wide, number: "@a.number"}}').nodes
+    assert pool.wish(nodes["w"])["cpu"] == 4
+    pool.take("first", pool.wish(nodes["w"]))
+    assert pool.fits(pool.wish(nodes["w"]))
+    few = Pool({"cpu": 2, "jobs": 2}, {"cpu": 4})
+    assert few.wish(nodes["w"])["cpu"] == 2

@@ -46,7 +46,7 @@ traced = pytest.mark.skipif(why_not() is not None, reason=why_not() or "")
 @traced
 @pytest.mark.reliability("kill -9 before each system call that changes a file; each write torn in half", NOTHING_LOST)
 def test_kill_at_every_step(campaign: Any) -> None:
-    facts = campaign("kill_every_step", 24, 100_000)
+    facts = campaign("kill_every_step", 16, 100_000)
     assert {"write", "rename", "fsync", "mkdir", "unlinkat"} <= set(facts)
 
 
@@ -58,13 +58,13 @@ def test_kill_at_random(campaign: Any) -> None:
 
 @pytest.mark.reliability("kill -9 of a runner or of one of its worker processes", "workers end too; " + NOTHING_LOST)
 def test_kill_workers(campaign: Any) -> None:
-    facts = campaign("kill_workers", 4, 40)
+    facts = campaign("kill_workers", 3, 40)
     assert facts["runners killed"] + facts["workers killed"] > 0
 
 
 @pytest.mark.reliability("two runners at once on one store", "both complete; " + NOTHING_LOST)
 def test_two_runners(campaign: Any) -> None:
-    campaign("two_runners", 4, 100)
+    campaign("two_runners", 3, 100)
 
 
 @pytest.mark.reliability("three runners at once, one or two killed at random times", "no deadlock; " + NOTHING_LOST)
@@ -75,26 +75,26 @@ def test_three_runners_with_kills(campaign: Any) -> None:
 
 @pytest.mark.reliability("one flipped bit in an object, record, checkpoint, lease, pin, acceptance or memo", NOTICED)
 def test_flipped_bits(campaign: Any) -> None:
-    facts = campaign("flipped_bits", 16, 200)
+    facts = campaign("flipped_bits", 10, 200)
     assert set(facts) >= ROOMS
 
 
 @pytest.mark.reliability("any of these files truncated", NOTICED)
 def test_truncated_files(campaign: Any) -> None:
-    facts = campaign("truncated_files", 16, 200)
+    facts = campaign("truncated_files", 10, 200)
     assert set(facts) >= ROOMS
 
 
 @traced
 @pytest.mark.reliability("disk full from each step on", "a message names the folder; " + NOTHING_LOST)
 def test_full_disk(campaign: Any) -> None:
-    campaign("full_disk", 10, 100_000)
+    campaign("full_disk", 6, 100_000)
 
 
 @traced
 @pytest.mark.reliability("input/output error at each step", "a message names folder or node; " + NOTHING_LOST)
 def test_failing_disk(campaign: Any) -> None:
-    campaign("failing_disk", 10, 100_000)
+    campaign("failing_disk", 6, 100_000)
 
 
 @pytest.mark.reliability("store may only be read", "hits are served; a miss is an error that names the folder")
@@ -104,4 +104,4 @@ def test_read_only_store(campaign: Any) -> None:
 
 @pytest.mark.reliability("wall clock stands still or jumps by up to a year", "no deadlock; " + NOTHING_LOST)
 def test_jumping_clock(campaign: Any) -> None:
-    campaign("jumping_clock", 4, 100)
+    campaign("jumping_clock", 3, 100)
