@@ -45,6 +45,22 @@ def test_independent_branches_run_at_the_same_time(bench: Any, states: Any, tmp_
     assert bench.value(record, "d") == 2
 
 
+def test_a_node_goes_to_the_worker_that_holds_its_inputs(bench: Any, tmp_path: Path) -> None:
+    (tmp_path / "meet").mkdir()
+    text = (
+        MEET.format(kind="meet").replace('${folder}"}', '${folder}", tell: true}')
+        + """
+  x: {type: toy.who, number: "@c.number"}
+  y: {type: toy.who, number: "@b.number"}
+"""
+    )
+    text = "".join(line for line in text.splitlines(keepends=True) if "toy.add" not in line)
+    record = run(bench, text, f"folder={tmp_path}/meet", tokens={"cpu": 2})
+    b, c, x, y = (bench.value(record, name) for name in "bcxy")
+    assert b != c
+    assert (x, y) == (c, b)
+
+
 def test_a_named_token_keeps_nodes_apart(bench: Any, states: Any, tmp_path: Path) -> None:
     (tmp_path / "meet").mkdir()
     record = run(bench, MEET.format(kind="alone"), f"folder={tmp_path}/meet", tokens={"cpu": 2, "licence": 1})
