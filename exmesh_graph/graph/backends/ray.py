@@ -182,11 +182,11 @@ class _Placed:
         self.file.close()
 
 
-_LOCAL: list[Local] = []
+_LOCAL: dict[tuple[str, str], Local] = {}  # of the one run that this Ray worker works for: {(store, run): backend}
 
 
 def work(text: str, events: str) -> str:
-    """What a Ray task does: the job, in a worker process that stays for the next one. Returns the outcome as JSON."""
+    """What a Ray task does: a job, in a worker process that stays for the next one of its run; the outcome as JSON."""
     job, place = Job.from_json(json.loads(text)), Path(events)
     if not place.is_file():
         raise GraphError(
@@ -196,10 +196,7 @@ def work(text: str, events: str) -> str:
         )
     if not Path(job.log).parent.parent.is_dir():
         job = dataclasses.replace(job, log="")  # the run folder is on another machine; the end of it still gets there
-    if not _LOCAL:
-        local = Local(1)
-        local.budget //= os.cpu_count() or 1
-        _LOCAL.append(local)
+    local = _local_of(job)
     asked = False
     with place.open("a", encoding="utf-8", buffering=1) as file:
         file.write("\n")  # ends a line that an earlier worker cut off
@@ -207,13 +204,24 @@ def work(text: str, events: str) -> str:
         def emit(event: Mapping[str, Any]) -> None:
             file.write(json.dumps(event, default=str) + "\n")
 
-        _LOCAL[0].submit(job)
+        local.submit(job)
         while True:
-            for outcome in _LOCAL[0].poll(_LOOK, emit):
+            for outcome in local.poll(_LOOK, emit):
                 return json.dumps(outcome.to_json())
             if not asked and _stop_mark(place).exists():
                 asked = True
-                _LOCAL[0].stop()
+                local.stop()
+
+
+def _local_of(job: Job) -> Local:
+    """The warm worker process of this run; that of an earlier one, whose memory is of another store, is ended."""
+    place = job.store, job.run
+    if place not in _LOCAL:
+        for other in list(_LOCAL):
+            _LOCAL.pop(other).close()
+        _LOCAL[place] = Local(1)
+        _LOCAL[place].budget //= os.cpu_count() or 1
+    return _LOCAL[place]
 
 
 def _stop_mark(events: Path) -> Path:
