@@ -119,7 +119,8 @@ def total_variation(environment: torch.Tensor) -> torch.Tensor:
     along = (environment - environment.roll(-1, dims=1)).abs().mean(dim=(1, 2))
     down = (environment[1:] - environment[:-1]).abs().mean(dim=(1, 2))
     between = 0.5 * (row[1:] + row[:-1])
-    return (along * row).sum() / row.sum() + (down * between).sum() / between.sum()
+    # a map of one row has no neighbours above each other
+    return (along * row).sum() / row.sum() + (down * between).sum() / between.sum().clamp_min(1e-30)
 
 
 def mean_radiance(environment: torch.Tensor) -> torch.Tensor:

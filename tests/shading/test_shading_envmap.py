@@ -102,3 +102,11 @@ def test_chroma_is_equation_24():
     image = torch.zeros(4, 8, 3, dtype=torch.float64)
     image[..., 0], image[..., 1], image[..., 2] = 0.9, 0.6, 0.3
     assert float(envmap.chroma(image)) == pytest.approx(2 * 0.3**2)
+
+
+def test_maps_of_one_row_have_regularisers():
+    image = torch.tensor([[[0.0, 0, 0], [1, 1, 1], [1, 1, 1], [0, 0, 0]]], requires_grad=True)
+    loss = envmap.total_variation(image)
+    assert float(loss.detach()) == pytest.approx(0.5)
+    assert torch.isfinite(torch.autograd.grad(loss + envmap.chroma(image), image)[0]).all()
+    assert float(envmap.total_variation(torch.ones(1, 1, 3))) == 0

@@ -47,6 +47,30 @@ def test_kernel_equals_plain_torch_in_value_and_gradient(kind):
         assert float((fast.detach().double() - exact.detach()).abs().max()) < 2e-4 * float(exact.detach().abs().max())
 
 
+@pytest.mark.parametrize("kind", SAMPLERS)
+@pytest.mark.parametrize("specular", [True, False])
+def test_samples_that_a_turned_normal_leaves_behind_give_no_light(kind, specular):
+    """Samples may be kept while normals are fitted: what then lies under the horizon is 0, not negative."""
+    mesh = wall_and_floor()
+    points, _, _ = on_mesh(*mesh, 300)
+    m, environment = material(300), studio()
+    drawn = draw_light(points, m, make_pool(EnvSampler(environment), kind, 6, 3), tracer_of(mesh))
+    turned = torch.nn.functional.normalize(points.normal + torch.tensor([0.9, 0.2, 0.4]), dim=-1)
+    below = (drawn.directions() * turned[:, None]).sum(-1) < 0
+    assert float((below & (drawn.weight > 0)).float().mean()) > 0.02
+    found = []
+    for dtype, function in ((torch.float32, shade), (torch.float64, shade_reference)):
+        leaves = [t.detach().to(dtype).requires_grad_() for t in _tensors(m, turned, environment)]
+        normal, base, rough, metal, sky = leaves
+        seen = Material(base, rough, metal) if specular else Material(base)
+        value = function(drawn, normal, points.view.to(dtype), seen, sky)
+        assert float(value.detach().min()) >= 0
+        used = (normal, base, sky, rough, metal) if specular else (normal, base, sky)
+        found.append((value, *torch.autograd.grad(value.sum(), used)))
+    for fast, exact in zip(*found, strict=True):
+        assert float((fast.detach().double() - exact.detach()).abs().max()) < 2e-4 * float(exact.detach().abs().max())
+
+
 def test_reference_gradient_against_finite_differences():
     mesh = wall_and_floor()
     points, _, _ = on_mesh(*mesh, 5)

@@ -150,7 +150,8 @@ class SampleCache:
     """The samples of `slots` estimates of one set of points: step t reuses the rays of slot t mod `slots`.
 
     What is reused is directions, densities and visibility; radiance and material are read afresh, so the estimate
-    stays unbiased while both change, with densities of the time when the slot was drawn.
+    stays unbiased while both change, with densities of the time when the slot was drawn. A normal that turns loses the
+    light between its old horizon and the new one, where no ray went: draw again once normals have moved much.
     """
 
     def __init__(self, slots: int) -> None:

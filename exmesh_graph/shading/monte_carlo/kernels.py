@@ -238,6 +238,12 @@ def ray_directions(
         direction[r] = own_direction[i * own_samples + s - pool_samples]
 
 
+@wp.func
+def _horizon(specular: int) -> float:
+    """n.l up to which no light counts: samples drawn above the normal lie under it once the normal has turned."""
+    return wp.where(specular == 1, COSINE_MIN, 0.0)
+
+
 @wp.kernel
 def shade_light(
     normal: wp.array(dtype=wp.vec3),
@@ -269,6 +275,7 @@ def shade_light(
     a = _alpha(roughness[i])
     a2 = a * a
     total = wp.vec3(0.0, 0.0, 0.0)
+    horizon = _horizon(specular)
     samples = pool_samples + own_samples
     if specular == 0 or n_v > COSINE_MIN:
         for s in range(samples):
@@ -291,6 +298,8 @@ def shade_light(
                         + t.w11 * environment[t.i11]
                     )
                 n_l = wp.dot(n, l)
+                if n_l <= horizon:
+                    continue
                 f = diffuse
                 if specular == 1:
                     h = v + l
@@ -352,6 +361,7 @@ def shade_light_adjoint(
     to_diffuse = wp.vec3(0.0, 0.0, 0.0)
     to_f0 = wp.vec3(0.0, 0.0, 0.0)
     to_a2 = float(0.0)  # noqa: UP018  a Warp constant may not change inside a loop
+    horizon = _horizon(specular)
     samples = pool_samples + own_samples
     lit = (specular == 0 or n_v > COSINE_MIN) and (g[0] != 0.0 or g[1] != 0.0 or g[2] != 0.0)
     if lit:
@@ -377,6 +387,8 @@ def shade_light_adjoint(
                         + t.w11 * environment[t.i11]
                     )
                 n_l = wp.dot(n, l)
+                if n_l <= horizon:
+                    continue
                 f = diffuse
                 g_light = w * wp.cw_mul(g, radiance)
                 if specular == 1:
