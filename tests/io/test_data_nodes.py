@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,22 +17,7 @@ from exmesh_graph.io.meshes import write_obj, write_ply
 from exmesh_graph.io.native import import_open3d, import_pymeshlab
 from exmesh_graph.io.normalise import FILL, frame_scale, points_to_normalised
 from exmesh_graph.types import Mesh
-
-
-@dataclass
-class FakeContext:
-    node: str = "probe"
-    seed: int = 0
-    warnings: list[str] = field(default_factory=list)
-
-    def progress(self, step, total, **figures):
-        pass
-
-    def log(self, message):
-        pass
-
-    def warn(self, message):
-        self.warnings.append(message)
+from tests.fake_context import FakeContext
 
 
 @pytest.fixture
@@ -160,7 +145,7 @@ def test_depth_files(with_depth, context):
 def test_visual_hull(blender_scene, context):
     scene = data.blender(context, p=data.BlenderParams(path=blender_scene))
     mesh = init.visual_hull(context, scene.train, p=init.HullParams(resolution=24)).mesh
-    assert mesh.facets() == {"manifold": True, "closed": True}
+    assert mesh.facets() == {"manifold": True, "closed": True, "uv": False, "units": "normalised"}
     radius = RADIUS / frame_scale(scene.frame)
     volume = 4 / 3 * np.pi * radius**3
     assert volume < signed_volume(mesh.vertices, mesh.faces) < 1.4 * volume  # a hull holds the ball
@@ -190,7 +175,7 @@ def test_clean(method, context):
     small, few = icosphere(1, radius=0.1)
     mesh = Mesh(np.concatenate([vertices, small + 3]), np.concatenate([faces, faces[:5], few + len(vertices)]))
     out = init.clean(context, mesh, p=init.CleanParams(faces=400, method=method)).mesh
-    assert out.facets() == {"manifold": True, "closed": True}
+    assert out.facets() == {"manifold": True, "closed": True, "uv": False, "units": "normalised"}
     assert 300 <= len(out.faces) <= 400
     assert np.abs(out.vertices).max() < 1.1  # the small part is gone
     assert out.vertices.dtype == np.float32

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from node_probe import FakeContext
 
 from exmesh_graph.types import Asset, SceneTruth, Views
+from tests.fake_context import FakeContext
 
 SIZE = 40
 

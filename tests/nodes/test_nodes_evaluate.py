@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exmesh_nodes import evaluate
-from node_probe import FakeContext
 
 from exmesh_graph.io.images import read_image
 from exmesh_graph.types import Mesh, SceneTruth
+from tests.fake_context import FakeContext
 
 PARAMS = evaluate.AssetParams(directions=64, bounces=1, pictures=2)
 

@@ -13,6 +13,7 @@ from exmesh_graph.stage1.regularise import deviation, smoother, smoothness
 from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.stage1.schedule import decayed, view_at
 from exmesh_graph.stage1.targets import prepare_targets
+from tests.fake_context import FakeContext
 
 
 def test_decay():
@@ -168,18 +169,9 @@ def test_downscaled_targets_see_the_same_scene():
 def test_nodes_pass_their_parameters_on():
     from exmesh_nodes import stage1
 
-    class Context:
-        node, seed = "round.refine", 3
-        warnings: list[str] = []  # noqa: RUF012
-
-        def progress(self, *_, **__): ...
-        def log(self, message): ...
-        def warn(self, message):
-            self.warnings.append(message)
-
     views = photographs(ball(), count=3)
-    state = stage1.init(Context(), ball(), views, p=stage1.InitParams(device="cpu")).state
-    out = stage1.refine(Context(), state, views, p=stage1.RefineParams(iterations=4, device="cpu"))
+    state = stage1.init(FakeContext(), ball(), views, p=stage1.InitParams(device="cpu")).state
+    out = stage1.refine(FakeContext(seed=3), state, views, p=stage1.RefineParams(iterations=4, device="cpu"))
     assert out.state.iteration == 4
     assert out.history.values["iteration"][-1] == 4
     assert np.isfinite(out.history.values["psnr"]).all()

@@ -1,7 +1,6 @@
 """The transport and stage2 nodes, called as the graph calls them."""
 
 import dataclasses
-from pathlib import Path
 
 import pytest
 from exmesh_nodes import stage2, transport
@@ -9,26 +8,11 @@ from pydantic import ValidationError
 
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.types import Asset, Metrics
-
-
-class Ctx:
-    node, seed, scratch = "pbr", 5, Path()
-
-    def __init__(self):
-        self.steps, self.lines = [], []
-
-    def progress(self, step, total, **figures):
-        self.steps.append((step, total, figures))
-
-    def log(self, message):
-        self.lines.append(message)
-
-    def warn(self, message):
-        self.lines.append(message)
+from tests.fake_context import FakeContext
 
 
 def test_the_chain_of_nodes(carrier, train_views, tmp_path):
-    ctx = Ctx()
+    ctx = FakeContext(node="pbr", seed=5)
     light = transport.direct(ctx, carrier, p=transport.DirectParams(directions=64, points=1200)).transport
     assert light.facets() == {"bounces": 0}
     assert len(light.points) >= 1200
@@ -38,8 +22,8 @@ def test_the_chain_of_nodes(carrier, train_views, tmp_path):
     p = stage2.FitParams(iterations=12, environment_height=16, corrections=1, correction_samples=2)
     asset, history = stage2.fit(ctx, carrier, train_views, lit, p=p)
     assert isinstance(asset, Asset)
-    assert ctx.steps[-1][:2] == (12, 12)
-    assert {"loss", "psnr"} <= set(ctx.steps[-1][2])
+    assert ctx.steps[-1] == (12, 12)
+    assert {"loss", "psnr"} <= set(ctx.figures)
     for value, kind in ((asset, Asset), (history, Metrics)):
         folder = tmp_path / kind.__name__
         folder.mkdir()

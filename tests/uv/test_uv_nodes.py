@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from pathlib import Path
-
 import numpy as np
 import pytest
 from exmesh_nodes import topology, uv
@@ -13,23 +10,7 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.shapes import icosphere, torus
 from exmesh_graph.types import Mesh, Stage1State, Views
 from exmesh_graph.uv.maintain import check_atlas
-
-
-@dataclass
-class FakeContext:
-    node: str = "rounds[1].uv"
-    seed: int = 0
-    scratch: Path = Path()
-    warnings: list[str] = field(default_factory=list)
-
-    def progress(self, step, total, **figures):
-        pass
-
-    def log(self, message):
-        pass
-
-    def warn(self, message):
-        self.warnings.append(message)
+from tests.fake_context import FakeContext
 
 
 def state_of(mesh, size=128):
@@ -101,7 +82,7 @@ def test_unwrap_gives_a_grey_carrier():
     got = uv.xatlas_unwrap(FakeContext(), Mesh(vertices, faces), p=uv.UnwrapParams(texture_size=64)).carrier
     assert got.texture.shape == (64, 64, 3)
     assert (got.texture == 0.5).all()
-    assert got.facets() == {"manifold": True, "closed": True}
+    assert got.facets() == {"manifold": True, "closed": True, "uv": True, "units": "normalised"}
     assert check_atlas(got.vertices, got.faces, got.uvs, got.uv_faces, 64).flipped == 0
 
 
@@ -112,7 +93,7 @@ def test_split_reaches_its_target_and_keeps_the_state_whole(method):
     got = topology.split(FakeContext(), state, p=params).state
     check_state(got)
     assert len(got.faces) == (4 * 320 if method == "uniform" else 640)
-    assert got.facets() == {"manifold": True, "closed": True}
+    assert got.facets() == {"manifold": True, "closed": True, "uv": True, "units": "normalised"}
     assert got.texture is state.texture
     capped = topology.split(FakeContext(), state, p=topology.SplitParams(method=method, max_faces=401)).state
     assert len(capped.faces) == (320 if method == "uniform" else 400)
@@ -141,7 +122,7 @@ def test_merge_drops_what_no_view_shows():
     inner = np.linalg.norm(got.vertices[got.faces].mean(axis=1), axis=1) < 0.5
     assert inner.sum() < 0.6 * len(g)
     assert (~inner).sum() >= 0.95 * len(f)  # the poles, which the ring of cameras sees at a flat angle, lose a few
-    assert got.facets() == {"manifold": True, "closed": True}
+    assert got.facets() == {"manifold": True, "closed": True, "uv": True, "units": "normalised"}
 
 
 def test_rounds_of_all_nodes_stay_sound():
@@ -159,7 +140,7 @@ def test_rounds_of_all_nodes_stay_sound():
         assert len(state.faces) <= 1500
         noise = rng.normal(size=state.vertices.shape) * 2e-3
         object.__setattr__(state, "vertices", state.vertices + noise.astype(np.float32))
-    assert state.facets() == {"manifold": True, "closed": True}
+    assert state.facets() == {"manifold": True, "closed": True, "uv": True, "units": "normalised"}
 
 
 def test_maintain_warns_of_folds_and_refuses_welds():

@@ -8,17 +8,29 @@ from pathlib import Path
 class FakeContext:
     """What a node sees of the framework."""
 
-    scratch: Path
+    scratch: Path = Path()
     node: str = "probe"
     seed: int = 0
+    threads: int = 1
     warnings: list[str] = field(default_factory=list)
     steps: list[tuple[int, int]] = field(default_factory=list)
 
-    def progress(self, step, total, **_figures):
+    lines: list[str] = field(default_factory=list)
+
+    figures: dict[str, float] = field(default_factory=dict)
+
+    def progress(self, step, total, **figures):
         self.steps.append((step, total))
+        self.figures = figures
+
+    def checkpoint(self, step, state):
+        pass
+
+    def resume(self):
+        return None
 
     def log(self, message):
-        pass
+        self.lines.append(message)
 
     def warn(self, message):
         self.warnings.append(message)
