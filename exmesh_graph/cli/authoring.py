@@ -38,10 +38,15 @@ def nodes(
 
 def new_node(
     type: Annotated[str, typer.Argument(help="The new type, family.name: geometry.smooth.")],
-    into: Annotated[Path, typer.Option("--into", metavar="DIR", help="The package of your nodes.")] = Path("my_nodes"),
+    into: Annotated[
+        Path,
+        typer.Option(
+            "--into", metavar="DIR", help="The package of your nodes; pyproject.toml and tests/ lie beside it."
+        ),
+    ] = Path("my_nodes/my_nodes"),
 ) -> None:
     """Write a working node with its test, in a package that graphs find once it is installed."""
-    from exmesh_graph.cli.scaffold import write_node
+    from exmesh_graph.cli.scaffold import offered, write_node
     from exmesh_graph.errors import GraphError
     from exmesh_graph.graph.packs import load_packs
 
@@ -50,10 +55,10 @@ def new_node(
     made = write_node(type, into)
     for path in made:
         typer.echo(str(path))
-    root = into.resolve().parent
-    if root / "pyproject.toml" not in made:
-        typer.echo(f'{root / "pyproject.toml"} must say:\n  [project.entry-points."exmesh.nodes"]')
-        typer.echo(f'  {into.name} = "{into.resolve().name}"')
+    root, package = into.resolve().parent, into.resolve().name
+    if not offered(root / "pyproject.toml", package):
+        typer.echo(f"{root / 'pyproject.toml'} is not from here and must list the package {package!r} and say:")
+        typer.echo(f'  [project.entry-points."exmesh.nodes"]\n  {package} = "{package}"')
     typer.echo(f"test it: pytest {root / 'tests'}\ninstall it: pip install -e {root}\nsee it: exmesh nodes {type}")
 
 

@@ -115,7 +115,10 @@ def write_node(kind: str, folder: Path) -> list[Path]:
     """Write the node type `kind` into the node pack `folder`; returns the new files. Raises GraphError."""
     match = re.fullmatch(r"([a-z][a-z0-9_]*)\.([a-z][a-z0-9_]*)", kind)
     if match is None or keyword.iskeyword(match[2]):
-        raise GraphError(f"{kind!r} cannot name a node type", expected="family.name in small letters: geometry.smooth")
+        raise GraphError(
+            f"{kind!r} cannot name a node type",
+            expected="family.name in small letters, no word of Python: geometry.smooth",
+        )
     package, root = folder.resolve().name, folder.resolve().parent
     if not package.isidentifier():
         raise GraphError(f"the folder {package!r} cannot be a Python package", fix="--into my_nodes")
@@ -137,6 +140,17 @@ def write_node(kind: str, folder: Path) -> list[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(_filled(texts[path], names), encoding="utf-8")
     return made
+
+
+def offered(project: Path, package: str) -> bool:
+    """Whether the pyproject.toml `project` names the `package` as one of node types."""
+    import tomllib
+
+    try:
+        said = tomllib.loads(project.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise GraphError(f"{project} cannot be read: {error}") from None
+    return package in said.get("project", {}).get("entry-points", {}).get("exmesh.nodes", {}).values()
 
 
 def _filled(text: str, names: dict[str, str]) -> str:

@@ -102,11 +102,22 @@ def test_new_node_is_clean(pack: Path) -> None:
 def test_new_node_refuses_what_is_there_or_no_name(exmesh: Any, pack: Path) -> None:
     assert "is there already" in exmesh("new-node", "geometry.smooth", "--into", "pack/my_nodes", code=2).stderr
     again = exmesh("new-node", "geometry.other", "--into", "pack/my_nodes").stdout
-    assert "pyproject.toml must say" in again
+    assert "must list" not in again
     assert "already" in exmesh("new-node", "toy.const", code=2).stderr
     for name in ("smooth", "Geometry.smooth", "a.b.c", "a.class", "../a.b"):
         assert "cannot name a node type" in exmesh("new-node", name, code=2).stderr
     assert "Python package" in exmesh("new-node", "a.b", "--into", "my-nodes", code=2).stderr
+
+
+def test_new_node_beside_another_project(exmesh: Any, tmp_path: Path) -> None:
+    """As in a clone of this repository: the pack is a project of its own, or says what the other one lacks."""
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "other"\n')
+    done = exmesh("new-node", "my.smooth")
+    assert "must list" not in done.stdout
+    assert f"pip install -e {tmp_path / 'my_nodes'}\n" in done.stdout
+    assert (tmp_path / "my_nodes" / "my_nodes" / "my_smooth.py").is_file()
+    assert (tmp_path / "my_nodes" / "pyproject.toml").is_file()
+    assert "must list the package 'nodes'" in exmesh("new-node", "my.other", "--into", "nodes").stdout
 
 
 def test_an_installed_pack_is_found_by_its_entry_point(pack: Path, tmp_path: Path) -> None:
