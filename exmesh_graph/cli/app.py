@@ -80,6 +80,7 @@ def run(
     command += " --keep-going" if keep_going else ""
     if backend is BackendName.ray:
         command += " --backend ray" + (f" --address {address}" if address else "")
+    only = "".join(f" --node {shlex.quote(name)}" for name in node or ())
     with writable(open_store(store, shared)) as opened:
         code = run_graph(
             checked,
@@ -89,7 +90,8 @@ def run(
             partial(backend_of, workers, kind=backend.value, address=address),
             targets=targets,
             force=forced,
-            command=command,
+            command=command + only,
+            alone=command,
             overrides=tuple(set_ or ()),
             tokens=offered,
             keep_going=keep_going,
@@ -151,13 +153,16 @@ def why(
     """Say why a node is a hit or must run: its key, and what differs from the nearest earlier record."""
     from exmesh_graph.cli.show import read_run, show_why
 
-    if graph is None:
+    words = _options(set_, store, runs, variant)
+    if graph is not None:
+        words.insert(0, str(graph))
+    else:
         record = read_run(runs / "latest")
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
         variant = variant or record["resolved"].get("variant")
     checked, _ = checked_graph(graph, set_, variant, store)
     name = named(checked, [node])[0]
-    show_why(checked, name, open_store(store))
+    show_why(checked, name, open_store(store), words)
 
 
 @app.command()
@@ -214,7 +219,13 @@ def _command(
     shared: str | None = None,
 ) -> str:
     """The command that runs this again, for the messages."""
-    words = ["exmesh", "run", str(graph)]
+    return shlex.join(["exmesh", "run", str(graph), *_options(sets, store, runs, variant, shared)])
+
+
+def _options(
+    sets: list[str] | None, store: Path | None, runs: Path, variant: str | None, shared: str | None = None
+) -> list[str]:
+    words = []
     for text in sets or []:
         words += ["--set", text]
     if variant:
@@ -225,4 +236,4 @@ def _command(
         words += ["--shared", shared]
     if runs != Path("runs"):
         words += ["--runs", str(runs)]
-    return shlex.join(words)
+    return words

@@ -81,8 +81,12 @@ def _fold(boxes: Iterable[Box]) -> list[Box]:
     for name, members in groups.items():
         states = [box.state for box in members]
         state = next((state for state in _ORDER if state in states), states[0])
+        moved = sum(state in (ADDED, REMOVED) for state in states)
         spent = sum(box.seconds or 0.0 for box in members) or None
         notes = list(dict.fromkeys(box.note for box in members if box.note))
+        if 0 < moved < len(members):  # some of its rounds, not the node
+            notes.append(f"{moved} round{'s' if moved > 1 else ''} {state}")
+            state = CHANGED
         kinds = " / ".join(dict.fromkeys(box.type for box in members))
         folded.append(Box(name, kinds, state, spent, len(members), sum(box.bytes for box in members),
                           notes[0] if notes else "", members[-1].hover))  # fmt: skip

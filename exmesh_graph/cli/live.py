@@ -61,11 +61,13 @@ class Plain:
             typer.echo(f"          {node}: warning: {event['message']}")
         elif kind == "stopping" and event["nodes"]:
             typer.echo(f"          stopping {', '.join(event['nodes'])}; once more to kill")
+        elif kind == "node_blocked":
+            typer.echo(f"          blocked {node}")
         elif kind in ("node_finished", "node_failed"):
             count = f"[{len(self.board.finished)}/{len(self.board.states)}]"
             state = self.board.states[node]
             seconds = f"  {clock(event['seconds'])}" if state == "done" else ""
-            line = f"{count:>9} {state:<5}{node}  {self.types[node]}{seconds}".rstrip()
+            line = f"{count:>9} {state:<4} {node}  {self.types[node]}{seconds}".rstrip()
             print(line, flush=state != "hit")
 
 

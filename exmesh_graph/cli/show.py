@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shlex
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -89,14 +91,18 @@ def parameter_facts(found: Signature, name: str) -> tuple[str, str | None, list[
     return kind, default, limits, str(extra.get("unit") or ""), info.description or "", bool(extra.get("tuning"))
 
 
-def show_why(graph: Checked, name: str, store: Store) -> None:
-    """The state of a node, its key, and what differs from the nearest earlier record."""
+def show_why(graph: Checked, name: str, store: Store, words: Sequence[str] = ()) -> None:
+    """The state of a node, its key, and what differs from the nearest earlier record.
+
+    `words` of the command line name the graph, for the next command.
+    """
     steps = {step.name: step for step in plan(graph, store, graph.needed_for([name]), reasons=False)}
     step, bound = steps[name], graph.nodes[name]
     typer.echo(f"{name}: {step.state}")
     if step.preimage is None:
         typer.echo(f"  {step.reason}; its key is known only when that has run")
-        typer.echo(f"  exmesh why {step.reason.removeprefix('waits for ').split(',')[0]}")
+        above = step.reason.removeprefix("waits for ").split(",")[0]
+        typer.echo("  " + shlex.join(["exmesh", "why", above, *words]))
         return
     typer.echo(f"  key {step.key}")
     if step.action is not None:

@@ -23,6 +23,9 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, Field
 
+LIMITS = frozenset(
+    ("ge", "gt", "le", "lt", "multiple_of", "min_length", "max_length", "pattern", "allow_inf_nan", "strict")
+)
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -33,10 +36,15 @@ class Params(BaseModel):
 
 
 def param(default: Any = ..., *, doc: str, unit: str = "", tuning: bool = False, **limits: Any) -> Any:
-    """A parameter with its meaning, unit and range (`ge`, `gt`, `le`, `lt`, `min_length`, ...).
+    """A parameter with its meaning, unit and range (one of `LIMITS`); choices are a type: `Literal["add", "scale"]`.
 
     `tuning=True` marks a knob that cannot change the result (threads, chunk sizes): it stays out of the key.
+    Raises TypeError for a limit that is not known, which pydantic would drop in silence.
     """
+    if unknown := sorted(set(limits) - LIMITS):
+        raise TypeError(
+            f"param() knows no {', '.join(unknown)}; limits are {', '.join(sorted(LIMITS))}; choices: Literal[...]"
+        )
     return Field(default, description=doc, json_schema_extra={"unit": unit, "tuning": tuning}, **limits)
 
 

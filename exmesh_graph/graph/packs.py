@@ -6,8 +6,10 @@ import functools
 import importlib
 import importlib.metadata
 import pkgutil
+import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from exmesh_graph.errors import MissingLibraryError
 from exmesh_graph.graph.node import REGISTRY, NodeDef
@@ -31,7 +33,7 @@ def load_packs() -> Packs:
             try:
                 importlib.import_module(module)
             except Exception as error:
-                broken[module] = f"{type(error).__name__}: {error}"
+                broken[module] = _said(error)
     return Packs(dict(sorted(REGISTRY.items())), broken)
 
 
@@ -48,8 +50,18 @@ def _modules(name: str, broken: dict[str, str]) -> Iterator[str]:
     try:
         package = importlib.import_module(name)
     except Exception as error:
-        broken[name] = f"{type(error).__name__}: {error}"
+        broken[name] = _said(error)
         return
     for info in pkgutil.iter_modules(getattr(package, "__path__", [])):
         if not info.name.startswith("_"):
             yield f"{name}.{info.name}"
+
+
+def _said(error: Exception) -> str:
+    """The error with the last place outside this package and Python's own import machinery."""
+    if isinstance(error, SyntaxError):
+        return f"{type(error).__name__}: {error}"  # says the place itself
+    frames = traceback.extract_tb(error.__traceback__)
+    own = str(Path(__file__).parent)
+    places = [f for f in frames if not f.filename.startswith((own, "<")) and f.filename != importlib.__file__]
+    return f"{type(error).__name__}: {error}" + (f" ({places[-1].filename}:{places[-1].lineno})" if places else "")

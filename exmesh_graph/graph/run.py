@@ -60,6 +60,7 @@ class Run:
         targets: set[str] | None = None,
         force: set[str] | None = None,
         command: str = "",
+        alone: str = "",
         overrides: tuple[str, ...] = (),
         backend: Backend | None = None,
         tokens: Mapping[str, float] | None = None,
@@ -69,6 +70,7 @@ class Run:
         self.graph, self.store, self.folder, self.listener = graph, store, folder, listener
         self.force, self.keep_going, self.tokens = set(force or ()), keep_going, tokens or {}
         self.checkpoint_every = checkpoint_every
+        self.alone = alone or command  # the command without --node, for the replay of one node
         self.backend: Backend = Inline(store) if backend is None else backend
         self.nodes = {n: b for n, b in graph.nodes.items() if targets is None or n in targets}
         self.index = {name: index for index, name in enumerate(self.nodes)}
@@ -350,7 +352,7 @@ class Run:
             "inputs": {port: str(link) for port, link in bound.inputs.items()},
             "input_digests": {port: vars(stored) for port, stored in known.items()},
             "params": bound.params.model_dump(mode="json"), "seed": bound.seed,
-            "run_again": self.record["command"], "replay": f"{self.record['command']} --node {shlex.quote(name)}",
+            "run_again": self.record["command"], "replay": f"{self.alone} --node {shlex.quote(name)}",
             "argv": sys.argv, "job": None if job is None else job.to_json(),
             "file": failure_file(name),
         }  # fmt: skip

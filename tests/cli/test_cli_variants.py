@@ -41,6 +41,8 @@ def test_one_variant_is_checked_planned_run_and_explained(exmesh: Exmesh, folder
     exmesh("run", "toy.yaml")
     assert "1 hit, 1 to run, 2 unknown" in exmesh("plan", "study.yaml", "--variant", "more").stdout
     assert "parameter value: 5 -> 7" in exmesh("why", "two", "study.yaml", "--variant", "more").stdout
+    shown = exmesh("why", "shown", "study.yaml", "--variant", "more").stdout
+    assert "exmesh why sum study.yaml --variant more" in shown
     exmesh("run", "study.yaml", "--variant", "more")
     record = json.loads((folder / "runs/latest/run.json").read_text())
     assert record["resolved"]["variant"] == "more"

@@ -96,9 +96,19 @@ def test_keep_going_runs_what_does_not_need_the_failed_node(exmesh: Exmesh, fold
     failed = exmesh("run", "g.yaml", "--set", "x.how=exit", "--keep-going", "--workers", "1", code=1)
     assert "ended itself with exit status 7" in failed.stderr
     assert "done t" in failed.stdout
+    assert "failed x  " in failed.stdout
+    assert "blocked s\n" in failed.stdout
     shown = exmesh("status").stdout.splitlines()
     assert (shown[0].split()[0], shown[1].split()) == ("failed", ["at", "x"])
     assert "s  blocked: needs what failed" in exmesh("log").stdout
+
+
+def test_the_command_to_go_on_asks_for_the_same_nodes(exmesh: Exmesh, folder: Path) -> None:
+    failed = exmesh("run", "g.yaml", "--set", "x.how=exit", "--node", "s", "--node", "t", "--workers", "1", code=1)
+    lines = [line.strip() for line in failed.stderr.splitlines()]
+    command = "exmesh run g.yaml --set x.how=exit --workers 1"
+    assert f"go on when mended: {command} --node s --node t" in lines
+    assert f"this node as the graph is now: {command} --node x" in lines
 
 
 def test_status_and_log_follow_a_live_run(exmesh: Exmesh, folder: Path) -> None:

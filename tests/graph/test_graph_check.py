@@ -118,6 +118,23 @@ nodes:
     assert "a <- c <- b <- a" in problem.what
 
 
+def test_cycles_that_share_nothing_are_all_told(bench: Any) -> None:
+    text = """
+nodes:
+  a: {type: toy.add, a: "@b.number"}
+  b: {type: toy.add, a: "@a.number"}
+  c: {type: toy.add, a: "@d.number"}
+  d: {type: toy.add, a: "@c.number"}
+  e: {type: toy.add, a: "@a.number", b: "@d.number"}
+"""
+    found = bench.problems(text)
+    assert [problem.code for problem in found] == ["cycle", "cycle"]
+    assert "a <- b <- a" in found[0].what
+    assert "c <- d <- c" in found[1].what
+    assert ":3) <- b (" in found[0].wire
+    assert "repeat" in found[0].fix
+
+
 def test_self_loop(bench: Any) -> None:
     assert "a <- a" in only(bench.problems('nodes: {a: {type: toy.add, a: "@a.number"}}')).what
 

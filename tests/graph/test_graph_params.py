@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph.graph.node import param
+
 GRAPH = """
 params:
   value: {type: float, default: 2, ge: 0, lt: 10, unit: apples, doc: The value.}
@@ -99,3 +101,9 @@ def test_wrong_declarations(bench: Any, declaration: str, words: list[str]) -> N
 
 def test_a_mapping_is_still_a_value(bench: Any) -> None:
     assert bench.check("params: {a: {b: 3}}\nnodes: {x: {type: toy.const}}").params["a"] == {"b": 3}
+
+
+def test_a_limit_that_is_not_known_is_refused() -> None:
+    """pydantic would take it and check nothing."""
+    with pytest.raises(TypeError, match=r"knows no choices, gte; .* Literal"):
+        param(1, gte=0, choices=["a"], doc="How.")

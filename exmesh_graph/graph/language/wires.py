@@ -163,16 +163,24 @@ class Wiring:
                     heapq.heappush(ready, rank[user])
         if len(order) < len(rank):
             done = set(order)
-            self._report_cycle(next(name for name in rank if name not in done), waits)
+            seen: set[str] = set()
+            for name in rank:
+                if name not in done and name not in seen:
+                    self._report_cycle(name, waits, seen)
         return order
 
-    def _report_cycle(self, start: str, waits: Mapping[str, set[str]]) -> None:
-        path, seen = [start], {start}
-        while True:
-            path.append(min(waits[path[-1]]))
-            if path[-1] in seen:
-                break
+    def _report_cycle(self, start: str, waits: Mapping[str, set[str]], seen: set[str]) -> None:
+        """Walk up from `start` until a name comes again; nothing to say where an earlier walk, in `seen`, was there."""
+        path = [start]
+        while path[-1] not in seen:
             seen.add(path[-1])
+            path.append(min(waits[path[-1]]))
+        if path[-1] not in path[:-1]:
+            return
         cycle = path[path.index(path[-1]) :]
-        text = " <- ".join(cycle)
-        self.problems.add("cycle", self.graph.nodes[cycle[0]].where, f"the nodes wait for each other: {text}")
+        places = {name: self.graph.nodes[name].where for name in cycle}
+        self.problems.add(
+            "cycle", places[cycle[0]], f"the nodes wait for each other: {' <- '.join(cycle)}",
+            wire=" <- ".join(f"{name} ({places[name]})" for name in cycle),
+            fix="take one of these links away; what goes round is the carry of a repeat block",
+        )  # fmt: skip

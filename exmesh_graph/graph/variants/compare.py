@@ -7,6 +7,7 @@ alike. What is the same in every round of a repeat block is said once.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,22 +25,27 @@ class Difference:
     wires: dict[tuple[str, str], str] = field(default_factory=dict)
     renamed: dict[str, str] = field(default_factory=dict)
     graph: list[str] = field(default_factory=list)
+    rounds: Counter[str] = field(default_factory=Counter)  # how many nodes of both graphs have a name without rounds
 
     def __bool__(self) -> bool:
         return bool(self.states or self.graph or self.renamed)
 
     def lines(self) -> list[str]:
-        """One sentence each, rounds folded: `rounds.refine (4 rounds): iterations 400 -> 10`."""
+        """One sentence each, rounds folded: `rounds.refine (4 rounds): iterations 400 -> 10`; one round by number."""
         found = list(self.graph)
         found += [f"{old} is now called {new}" for old, new in self.renamed.items()]
-        grouped: dict[tuple[str, str], int] = {}
+        grouped: dict[tuple[str, str], list[tuple[str, str]]] = {}
         for node, words in self.words.items():
             for word in words:
                 key = (folded(node), word if _says_nothing(folded(word)) else folded(word))
-                grouped[key] = grouped.get(key, 0) + 1
-        for (node, word), count in grouped.items():
-            rounds = f" ({count} rounds)" if count > 1 else ""
-            found.append(f"{node}{rounds}: {word}")
+                grouped.setdefault(key, []).append((node, word))
+        for (node, word), members in grouped.items():
+            count, total = len(members), self.rounds[node]
+            if count == 1:
+                node, word = members[0] if total > 1 else (node, word)
+                found.append(f"{node}: {word}")
+            else:
+                found.append(f"{node} ({count}{f' of {total}' if count < total else ''} rounds): {word}")
         return found
 
 
@@ -47,6 +53,7 @@ def compare(old: Resolved, new: Resolved, same: Mapping[str, str] | None = None)
     """The difference between two resolved graphs. `same` maps removed nodes to added ones that do the same."""
     found = Difference()
     before, after = old["nodes"], new["nodes"]
+    found.rounds.update(folded(name) for name in {**before, **after})
     rounds = {name: (count, _rounds(after).get(name, 0)) for name, count in _rounds(before).items()}
     rounds = {name: counts for name, counts in rounds.items() if counts[0] != counts[1] and counts[1]}
     found.renamed = {a: b for a, b in (same or {}).items() if a not in after and b not in before}
