@@ -216,7 +216,7 @@ class _MeanSsim(torch.autograd.Function):
             by_mean -= 2 * mean * by_variance + y_mean * by_covariance
             partial = torch.cat([by_mean, by_variance, by_covariance], dim=1)
             ctx.save_for_backward(x, y, partial if weight is None else partial * weight)
-            ctx.scale = 1 / x.numel() if weight is None else 1.0
+            ctx.count = x.numel() if weight is None else 1
         similarity = luminance * structure
         return similarity.mean() if weight is None else (similarity * weight).sum()
 
@@ -225,7 +225,7 @@ class _MeanSsim(torch.autograd.Function):
     def backward(ctx, grad):
         x, y, partial = ctx.saved_tensors
         a, b, d = _separable(partial).split(x.shape[1], dim=1)
-        return (a + 2 * x * b + y * d) * (grad * ctx.scale), None, None, None, None
+        return (a + 2 * x * b + y * d) * (grad / ctx.count), None, None, None, None
 
 
 def _separable(planes: torch.Tensor) -> torch.Tensor:
