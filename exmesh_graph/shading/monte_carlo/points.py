@@ -17,7 +17,7 @@ class Points:
     """N surface points; [N, 3], world space, unit vectors.
 
     flat    geometric normal, on the side the rays leave to
-    normal  shading normal
+    normal  shading normal; where it looks away from a glossy point's viewer the light is 0 (`terminator.bend_normals`)
     view    towards the eye
     """
 
