@@ -12,6 +12,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ def sweep_table(
         return loaded[digest]
 
     parts = [_part(member, record, rows, load, failures or {}) for member in members]
+    _label_alike(parts)
     bases = {(p["file"], p["repeat"]): p for p in parts if p["variant"] == BASE}
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for part in parts:
@@ -137,6 +139,18 @@ def _part(
     state, reason = _state(names, rows, failures)
     return {**member, "own": set(names.values()), "figures": figures, "state": state, "reason": reason,
             "seconds": sum(rows[name]["seconds"] for name in names.values())}  # fmt: skip
+
+
+def _label_alike(parts: Sequence[dict[str, Any]]) -> None:
+    """Where a label names its node in one graph, since two nodes report it there, it does so in all of them."""
+    figures = [figure for part in parts for figure in part["figures"].values()]
+    tails = [(figure, f" ({figure.node})") for figure in figures]
+    twofold = {figure.label.removesuffix(tail) for figure, tail in tails if figure.label.endswith(tail)}
+    for part in parts:
+        named = [
+            replace(f, label=f"{f.label} ({f.node})") if f.label in twofold else f for f in part["figures"].values()
+        ]
+        part["figures"] = {figure.label: figure for figure in named}
 
 
 def _result(row: Mapping[str, Any]) -> str:

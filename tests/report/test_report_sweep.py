@@ -72,6 +72,21 @@ def test_mean_spread_difference_and_whether_it_exceeds_the_spread(sweep: Any) ->
     assert "difference" not in rows["good"]["figures"]["Closed"]
 
 
+def test_a_second_node_with_a_label_does_not_part_its_column(sweep: Any) -> None:
+    """In `good` the fit reports a PSNR as well, so the labels name the node: in the base too, or none compares."""
+    record, _, loads = sweep
+    for row in record["nodes"]:
+        if row["name"].startswith("good#") and row["name"].endswith(":fit"):
+            row["outputs"] = {"metrics": {"type": "Metrics", "digest": row["name"], "bytes": 1}}
+            loads[row["name"]] = headline(7.0)
+    table = table_of(sweep)
+    rows = {row["variant"]: row for row in table["variants"]}
+    assert "PSNR" not in {figure["label"] for figure in table["figures"]}
+    assert rows["good"]["figures"]["PSNR (score)"]["difference"] is not None
+    assert rows["good"]["figures"]["PSNR (fit)"].get("difference") is None
+    assert "PSNR (score)" in rows["base"]["figures"]
+
+
 def test_seconds_count_hits_and_the_shared_part_apart(sweep: Any) -> None:
     rows = {row["variant"]: row for row in table_of(sweep)["variants"]}
     assert rows["good"]["seconds"] == {"mean": 5 + 20 + 1, "spread": 10.0, "own": 21.0}

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import Where, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problem, Where, nearest
 from exmesh_graph.graph.variants.draft import refuse
 from exmesh_graph.graph.variants.patches import operation_of
 
@@ -98,8 +98,11 @@ def _variants(top: Map) -> dict[str, Row]:
     if not isinstance(given, Map):
         refuse(top.lines["variants"], "variants: must be a mapping", expected="variants: {name: [{bypass: node}]}")
     done: dict[str, Row] = {}
+    faulty: dict[str, None] = {}  # told already
 
     def build(name: str, where: Where, chain: tuple[str, ...]) -> Row:
+        if name in faulty:
+            raise GraphErrors([])
         if name in chain:
             refuse(where, f"the variants extend each other: {' -> '.join([*chain, name])}")
         if len(chain) >= MAX_CHAIN:
@@ -117,13 +120,20 @@ def _variants(top: Map) -> dict[str, Row]:
             done[name] = Row(name, (*before, *patches), {"variant": name}, doc)
         return done[name]
 
+    faults: list[Problem] = []
     for name in given:
         where = given.lines[name]
-        if not isinstance(name, str) or name == BASE or any(c in name for c in "/:#,= \t"):
-            what = f"{name!r} cannot name a variant" + (": it is the unchanged graph" if name == BASE else "")
-            refuse(where, what, expected="a word without blanks and / : # , =")
-        if given[name] is not None:  # null removes what a base file declared
-            build(name, where, ())
+        try:
+            if not isinstance(name, str) or name == BASE or any(c in name for c in "/:#,= \t"):
+                what = f"{name!r} cannot name a variant" + (": it is the unchanged graph" if name == BASE else "")
+                refuse(where, what, expected="a word without blanks and / : # , =")
+            if given[name] is not None:  # null removes what a base file declared
+                build(name, where, ())
+        except GraphErrors as error:
+            faults += error.problems
+            faulty[name] = None
+    if faults:
+        raise GraphErrors(faults)
     return {str(name): done[name] for name in given if name in done}
 
 
@@ -144,8 +154,14 @@ def _entry(entry: Any, where: Where, name: str) -> tuple[list[str], str, list[An
     bases = [bases] if isinstance(bases, str) else bases
     if not isinstance(entry, list) or not isinstance(bases, list) or not all(isinstance(b, str) for b in bases):
         refuse(where, f"the variant {name} must be a list of patches", expected=f"{name}: [{{bypass: rounds.merge}}]")
+    faults: list[Problem] = []
     for patch in entry:
-        operation_of(patch)
+        try:
+            operation_of(patch, where)
+        except GraphErrors as error:
+            faults += error.problems
+    if faults:
+        raise GraphErrors(faults)
     return bases, doc, entry
 
 

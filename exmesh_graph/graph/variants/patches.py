@@ -41,12 +41,11 @@ def apply_patches(top: Map, patches: Iterable[Any], packs: Packs) -> Map:
     return draft.top
 
 
-def operation_of(patch: Any) -> str:
-    """The operation that a patch names. Raises GraphErrors for anything else."""
+def operation_of(patch: Any, place: Where | None = None) -> str:
+    """The operation that a patch names; `place` is where its list stands. Raises GraphErrors for anything else."""
     shown = "{set: node.parameter, to: value}, {bypass: node}, ..."
     if not isinstance(patch, Map):
-        where = getattr(patch, "where", Where(None))
-        refuse(where, f"a patch is a mapping, not {patch!r}", expected=shown)
+        refuse(place or Where(None), f"a patch is a mapping, not {patch!r}", expected=shown)
     found = [key for key in patch if key in OPERATIONS]
     if len(found) != 1:
         near = nearest(str(next(iter(patch), "")), OPERATIONS) or list(OPERATIONS)

@@ -156,6 +156,16 @@ def test_what_cannot_be_read_is_refused(bench: Any, base: str, text: str, what: 
     assert problem.where.line >= 18
 
 
+def test_variants_that_cannot_be_read_are_told_at_once_with_their_lines(bench: Any, base: str) -> None:
+    text = base + "variants:\n  x: [{sett: 1}, 3]\n  y: {extends: x}\n  z: {extends: q}\n"
+    found = refused(bench, text)
+    assert [problem.what.partition(" {")[0] for problem in found] == [
+        "no operation in", "a patch is a mapping, not 3", "there is no variant 'q'"
+    ]  # fmt: skip
+    first = text.splitlines().index("variants:") + 2
+    assert [problem.where.line for problem in found] == [first, first, first + 2]
+
+
 def test_the_number_of_variants_is_bounded(bench: Any, base: str) -> None:
     many = ", ".join(str(number) for number in range(30))
     (problem,) = refused(bench, base + f"matrix: {{n: [{many}], five: [{many}], a.value: [{many}]}}")
@@ -171,7 +181,7 @@ def test_variants_cannot_grow_without_bound(bench: Any, base: str) -> None:
     (problem,) = refused(bench, base + "variants:\n  v0: [{set: a.value, to: 3}]\n" + doubled)
     assert "more than 2000 patches" in problem.what
     chain = "\n".join(f"  v{n}: {{extends: v{n + 1}}}" for n in range(2000))
-    (problem,) = refused(bench, base + "variants:\n  v2000: []\n" + chain)
+    problem, *_ = refused(bench, base + "variants:\n  v2000: []\n" + chain)
     assert "more than 50 deep" in problem.what
 
 
