@@ -79,7 +79,8 @@ def replay(
     import faulthandler
 
     from exmesh_graph.cli.live import Plain
-    from exmesh_graph.graph.job import BROKEN, DONE, Job, Memory, execute, rekeyed
+    from exmesh_graph.graph.job import BROKEN, DONE, Job, execute, rekeyed
+    from exmesh_graph.graph.memory import Memory
     from exmesh_graph.graph.packs import load_packs
     from exmesh_graph.graph.store import Store
 

@@ -12,7 +12,6 @@ import threading
 import time
 import traceback
 import warnings
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -24,8 +23,9 @@ from exmesh_graph.graph.check import Bound
 from exmesh_graph.graph.checkpoint import Checkpoints
 from exmesh_graph.graph.fingerprint import fingerprint, remember_in, sources_changed
 from exmesh_graph.graph.keys import key_of
-from exmesh_graph.graph.language.components import rebuild
+from exmesh_graph.graph.language.components import rebuild, validated_otherwise
 from exmesh_graph.graph.language.expand import Link
+from exmesh_graph.graph.memory import Memory
 from exmesh_graph.graph.node import REGISTRY
 from exmesh_graph.graph.plan import preimage_for
 from exmesh_graph.graph.ports import signature
@@ -85,6 +85,8 @@ class Job:
         file, line = self.where
         place = Where(None if file is None else Path(file), line)
         params = found.params.model_validate(dict(self.params))
+        if params.model_dump(mode="json") != dict(self.params):
+            raise validated_otherwise(self.type, params.model_dump(mode="json"), self.params, place)
         plugs = {port: rebuild(port, told, place) for port, told in self.components.items()}
         return Bound(self.name, definition, found, params, links, paths, self.seed, place, plugs)
 
@@ -150,34 +152,6 @@ class Outcome:
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Outcome:
         return cls(**{**raw, "outputs": {port: Stored(**entry) for port, entry in raw["outputs"].items()}})
-
-
-class Memory:
-    """Artifacts by digest, the least recently used dropped beyond `budget` bytes (of their arrays; None: no limit)."""
-
-    def __init__(self, budget: int | None = None) -> None:
-        self.budget = budget
-        self.values: OrderedDict[str, tuple[Artifact, int]] = OrderedDict()
-        self.bytes = 0
-
-    def get(self, digest: str) -> Artifact | None:
-        if digest not in self.values:
-            return None
-        self.values.move_to_end(digest)
-        return self.values[digest][0]
-
-    def put(self, digest: str, value: Artifact) -> None:
-        """Keep a value; its arrays become read-only, since others will read them."""
-        self.forget(digest)
-        size = contracts.array_bytes(value)
-        self.values[digest] = contracts.frozen(value), size
-        self.bytes += size
-        while self.budget is not None and self.bytes > self.budget:
-            self.forget(next(iter(self.values)))
-
-    def forget(self, digest: str) -> None:
-        if digest in self.values:
-            self.bytes -= self.values.pop(digest)[1]
 
 
 class NodeContext:
@@ -287,13 +261,15 @@ def failure(name: str, error: BaseException) -> Outcome:
 def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
     bound = job.bound()
     remember_in(store.code)
-    inputs = {port: _value(job, port, store, memory) for port in job.inputs}
+    found = {port: _value(job, port, store, memory) for port in job.inputs}
+    inputs = {port: value for port, (value, _) in found.items()}
+    marks = {port: mark for port, (_, mark) in found.items()}
     for port, given in inputs.items():
         contracts.check_input(bound, port, given, job.promised.get(port, {}))
-    checkpoints = Checkpoints(store.root, job.key) if bound.definition.resumable else None
     with store.attempt() as attempt:
+        kept = attempt if _changed(bound, job) else store.root  # what other code computes is none of this key's states
+        checkpoints = Checkpoints(kept, job.key) if bound.definition.resumable else None
         context = NodeContext(job, attempt / "scratch", checkpoints, emit)
-        marks = contracts.sample(inputs)
         reset_peak_memory()
         started, began = time.time(), time.perf_counter()
         with _stoppable(context, bound.definition.resumable):
@@ -320,19 +296,19 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
     return Outcome(job.name, DONE, stored, {name: info[name] for name in FIGURES})
 
 
-def _value(job: Job, port: str, store: Store, memory: Memory) -> Artifact:
+def _value(job: Job, port: str, store: Store, memory: Memory) -> tuple[Artifact, int]:
+    """An input and its mark."""
     type_name, digest = job.inputs[port]
-    value = memory.get(digest)
-    if value is None:
+    found = memory.get(digest)
+    if found is None:
         kinds = artifact_types()
         if type_name not in kinds:
             raise GraphError(f"no node pack defines the artifact type {type_name!r}", where=job.wires[port])
         loaded = store.load(kinds[type_name], digest)
         if loaded is None:
             raise _BrokenInput(port, store.notes[-1] if store.notes else f"object {digest} is gone")
-        memory.put(digest, loaded)
-        return loaded
-    return value
+        return loaded, memory.put(digest, loaded)
+    return found
 
 
 def _call(bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) -> Any:
@@ -373,13 +349,22 @@ def _record(
     job: Job, bound: Bound, store: Store, stored: Mapping[str, Stored], info: Mapping[str, Any], context: NodeContext
 ) -> None:
     """Record the action, unless what it was keyed by changed under its hands."""
+    listed = {} if bound.definition.sources is None else bound.definition.sources(bound.params)
+    if {str(name): Path(path) for name, path in listed.items()} != dict(bound.sources):
+        raise GraphError(f"the list of source files changed while {bound.name} ran", where=str(bound.where))
     for name, path in bound.sources.items():
         if store.sources.digest(path) != job.preimage["sources"][name]:
             raise GraphError(f"the source file {name} changed while {bound.name} ran", where=str(path))
-    changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
-    if not changed and [fingerprint(definition).digest for definition in bound.definitions()] != job.code:
-        changed = ["since the run was planned"]
+    changed = _changed(bound, job)
     if changed:
         context.warn(f"not remembered: its code changed during the run ({', '.join(changed)})")
         return
     store.record(job.preimage, stored, info)
+
+
+def _changed(bound: Bound, job: Job) -> list[str]:
+    """What of the code is not as it was when the job was keyed."""
+    changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
+    if not changed and [fingerprint(definition).digest for definition in bound.definitions()] != job.code:
+        changed = ["since the run was planned"]
+    return changed

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from exmesh_graph.errors import ExmeshError
+from exmesh_graph.errors import ExmeshError, GraphError
 from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.keys import ABSENT, key_of, preimage_of
@@ -62,7 +62,11 @@ def preimage_for(bound: Bound, store: Store, output: Callable[[str, str], Stored
         if (stored.type, stored.digest) != ABSENT:
             inputs[port] = (stored.type, stored.digest)
     remember_in(store.code)
-    sources = {name: store.sources.digest(path) for name, path in bound.sources.items()}
+    try:
+        sources = {name: store.sources.digest(path) for name, path in bound.sources.items()}
+    except OSError as error:
+        what = f"{bound.name}: a source file cannot be read: {error.strerror}"
+        raise GraphError(what, where=str(error.filename), fix="it was there when the graph was checked") from error
     return preimage_of(bound, fingerprint(bound.definition).digest, sources, inputs)
 
 

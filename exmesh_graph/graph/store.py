@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
+import re
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 RECENT = 3000
+_DIGEST = re.compile(r"[0-9a-f]{64}\Z")
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,9 @@ class Store:
     def load(self, kind: type[Artifact], digest: str) -> Artifact | None:
         """Read an artifact back, its bytes verified; None (and quarantine) when there is any doubt."""
         if self.sound(digest):
+            if self.type_of(digest) != kind.type_name:
+                self.notes.append(f"object {digest} is {self.type_of(digest)}, not {kind.type_name}")
+                return None
             try:
                 return kind.load(self.data(digest))
             except Exception as error:
@@ -348,6 +353,8 @@ def _action(key: str, record: dict[str, Any]) -> Action:
     """The action in an unsealed record. Raises ValueError, KeyError or TypeError when it is not that of `key`."""
     outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
     preimage = record.pop("preimage")
+    if not all(_DIGEST.match(stored.digest) or stored == NOTHING for stored in outputs.values()):
+        raise ValueError("a digest is none")  # and could name any folder
     if record.pop("key") != key or key_of(preimage) != key or record.pop("format") != FORMAT:
         raise ValueError("the key does not belong to the pre-image")
     return Action(key, preimage, outputs, record)

@@ -12,7 +12,8 @@ import pytest
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.backends.inline import Inline
-from exmesh_graph.graph.job import BROKEN, FAILED, Job, Memory, Outcome, execute
+from exmesh_graph.graph.job import BROKEN, FAILED, Job, Outcome, execute
+from exmesh_graph.graph.memory import Memory
 from exmesh_graph.graph.run import NodeFailed
 from exmesh_graph.graph.store import Store
 

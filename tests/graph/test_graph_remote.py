@@ -241,3 +241,22 @@ def test_a_shared_folder_is_a_store_itself(tmp_path: Path) -> None:
     removed, _ = delete(shared, survey(shared, age=-1))
     assert {item.name for item in removed} == {key, stored.digest}
     assert opened(tmp_path, "b", url).find(PREIMAGE) is None
+
+
+@pytest.mark.parametrize("kind", ["absolute", "upward"])
+def test_a_hostile_record_cannot_name_a_folder_as_its_object(tmp_path: Path, kind: str) -> None:
+    """The digest in a record becomes a path: what is none writes nothing and moves nothing."""
+    shared, target = tmp_path / "shared", tmp_path / "victim"
+    key, stored = made(opened(tmp_path, "a", str(shared)))
+    digest = str(target) if kind == "absolute" else "../../../victim"
+    path = shared / "actions" / key[:2] / f"{key}.json"
+    record = unseal(path.read_text())
+    record["outputs"]["m"]["digest"] = digest
+    path.write_text(seal_text(record))
+    there = Path(f"{shared}/objects/{digest[:2]}/{digest}")
+    shutil.copytree(shared / "objects" / stored.digest[:2] / stored.digest, there, dirs_exist_ok=True)
+    before = sorted(target.rglob("*")) if target.exists() else []
+    store = opened(tmp_path, "b", str(shared))
+    assert store.find(PREIMAGE) is None
+    assert store.find(PREIMAGE, fetch=False) is None
+    assert (sorted(target.rglob("*")) if target.exists() else []) == before

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 
-from exmesh_graph.graph.job import STOPPED, Emit, Job, Memory, Outcome, execute
+from exmesh_graph.graph.job import STOPPED, Emit, Job, Outcome, execute
+from exmesh_graph.graph.memory import Memory
 from exmesh_graph.graph.schedule import machine_tokens
 from exmesh_graph.graph.store import Store
 

@@ -18,7 +18,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.job import STOPPED, Job, Memory, Outcome, execute
+from exmesh_graph.graph.job import STOPPED, Job, Outcome, execute
+from exmesh_graph.graph.memory import Memory
 from exmesh_graph.graph.store import Store
 
 

@@ -25,6 +25,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.node import REGISTRY, NodeDef, Params, register
 from exmesh_graph.graph.problems import Where
 
@@ -92,7 +93,20 @@ def rebuild(name: str, told: Mapping[str, Any], where: Where) -> BoundComponent:
     assert isinstance(definition.function, type)
     assert issubclass(definition.function, Component)
     value = definition.function.model_validate({**told["params"], **fields})
-    return BoundComponent(name, definition, value, nested, where)
+    found = BoundComponent(name, definition, value, nested, where)
+    if found.params() != told["params"]:
+        raise validated_otherwise(definition.type, found.params(), told["params"], where)
+    return found
+
+
+def validated_otherwise(kind: str, now: Mapping[str, Any], keyed: Mapping[str, Any], where: Where) -> GraphError:
+    """The error of parameters that are not what they are keyed by once they are validated again."""
+    names = ", ".join(sorted(name for name in {*now, *keyed} if now.get(name) != keyed.get(name)))
+    return GraphError(
+        f"{kind}: a validator or serializer changes {names} each time it is applied",
+        where=str(where),
+        fix="let the validator only check, and convert in the code that uses the parameter",
+    )
 
 
 def differences(label: str, new: Any, old: Any, shown: Callable[[Any], str]) -> list[str]:
