@@ -4,8 +4,10 @@ It covers the node function, the module-level definitions that the function uses
 classes included), and every project module that these import, transitively and also inside functions. Project modules
 are those of exmesh_graph (but for graph and cli, which cannot change a result) and of the node's own pack.
 Comments, docstrings, formatting, `param(...)` declarations (their values are in the key) and the `@node(...)`
-decorator do not count. Not seen: modules imported by a computed name, data files of a package (declare `code=` and
-`version=`, or make them sources), and installed libraries (declare `libraries=`).
+decorator do not count; decorators, calls and subclasses that may fill a table when the module is imported do. Not
+seen: modules imported by a computed name or only for their effect, what other modules patch or register, docstrings
+read as data, data files of a package (declare `code=` and `version=`, or make them sources), and installed libraries
+(declare `libraries=`).
 
 What a module's text says (its digest, imports, slices) is remembered from one process to the next by its bytes; the
 bytes of every module are read each time, so that an edit is never missed.
@@ -14,19 +16,34 @@ bytes of every module are read each time, so that an edit is never missed.
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
 import importlib.util
+import marshal
 import os
+import struct
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.util import MAGIC_NUMBER
 from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import GraphError
+from exmesh_graph.graph import syntax
 from exmesh_graph.graph.files import Memo
 from exmesh_graph.graph.node import NodeDef
+from exmesh_graph.graph.syntax import (
+    Import,
+    acts,
+    bound_by,
+    imports_in,
+    is_node_decorator,
+    is_text,
+    normalised,
+    used_by,
+)
 
 OWN = "exmesh_graph"
 IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli")
@@ -84,10 +101,6 @@ def _fingerprint(module: str, function: str, code: tuple[str, ...]) -> Fingerpri
     return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts})))
 
 
-Import = tuple[str, str | None]
-"""(module, name imported from it); None for `import module` and `from module import *`."""
-
-
 def _closure(imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
     """The project modules reachable from `imports`."""
     seen: set[Import] = set()
@@ -99,11 +112,11 @@ def _closure(imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
             continue
         seen.add(item)
         name, attribute = item
-        if name.partition(".")[0] not in tops or any(name == i or name.startswith(i + ".") for i in IGNORED):
+        if name.partition(".")[0] not in tops or _ignored(name):
             continue
         if attribute and _find(f"{name}.{attribute}") is not None:
             todo.append((f"{name}.{attribute}", None))
-            todo.append((name, ""))
+            todo += [(name, ""), *_same_name(name, attribute)]
             continue
         if "." in name:
             todo.append((name.rpartition(".")[0], ""))
@@ -119,13 +132,24 @@ def _closure(imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
             todo += module.imports
 
 
+def _ignored(name: str) -> bool:
+    return any(name == i or name.startswith(i + ".") for i in IGNORED)
+
+
+def _same_name(package: str, attribute: str) -> list[Import]:
+    """Where a package takes a name from that is the name of one of its modules as well."""
+    exports = _module(package).exports if _find(package) else None
+    return [exports[attribute]] if exports and attribute in exports else []
+
+
 @dataclass(frozen=True)
 class _Module:
     name: str
     data: bytes
     package: str
     path: Path
-    stamp: tuple[int, int] | None
+    stamp: tuple[int, ...] | None
+    stale: bool
 
     @functools.cached_property
     def tree(self) -> ast.Module:
@@ -146,11 +170,11 @@ class _Module:
 
     @functools.cached_property
     def imports(self) -> list[Import]:
-        return _pairs(self.fact("imports", lambda: list(_imports_in(self.tree, self.package))))
+        return _pairs(self.fact("imports", lambda: list(imports_in(self.tree, self.package))))
 
     @functools.cached_property
     def digest(self) -> str:
-        return str(self.fact("digest", lambda: _sha(_normalised(self.tree))))
+        return str(self.fact("digest", lambda: _sha(normalised(self.tree))))
 
     @functools.cached_property
     def exports(self) -> dict[str, Import] | None:
@@ -177,24 +201,25 @@ def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
     found: dict[str, Import] = {}
     for statement in tree.body:
         if isinstance(statement, ast.Import | ast.ImportFrom):
-            if any(name is None for _, name in _imports_in(statement, package)):
+            if any(name is None for _, name in imports_in(statement, package)):
                 return None
             if isinstance(statement, ast.ImportFrom):
-                for alias, item in zip(statement.names, _imports_in(statement, package), strict=True):
+                for alias, item in zip(statement.names, imports_in(statement, package), strict=True):
                     found[alias.asname or alias.name] = item
         elif isinstance(statement, ast.Assign):
             targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
             if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
                 return None
-        elif not _is_text(statement):
+        elif not is_text(statement):
             return None
     return found
 
 
 @functools.cache
 def _reader() -> str:
-    """What a remembered fact depends on beside the bytes: this very module, and the grammar."""
-    return f"{hashlib.sha256(Path(__file__).read_bytes()).hexdigest()} {sys.version_info[:2]}"
+    """What a remembered fact depends on beside the bytes: this very reader, and the grammar."""
+    own = b"".join(path.read_bytes() for path in (Path(__file__), Path(syntax.__file__)))
+    return f"{hashlib.sha256(own).hexdigest()} {sys.version_info[:2]}"
 
 
 @functools.cache
@@ -203,25 +228,46 @@ def _module(name: str) -> _Module:
     if path is None:
         raise GraphError(f"the source of the module {name} cannot be found", fix="install it as plain .py files")
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    return _Module(stamp=_stamp(path), name=name, data=path.read_bytes(), package=package, path=path)
+    stamp, data = _stamp(path), path.read_bytes()
+    stale = _drop_stale_bytecode(path, data) and name in sys.modules
+    return _Module(stamp=stamp, name=name, data=data, package=package, path=path, stale=stale)
 
 
 def _edited(module: _Module) -> bool:
+    if module.stale:
+        return True
     if module.stamp == _stamp(module.path):
         return False
     try:
         data = module.path.read_bytes()
-        return data != module.data and _sha(_normalised(ast.parse(data))) != module.digest
+        return data != module.data and _sha(normalised(ast.parse(data))) != module.digest
     except (OSError, SyntaxError):
         return True
 
 
-def _stamp(path: Path) -> tuple[int, int] | None:
+def _drop_stale_bytecode(path: Path, data: bytes) -> bool:
+    """Whether Python took, or would take, bytecode of other source for this file, which is removed.
+
+    Python goes by size and whole seconds: a second edit within a second, or one that keeps the time, escapes it.
+    """
+    with contextlib.suppress(OSError, ValueError, EOFError, TypeError, SyntaxError):
+        cache, status = Path(importlib.util.cache_from_source(str(path))), path.stat()
+        if cache.stat().st_mtime_ns > status.st_ctime_ns:
+            return False
+        held = cache.read_bytes()
+        taken = struct.pack("<4sLLL", MAGIC_NUMBER, 0, int(status.st_mtime) & 0xFFFFFFFF, len(data) & 0xFFFFFFFF)
+        if held[:16] == taken and marshal.loads(held[16:]) != compile(data, str(path), "exec", dont_inherit=True):
+            cache.unlink()
+            return True
+    return False
+
+
+def _stamp(path: Path) -> tuple[int, ...] | None:
     try:
         status = path.stat()
     except OSError:
         return None
-    return status.st_mtime_ns, status.st_size
+    return status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size
 
 
 @functools.cache
@@ -243,7 +289,7 @@ def _find(name: str) -> Path | None:
         return Path(file) if file and file.endswith(".py") else None
     for root in roots:
         base = os.path.join(root, *rest.split("."))
-        for path in (base + ".py", os.path.join(base, "__init__.py")):
+        for path in (os.path.join(base, "__init__.py"), base + ".py"):
             if os.path.isfile(path):
                 return Path(path)
     return None
@@ -256,12 +302,17 @@ class _Slice:
         self.module = module
         self.binders: dict[str, list[int]] = {}
         self.always: list[int] = []
+        own, classes = self._own(), {item.name for item in module.tree.body if isinstance(item, ast.ClassDef)}
         for index, statement in enumerate(module.tree.body):
-            names = set(_bound_by(statement))
+            names = set(bound_by(statement))
             for name in names:
                 self.binders.setdefault(name, []).append(index)
-            if not names and not _is_text(statement):
+            if not is_text(statement) and (not names or acts(statement, own)):
                 self.always.append(index)
+            if isinstance(statement, ast.ClassDef) and not any(map(is_node_decorator, statement.decorator_list)):
+                for base in statement.bases:  # subclasses can be found from their base: __init_subclass__, registries
+                    if isinstance(base, ast.Name) and base.id in classes:
+                        self.binders.setdefault(base.id, []).append(index)
 
     def of(self, function: str) -> tuple[str, list[Import]]:
         """(normalised text, imports) of everything `function` uses."""
@@ -275,124 +326,32 @@ class _Slice:
             if index in chosen:
                 continue
             chosen.add(index)
-            for name in _used_by(body[index]):
+            for name in used_by(body[index]):
                 todo += self.binders.get(name, [])
         texts, imports = [], []
         for index in sorted(chosen):
             statement = body[index]
             if isinstance(statement, ast.Import | ast.ImportFrom):
-                used = {name for i in chosen if i != index for name in _used_by(body[i])}
-                pairs = zip(statement.names, _imports_in(statement, self.module.package), strict=True)
+                used = {name for i in chosen if i != index for name in used_by(body[i])}
+                pairs = zip(statement.names, imports_in(statement, self.module.package), strict=True)
                 for alias, item in pairs:
                     if alias.name == "*" or (alias.asname or alias.name).partition(".")[0] in used:
                         imports.append(item)
                         texts.append(f"import {alias.asname or alias.name} {item}")
             else:
-                texts.append(_normalised(statement))
-                imports += _imports_in(statement, self.module.package)
+                texts.append(normalised(statement))
+                imports += imports_in(statement, self.module.package)
         return "\n".join(texts), imports
 
-
-def _bound_by(statement: ast.stmt) -> Iterator[str]:
-    """Module-level names that a top-level statement defines or changes."""
-    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-        yield statement.name
-        return
-    for item in ast.walk(statement):
-        if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            yield item.name
-        elif isinstance(item, ast.Import | ast.ImportFrom):
-            for alias in item.names:
-                yield (alias.asname or alias.name).partition(".")[0]
-        elif isinstance(item, ast.Name) and isinstance(item.ctx, ast.Store):
-            yield item.id
-        elif isinstance(item, ast.Attribute | ast.Subscript) and isinstance(item.ctx, ast.Store):
-            base: ast.expr = item
-            while isinstance(base, ast.Attribute | ast.Subscript):
-                base = base.value
-            if isinstance(base, ast.Name):
-                yield base.id
-
-
-def _used_by(statement: ast.stmt) -> Iterator[str]:
-    """Names a statement may refer to; a string that spells a name counts (quoted annotations, getattr)."""
-    for item in ast.walk(statement):
-        if isinstance(item, ast.Name):
-            yield item.id
-        elif isinstance(item, ast.Constant) and isinstance(item.value, str) and item.value.isidentifier():
-            yield item.value
-
-
-def _imports_in(tree: ast.AST, package: str) -> Iterator[Import]:
-    for item in ast.walk(tree):
-        if isinstance(item, ast.Import):
-            for alias in item.names:
-                yield alias.name, None
-        elif isinstance(item, ast.ImportFrom):
-            base = item.module or ""
-            if item.level:
-                parts = package.split(".")
-                parent = parts[: len(parts) - item.level + 1]
-                base = ".".join([*parent, base] if base else parent)
-            for alias in item.names:
-                yield base, None if alias.name == "*" else alias.name
-
-
-def _normalised(tree: ast.AST) -> str:
-    """A text of the syntax tree that does not change with comments, docstrings or the Python version."""
-    out: list[str] = []
-    _write(tree, out)
-    return "".join(out)
-
-
-_SKIPPED = frozenset({"ctx", "kind", "type_comment", "type_ignores"})
-
-
-def _write(node: object, out: list[str]) -> None:
-    if isinstance(node, ast.AST):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "param":
-            out.append("(param)")
-            return
-        out.append("(" + node.__class__.__name__)
-        for name in node._fields:
-            value = getattr(node, name, None)
-            if value is None or value == [] or name in _SKIPPED:
-                if value is None and name == "value" and isinstance(node, ast.Constant):
-                    out.append(" None")
-                continue
-            if name == "decorator_list":
-                value = [item for item in value if not _is_node_decorator(item)]
-            elif name == "body" and isinstance(value, list):
-                value = [item for item in value if not _is_text(item)]
-            if value:
-                out.append(" " + name + "=")
-                _write(value, out)
-            elif not isinstance(value, list):
-                out.append(f" {name}={value!r}")
-        out.append(")")
-    elif isinstance(node, list):
-        out.append("[")
-        for item in node:
-            _write(item, out)
-            out.append(",")
-        out.append("]")
-    else:
-        out.append(repr(node))
-
-
-def _is_text(statement: ast.AST) -> bool:
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )
-
-
-def _is_node_decorator(item: ast.AST) -> bool:
-    if not isinstance(item, ast.Call):
-        return False
-    name = item.func.attr if isinstance(item.func, ast.Attribute) else getattr(item.func, "id", "")
-    return name in ("node", "component")
+    def _own(self) -> set[str]:
+        """Names that stand for something of the project, its framework left out."""
+        found = set()
+        tops = (OWN, self.module.name.partition(".")[0])
+        for statement in self.module.tree.body:
+            origins = [name for name, _ in imports_in(statement, self.module.package)]
+            if not origins or any(name.partition(".")[0] in tops and not _ignored(name) for name in origins):
+                found |= set(bound_by(statement))
+        return found
 
 
 def _sha(text: str) -> str:

@@ -291,3 +291,123 @@ def test_a_spoilt_memo_is_not_believed(
     path.write_text(text[:100] + text[100:].replace("a", "b"))
     monkeypatch.setattr(fp, "_memo", Memo(path, tmp_path / "work"))
     assert take() == before
+
+
+SLY = {
+    "__init__.py": "",
+    "nodes.py": """
+from __future__ import annotations
+import json
+from .far import FarParams, hidden
+from . import twice
+from .fill import register_far
+from .both import same
+TABLE = {}
+BASES = []
+NAMES = ["a", "b"]
+
+def register(name):
+    return lambda function: TABLE.setdefault(name, function)
+
+@register("sly")
+def by_decorator(x):
+    return x + 11
+
+for name in NAMES:
+    TABLE.update({name: lambda x: x + 12})
+
+_first = TABLE.setdefault("first", lambda x: x + 13)
+
+class Base:
+    def __init_subclass__(cls):
+        BASES.append(cls)
+
+class Sub(Base):
+    value = 14
+
+class Item:
+    size = 15
+
+def helper(x: "list[Item]", y=16):
+    return x
+
+@node("t.a", version="1")
+def first(ctx):
+    return [f(1) for f in TABLE.values()], Base.__subclasses__(), helper(1), FarParams(), twice.f(), same()
+
+class Stranger:
+    value = 17
+""",
+    "far.py": "class FarParams(Params):\n    steps: int = param(18, doc='Words.')\ndef hidden(): return 0\n",
+    "fill.py": "def register_far(): return 0\n",
+    "twice.py": "def f():\n    return 19\n",
+    "twice/__init__.py": "def f():\n    return 20\n",
+    "both/__init__.py": "from .other import same\n",
+    "both/other.py": "def same():\n    return 21\n",
+    "both/same.py": "def same():\n    return 22\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "matters"),
+    [
+        ("nodes.py", 11, True),  # filled by a decorator
+        ("nodes.py", 12, True),  # by a loop
+        ("nodes.py", 13, True),  # by an assignment
+        ("nodes.py", 14, True),  # found from its base
+        ("nodes.py", 15, True),  # named in a quoted annotation
+        ("nodes.py", 16, True),
+        ("nodes.py", 17, False),
+        ("far.py", 18, True),  # a default of parameters that code builds itself
+        ("twice/__init__.py", 20, True),  # Python takes the package
+        ("both/other.py", 21, True),  # a package's name for it is that of another module
+    ],
+)
+def test_code_that_no_name_leads_to(
+    pack: tuple[Path, Take], tmp_path: Path, name: str, number: int, matters: bool
+) -> None:
+    root, take = pack
+    for file, text in SLY.items():
+        (root / file).parent.mkdir(parents=True, exist_ok=True)
+        (root / file).write_text(text)
+    before = take()
+    edit(root, name, str(number), str(number + 100))
+    assert (take() != before) is matters
+    if name == "far.py":
+        before = take()
+        edit(root, name, "Words", "Other words")
+        assert take() == before
+
+
+def test_bytecode_of_other_source_is_noticed(pack: tuple[Path, Take], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python takes it for the source's own, as size and second agree: old code would be recorded as the new."""
+    root, take = pack
+    deep = root / "deep.py"
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    os.utime(deep, (1_700_000_000, 1_700_000_000))
+    first = importlib.import_module("fp_pack.deep")
+    assert first.base(5) == 5
+    deep.write_text(deep.read_text().replace("return x", "return 7"))
+    os.utime(deep, (1_700_000_000, 1_700_000_000))
+    sys.modules.pop("fp_pack.deep")
+    assert importlib.import_module("fp_pack.deep").base(5) == 5  # the trap
+    fake = lambda: None  # noqa: E731
+    fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
+    take()
+    assert fp.sources_changed(NodeDef("t", fake, "1")) == ["fp_pack.deep"]
+    sys.modules.pop("fp_pack.deep")
+    assert importlib.import_module("fp_pack.deep").base(5) == 7
+    take()
+    assert fp.sources_changed(NodeDef("t", fake, "1")) == []
+    sys.modules.pop("fp_pack.deep")
+
+
+def test_an_edit_that_keeps_size_and_time_is_noticed(pack: tuple[Path, Take]) -> None:
+    root, take = pack
+    status = (root / "deep.py").stat()
+    take()
+    (root / "deep.py").write_text((root / "deep.py").read_text().replace("return x", "return 7"))
+    os.utime(root / "deep.py", ns=(status.st_atime_ns, status.st_mtime_ns))
+    fake = lambda: None  # noqa: E731
+    fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
+    assert fp.sources_changed(NodeDef("t", fake, "1")) == ["fp_pack.deep"]
