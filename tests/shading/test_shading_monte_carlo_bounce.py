@@ -54,6 +54,21 @@ def test_bowl_under_a_constant_sky_has_the_closed_forms_bounce():
     assert float(both - direct) == pytest.approx(0.6**2 * 2 / 4, rel=0.015)
 
 
+def test_more_samples_at_a_hit_than_the_direct_pool_holds():
+    """Two direct samples leave a pool of 1024 directions; hits that ask for more must not read past its end."""
+    light, points, m, query = scene(bowl(), 40, 0.6, LightSettings("mis", 2, 64, 3000))
+    sky = torch.full((8, 16, 3), 2.0)
+    drawn = light.draw(points, m, query, EnvSampler(sky), 0)
+    assert drawn.hits is not None
+    assert len(drawn.hits.light.pool.direction) >= 64 * 3000
+    both = light.shade(drawn, points, m, query, sky)
+    direct = light.shade(drawn, points, m, None, sky)
+    assert float((both - direct).mean()) == pytest.approx(0.6**2 * 2 / 4, rel=0.03)
+    light.settings = LightSettings("mis", 2, 64, 0)
+    with pytest.raises(ValueError, match="0 samples"):
+        light.draw(points, m, query, EnvSampler(sky), 0)
+
+
 def test_closed_room_sends_nothing():
     vertices, faces = icosphere(2)
     light, points, m, query = scene((vertices, faces[:, ::-1].copy()), 500, 0.9)

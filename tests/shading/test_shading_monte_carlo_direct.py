@@ -237,6 +237,13 @@ def test_black_sky_is_black_and_its_texels_still_get_gradient():
     assert float((environment.grad[:4] > 0).float().mean()) > 0.95  # the upper half lights a floor and a wall
 
 
+def test_more_samples_than_kernels_count_are_refused():
+    many = torch.zeros(1, 3).expand(1 << 25, 3)  # takes no memory
+    pool = make_pool(EnvSampler(studio(4)), "mis", 64, 0)
+    with pytest.raises(ValueError, match="in parts"):
+        draw_light(Points(many, many, many, many), Material(many), pool, tracer_of(wall_and_floor()))
+
+
 def test_no_points_is_no_error():
     points = Points(*[torch.zeros(0, 3)] * 4)
     environment = studio()

@@ -18,6 +18,7 @@ from exmesh_graph.rays.tensors import closest_hit
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface
 from exmesh_graph.shading.monte_carlo.samples import (
+    LEAST_BLOCKS,
     LightPool,
     LightSamples,
     draw_directions,
@@ -112,7 +113,7 @@ def bounce_irradiance(
 
 
 def secondary_pool(pool: LightPool, sampler: EnvSampler, samples: int, seed: int) -> LightPool:
-    """A pool of `samples` environment directions a hit; the same directions as `pool` where that has any."""
-    if pool.pool_samples:
+    """A pool of `samples` environment directions a hit; the same directions as `pool` where it has enough of them."""
+    if 1 <= samples <= len(pool.direction) // LEAST_BLOCKS and pool.pool_samples:
         return replace(pool, kind="environment", pool_samples=samples, own_samples=0, seed=seed)
     return make_pool(sampler, "environment", samples, seed)

@@ -28,7 +28,7 @@ from exmesh_graph.shading.monte_carlo.shade import kernels
 Sampler = Literal["environment", "brdf", "mis", "cosine"]
 
 #: Entries of the pool where blocks are long, and the fewest blocks for the points to choose from.
-_POOL, _LEAST_BLOCKS = 1 << 13, 64
+_POOL, LEAST_BLOCKS = 1 << 13, 64
 
 #: Working memory of one traced ray on its way through torch and the tracer.
 _BYTES_PER_RAY = 200
@@ -87,7 +87,7 @@ def make_pool(sampler: EnvSampler, kind: Sampler, count: int, seed: int, blocks:
     pool_samples = {"environment": count, "mis": count // 2}.get(kind, 0)
     own_samples = count - pool_samples
     device = sampler.density.device
-    blocks = min(blocks, max(_LEAST_BLOCKS, _POOL // max(pool_samples, 1)))
+    blocks = min(blocks, max(LEAST_BLOCKS, _POOL // max(pool_samples, 1)))
     uniform = _sobol(blocks * pool_samples, seed).to(device)
     direction, pdf = sampler.sample(uniform)
     return LightPool(
@@ -121,12 +121,14 @@ def draw_directions(normal: torch.Tensor, points: Points, material: Material, po
     """The samples of `points` around `normal` [N, 3], untraced: weights are 0 only under the horizons of `normal` and
     of the surface itself."""
     count, device = len(points), points.position.device
+    samples = pool.pool_samples + pool.own_samples
+    if count * samples >= 2**31:
+        raise ValueError(f"{count} points of {samples} samples: kernels count to 2^31 - 1; draw the points in parts")
     normal, flat, view = (v.detach().float().contiguous() for v in (normal, points.flat, points.view))
     roughness = share = torch.zeros(count, device=device)
     if material.roughness is not None and pool.kind in ("brdf", "mis"):
         roughness = material.roughness.detach().float().contiguous()
         share = specular_share(normal, view, material.base_color.detach(), material.metallic).float().contiguous()
-    samples = pool.pool_samples + pool.own_samples
     block = torch.empty(count, dtype=torch.int32, device=device)
     own = torch.empty(count * pool.own_samples, 3, device=device)
     own_uv = torch.empty(count * pool.own_samples, 2, device=device)
