@@ -16,7 +16,16 @@ from exmesh_graph.graph.check import Bound, Checked
 from exmesh_graph.graph.plan import HIT, RUN, plan
 from exmesh_graph.graph.store import Store
 from exmesh_graph.graph.variants import identities
-from exmesh_graph.graph.variants.compare import ADDED, CHANGED, REMOVED, Difference, compare, named_in_short, rerun
+from exmesh_graph.graph.variants.compare import (
+    ADDED,
+    CHANGED,
+    REMOVED,
+    Difference,
+    compare,
+    component_words,
+    named_in_short,
+    rerun,
+)
 from exmesh_graph.report.graph_page import FORMATS, render, write
 from exmesh_graph.report.graph_picture import Box, Picture
 from exmesh_graph.report.lineage import edges_between, fold_edges, fold_loops, fold_name
@@ -154,6 +163,16 @@ def show_difference(old: Side, new: Side) -> None:
                    + (f"; new or below a change: {named_in_short(again)}" if again else ""))  # fmt: skip
 
 
+def _plugged_words(entry: Mapping[str, Any], old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """What is other in the components that are plugged into a node."""
+    found = []
+    for name in (str(link).removeprefix("@") for link in entry.get("components", {}).values()):
+        if name in old and name in new and old[name] != new[name]:
+            own = [word for _, word in component_words({name: old[name]}, {name: new[name]})]
+            found += [f"{name}: {word}" for word in own or ["a component in it changed"]]
+    return found
+
+
 def picture_of_difference(old: Side, new: Side, rounds: bool) -> Picture:
     """Both graphs in one picture: green what is added, red what is removed, amber what is changed."""
     found = difference(old, new)
@@ -162,7 +181,10 @@ def picture_of_difference(old: Side, new: Side, rounds: bool) -> Picture:
     removed = {name: entry for name, entry in old.resolved["nodes"].items() if found.states.get(name) == REMOVED}
     for name, entry in {**new.resolved["nodes"], **removed}.items():
         state = found.states.get(name, "rerun" if name in again else "")
-        words = found.words.get(name, [])
+        words = list(found.words.get(name, []))
+        words += _plugged_words(entry, *(side.resolved.get("components", {}) for side in (old, new)))
+        if words and state in ("", "rerun"):
+            state = CHANGED
         note = ""
         if state == CHANGED:
             first = f"{words[0].partition(' from ')[0]} rewired" if " from @" in words[0] else words[0]

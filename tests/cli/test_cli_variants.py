@@ -171,6 +171,24 @@ def test_diff_says_what_changes_and_what_runs_again(exmesh: Exmesh, folder: Path
     assert "cannot draw d.png" in exmesh("diff", "toy.yaml", "study.yaml", "-o", "d.png", code=2).stderr
 
 
+def test_diff_shows_a_change_in_a_component_where_it_is_plugged_in(exmesh: Exmesh, folder: Path) -> None:
+    (folder / "curve.yaml").write_text("""
+extends: toy.yaml
+nodes:
+  line: {type: curve.line, slope: 2}
+  both: {type: curve.sum, first: "@line"}
+  one_more: {type: toy.evaluate, number: "@one.number", curve: "@line"}
+  two_more: {type: toy.evaluate, number: "@two.number", curve: "@both"}
+""")
+    exmesh("diff", "curve.yaml", "--set", "line.slope=3", "-o", "d.svg")
+    svg = (folder / "d.svg").read_text()
+    assert 'class="gp-box changed" data-name="one_more"' in svg
+    assert "line: slope 2 -&gt; 3" in svg
+    assert 'class="gp-box changed" data-name="two_more"' in svg
+    assert "both: a component in it changed" in svg
+    assert 'class="gp-box " data-name="sum"' in svg
+
+
 def test_diff_of_two_runs(exmesh: Exmesh, folder: Path) -> None:
     (folder / "study.yaml").write_text(STUDY)
     exmesh("run", "study.yaml", "--workers", "0", "--runs", "a")
@@ -196,3 +214,20 @@ def test_show_draws_graphs_and_runs(exmesh: Exmesh, folder: Path) -> None:
     assert "in   a: Number  from @one.number" in svg
     exmesh("show", "runs/latest", "-o", "run.html")
     assert 'class="gp-box done" data-name="sum"' in (folder / "run.html").read_text()
+
+
+def test_diff_calls_a_node_changed_of_which_some_rounds_go(exmesh: Exmesh, folder: Path) -> None:
+    (folder / "rounds.yaml").write_text("""
+nodes:
+  a: {type: toy.const, value: 2}
+  start: {type: toy.step, state: "@a.number"}
+  rounds:
+    repeat: 3
+    carry: {state: "@start.state"}
+    nodes: {hop: {type: toy.step, state: "@carry.state"}}
+    next: {state: "@hop.state"}
+""")
+    exmesh("diff", "rounds.yaml", "--set", "rounds.repeat=2", "-o", "d.svg")
+    svg = (folder / "d.svg").read_text()
+    assert 'class="gp-box changed" data-name="rounds.hop"' in svg
+    assert "1 round removed" in svg

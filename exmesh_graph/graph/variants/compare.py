@@ -78,7 +78,7 @@ def compare(old: Resolved, new: Resolved, same: Mapping[str, str] | None = None)
                 found.states[name], found.words[name] = CHANGED, words
     found.graph += [
         f"component {name}: {word}"
-        for name, word in _components(old.get("components", {}), new.get("components", {}))
+        for name, word in component_words(old.get("components", {}), new.get("components", {}))
     ]  # fmt: skip
     found.graph += [
         f"output {name}: {_shown(old.get('outputs', {}).get(name))} -> {_shown(new.get('outputs', {}).get(name))}"
@@ -147,7 +147,8 @@ def _settings(label: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> Ite
             yield f"{label} {name} {_shown(old.get(name))} -> {_shown(new.get(name))}".lstrip()
 
 
-def _components(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+def component_words(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    """(name, what is other) of every component that differs."""
     for name in dict.fromkeys([*old, *new]):
         if name not in old:
             yield name, f"added ({new[name]['type']})"
