@@ -14,6 +14,7 @@ import enum
 import hashlib
 import json
 from collections.abc import Mapping
+from pathlib import PurePath
 from typing import Any
 
 from exmesh_graph.errors import GraphError
@@ -50,6 +51,8 @@ def preimage_of(
     leave_out = bound.signature.path_fields() | bound.signature.tuning_fields()
     params = bound.params.model_dump(mode="python")
     kept = {name: value for name, value in params.items() if name not in leave_out}
+    beside = {name: _without_paths(params[name]) for name in sorted(bound.signature.path_fields())}
+    kept.update({name: value for name, value in beside.items() if value is not None})
     return {
         "epoch": EPOCH,
         "type": bound.definition.type,
@@ -78,6 +81,19 @@ def _components(plugs: Mapping[str, BoundComponent]) -> dict[str, Any]:
             "components": _components(plug.nested),
         }
     return found
+
+
+def _without_paths(value: Any) -> Any:
+    """What a path parameter holds beside paths: a name of something built in, a number per file. None for nothing."""
+    if isinstance(value, PurePath):
+        return None
+    if isinstance(value, list | tuple):
+        left = [_without_paths(item) for item in value]
+        return left if any(item is not None for item in left) else None
+    if isinstance(value, Mapping):
+        named = {key: _without_paths(item) for key, item in value.items()}
+        return named if any(item is not None for item in named.values()) else None
+    return value
 
 
 def _plain(value: Any) -> Any:

@@ -158,6 +158,10 @@ def node(
 def register(definition: NodeDef) -> None:
     """Add a type to the registry; one name stands for one function or class."""
     known = REGISTRY.get(definition.type)
-    if known is not None and known.function.__qualname__ != definition.function.__qualname__:
-        raise ValueError(f"the type {definition.type!r} is registered twice")
+    if known is not None and _origin(known) != _origin(definition):
+        raise ValueError(f"the type {definition.type!r} is registered twice: {_origin(known)}, {_origin(definition)}")
     REGISTRY[definition.type] = definition
+
+
+def _origin(definition: NodeDef) -> str:
+    return f"{definition.function.__module__}.{definition.function.__qualname__}"

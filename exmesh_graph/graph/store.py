@@ -381,8 +381,10 @@ def artifact_types() -> dict[str, type[Artifact]]:
     while todo:
         kind = todo.pop()
         if "type_name" in vars(kind) and kind is not Artifact:
-            if kind.type_name in found and found[kind.type_name].__qualname__ != kind.__qualname__:
-                raise StoreError(f"two artifact classes are called {kind.type_name!r}")
+            other = found.get(kind.type_name, kind)
+            if (other.__module__, other.__qualname__) != (kind.__module__, kind.__qualname__):
+                owners = f"{other.__module__} and {kind.__module__}"
+                raise StoreError(f"two artifact classes are called {kind.type_name!r}, in {owners}")
             found[kind.type_name] = kind
         todo += kind.__subclasses__()
     return found

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.checkpoint import Checkpoints
 from exmesh_graph.graph.job import execute, job_of
+from exmesh_graph.graph.keys import key_of, preimage_of
 from exmesh_graph.graph.memory import Memory
+from exmesh_graph.graph.node import register
 from exmesh_graph.graph.plan import plan
 from exmesh_graph.graph.run import NodeFailed
+from exmesh_graph.graph.store import artifact_types
+from exmesh_graph.types import Artifact
 
 ARRAYS = """
 nodes:
@@ -134,3 +140,41 @@ nodes:
         assert execute(other, store, Memory(), bench.events.append).state == "done"
     assert saved
     assert store.root not in saved
+
+
+def test_what_a_path_parameter_holds_beside_paths_is_in_the_key(bench: Any, tmp_path: Path) -> None:
+    """A name of something built in, or a number for each file: no contents of files tell these apart."""
+    path = tmp_path / "one.txt"
+    path.write_text("1")
+
+    def key(value: Any) -> str:
+        bound = bench.check(f"nodes: {{a: {{type: toy.paths, what: {value}}}}}").nodes["a"]
+        return key_of(preimage_of(bound, "code", {}, {}))
+
+    keys = [key(value) for value in ("null", "studio", "sunset", f"[[{path}, 1.0]]", f"[[{path}, 2.0]]")]
+    assert len(set(keys)) == 5
+    (tmp_path / "two.txt").write_text("1")
+    assert key(f"[[{tmp_path}/two.txt, 2.0]]") == keys[4]
+
+
+def test_a_type_of_two_packs_is_refused_though_the_functions_share_a_name(bench: Any) -> None:
+    known = bench.packs.types["toy.const"]
+
+    def const() -> None:
+        pass
+
+    const.__qualname__, const.__module__ = known.function.__qualname__, "other_pack.nodes"
+    with pytest.raises(ValueError, match=r"registered twice: toy_pack\.nodes\.const, other_pack\.nodes\.const"):
+        register(replace(known, function=const))
+
+
+def test_an_artifact_name_of_two_packs_is_refused_though_the_classes_share_theirs(packs: Any) -> None:
+    from toy_pack.nodes import Number
+
+    space = {"__module__": "other_pack.nodes", "__qualname__": "Number", "type_name": "Number"}
+    other = type("Number", (Artifact,), space)
+    with pytest.raises(StoreError, match=r"in .*_pack.nodes and .*_pack.nodes"):
+        artifact_types()
+    del other
+    gc.collect()
+    assert artifact_types()["Number"] is Number

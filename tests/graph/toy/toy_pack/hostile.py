@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import field_validator
 
@@ -98,3 +98,13 @@ def sum_folder(ctx: Context, *, p: FolderParams) -> NumberOut:
     if (p.path / "grow").exists():
         (p.path / "late.txt").write_text("100")
     return NumberOut(Number(sum(float(path.read_text()) for path in sorted(p.path.glob("*.txt")))))
+
+
+class PathsParams(Params):
+    what: list[tuple[Path, float]] | Literal["studio", "sunset"] | None = param(None, doc="Built in, or files.")
+
+
+@node("toy.paths", version="1", sources=lambda p: {})
+def paths(ctx: Context, *, p: PathsParams) -> NumberOut:
+    """Nothing of what it is told."""
+    return NumberOut(Number(0.0))
