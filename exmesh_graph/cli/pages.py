@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from exmesh_graph.cli.show import parameter_facts
+from exmesh_graph.cli.show import parameter_facts, traits
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.node import NodeDef
 from exmesh_graph.graph.packs import Packs
@@ -55,11 +55,7 @@ def write_pages(packs: Packs, folder: Path) -> list[Path]:
 def _node(definition: NodeDef) -> str:
     found = signature(definition)
     facts = ["component" if found.component else "node", f"version {definition.version}"]
-    facts += [] if definition.deterministic else ["not deterministic"]
-    facts += ["resumable"] if definition.resumable else []
-    facts += [
-        f"takes {name} {amount:g}" for name, amount in definition.resources.items() if (name, amount) != ("cpu", 1)
-    ]
+    facts += traits(definition)
     facts += ["libraries " + ", ".join(definition.libraries)] if definition.libraries else []
     parts = [f"## {definition.type}", found.doc, f"```yaml\n{_example(definition.type, found)}\n```", "; ".join(facts)]
     parts += _ports("component" if found.component else "input", found.inputs) + _ports("output", found.outputs)

@@ -14,6 +14,7 @@ import typer
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.check import Checked
 from exmesh_graph.graph.fingerprint import fingerprint
+from exmesh_graph.graph.node import NodeDef
 from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.plan import plan
 from exmesh_graph.graph.ports import Signature, signature
@@ -51,18 +52,29 @@ def show_node(packs: Packs, name: str) -> None:
         raise ExmeshError(f"there is no node type {name!r}{broken}", expected=close, fix="exmesh nodes lists all")
     definition = packs.types[name]
     found = signature(definition)
-    traits = "" if definition.deterministic else ", not deterministic"
-    kind = "component, " if found.component else ""
-    typer.echo(f"{name}  ({kind}version {definition.version}{traits})")
+    kind = ["component"] if found.component else []
+    typer.echo(f"{name}  ({', '.join([*kind, f'version {definition.version}', *traits(definition)])})")
     if found.doc:
         typer.echo(textwrap.indent(found.doc, "  "))
-    for title, ports in (("components" if found.component else "inputs", found.inputs), ("outputs", found.outputs)):
+    titles = (
+        [("components", found.inputs)] if found.component else [("inputs", found.inputs), ("outputs", found.outputs)]
+    )
+    for title, ports in titles:
         typer.echo(f"{title}:")
         for port in ports.values():
             typer.echo(f"  {port.name}: {port}{'  (optional)' if port.optional else ''}")
     typer.echo("parameters:")
     for field in (name for name in found.params.model_fields if name not in found.inputs):
         typer.echo("  " + _parameter(found, field))
+
+
+def traits(definition: NodeDef) -> list[str]:
+    """What is worth knowing of a node type beside its ports: `not deterministic`, `resumable`, `takes gpu 1`."""
+    found = [] if definition.deterministic else ["not deterministic"]
+    found += ["resumable"] if definition.resumable else []
+    return found + [
+        f"takes {name} {amount:g}" for name, amount in definition.resources.items() if (name, amount) != ("cpu", 1)
+    ]
 
 
 def _parameter(found: Signature, name: str) -> str:

@@ -180,4 +180,6 @@ nodes:
     assert "name a node that uses it: end" in refused
     shown = exmesh("nodes", "curve.sum").stdout
     assert "curve.sum  (component, version 1)" in shown
+    assert "outputs:" not in shown
+    assert "stage2.fit  (version 1, resumable" in fresh("nodes", "stage2.fit")
     assert "second: Curve  (optional)" in shown
