@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import os
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import StoreError
+from exmesh_graph.graph import files
 from exmesh_graph.graph.checkpoint import Checkpoints
 from exmesh_graph.graph.job import execute, job_of
 from exmesh_graph.graph.keys import key_of, preimage_of
@@ -18,7 +21,7 @@ from exmesh_graph.graph.node import register
 from exmesh_graph.graph.plan import plan
 from exmesh_graph.graph.run import NodeFailed
 from exmesh_graph.graph.store import artifact_types
-from exmesh_graph.types import Artifact
+from exmesh_graph.types import Artifact, Metrics
 
 ARRAYS = """
 nodes:
@@ -178,3 +181,62 @@ def test_an_artifact_name_of_two_packs_is_refused_though_the_classes_share_their
     del other
     gc.collect()
     assert artifact_types()["Number"] is Number
+
+
+def test_an_object_whose_table_was_made_to_fit_other_bytes(bench: Any) -> None:
+    """Bytes, table and seal agree; the digest that others name it by is of other bytes."""
+    store = bench.store
+    with store.attempt() as attempt:
+        stored = store.put(Metrics({"x": 1.0}), attempt)
+    (file,) = (path for _, path in files.walk_files(store.data(stored.digest)))
+    note = store.data(stored.digest).parent / "artifact.json"
+    head = files.read_sealed(note)
+    file.chmod(0o644)
+    file.write_text(file.read_text().replace("1.0", "2.0"))
+    head["files"][file.name] = [file.stat().st_size, files.sha256_file(file)]
+    note.write_text(files.seal_text(head))
+    assert store.load(Metrics, stored.digest) is None
+    assert "does not belong to this object" in store.notes[-1]
+
+
+def test_a_record_whose_preimage_is_that_of_another_key(bench: Any) -> None:
+    store = bench.store
+    with store.attempt() as attempt:
+        stored = store.put(Metrics({"x": 1.0}), attempt)
+    key = store.record({"type": "t", "params": {"x": 1}}, {"m": stored}, {})
+    path = store.root / "actions" / key[:2] / f"{key}.json"
+    record = files.read_sealed(path)
+    record["preimage"]["params"]["x"] = 2
+    path.write_text(files.seal_text(record))
+    assert store.look_up(key) is None
+    assert "does not belong to the pre-image" in store.notes[-1]
+
+
+def test_a_source_that_keeps_inode_size_and_time(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file changed just now is read each time; later the time that no one can set tells an edit."""
+    path = bench.root / "source.txt"
+    path.write_text("1")
+    store = bench.store
+    first = store.sources.digest(path)
+    assert store.sources.known == {}
+    monkeypatch.setattr(files, "_RACY", 0)
+    assert store.sources.digest(path) == first
+    assert len(store.sources.known) == 1
+    times = path.stat().st_mtime_ns
+    time.sleep(0.02)
+    path.write_text("2")
+    os.utime(path, ns=(times, times))
+    assert store.sources.digest(path) != first
+
+
+def test_a_source_edited_before_its_node_ran_is_not_recorded(bench: Any) -> None:
+    path = bench.root / "number.txt"
+    path.write_text("1")
+    graph = bench.check(f"nodes: {{a: {{type: toy.file, path: {path}}}}}")
+    (step,) = plan(graph, bench.store)
+    assert step.preimage is not None
+    path.write_text("22")
+    job = job_of(graph.nodes["a"], graph.nodes, step.preimage, bench.store)
+    outcome = execute(job, bench.store, Memory(), bench.events.append)
+    assert "the source file number changed while a ran" in outcome.info["message"]
+    assert bench.store.look_up(job.key) is None
