@@ -34,7 +34,12 @@ class ScoredOut(NamedTuple):
     gallery: Gallery
 
 
-@node("evaluate.stage1", version="1", libraries=("torch", "warp-lang", "scipy", "OpenImageIO"))
+@node(
+    "evaluate.stage1",
+    version="1",
+    libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
+    resources={"cpu": 0, "gpu?": 1},
+)
 def stage1(ctx: Context, carrier: Carrier, views: TestViews, *, p: Stage1Params) -> ScoredOut:
     """Held-out PSNR and SSIM of the mesh with its Stage I texture; pictures of its geometry."""
     from exmesh_graph.report.galleries import carrier_gallery
@@ -54,7 +59,12 @@ class AssetParams(Params):
     specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
 
 
-@node("evaluate.asset", version="1", libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO"))
+@node(
+    "evaluate.asset",
+    version="1",
+    libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO"),
+    resources={"cpu": 0, "gpu?": 1},
+)
 def asset(
     ctx: Context,
     asset: Asset,

@@ -25,7 +25,7 @@ class InitOut(NamedTuple):
     state: Stage1State
 
 
-@node("stage1.init", version="1", libraries=_LIBRARIES)
+@node("stage1.init", version="1", libraries=_LIBRARIES, resources={"cpu": 0, "gpu?": 1})
 def init(ctx: Context, carrier: Carrier, views: Train, *, p: InitParams) -> InitOut:
     """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero."""
     from exmesh_graph.stage1.init import initial_state
@@ -72,7 +72,7 @@ class RefineOut(NamedTuple):
     history: Metrics
 
 
-@node("stage1.refine", version="1", libraries=_LIBRARIES, resumable=True)
+@node("stage1.refine", version="1", libraries=_LIBRARIES, resumable=True, resources={"cpu": 0, "gpu?": 1})
 def refine(
     ctx: Context, state: Stage1State, views: Train, depths: DepthMaps | None = None, *, p: RefineParams
 ) -> RefineOut:

@@ -37,7 +37,13 @@ class FitOut(NamedTuple):
     history: Metrics
 
 
-@node("stage2.fit", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resumable=True)
+@node(
+    "stage2.fit",
+    version="1",
+    libraries=("torch", "embreex", "warp-lang", "scipy"),
+    resumable=True,
+    resources={"cpu": 0, "gpu?": 1},
+)
 def fit(
     ctx: Context,
     carrier: Carrier,

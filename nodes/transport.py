@@ -17,7 +17,12 @@ class TransportOut(NamedTuple):
     transport: Transport
 
 
-@node("transport.direct", version="1", libraries=("embreex", "torch", "scipy", "warp-lang"))
+@node(
+    "transport.direct",
+    version="1",
+    libraries=("embreex", "torch", "scipy", "warp-lang"),
+    resources={"cpu": 0, "gpu?": 1},
+)
 def direct(ctx: Context, mesh: Carrier, *, p: DirectParams) -> TransportOut:
     """Trace the visibility and the secondary hits of the mesh along fixed directions."""
     from exmesh_graph.shading.transport import choose_subdivision, trace_transport
@@ -32,7 +37,7 @@ class BounceParams(Params):
     bounces: int = param(1, ge=1, le=16, doc="Diffuse interreflections to add; the paper has 1.")
 
 
-@node("transport.bounce", version="1", libraries=("torch", "scipy"))
+@node("transport.bounce", version="1", libraries=("torch", "scipy"), resources={"cpu": 0, "gpu?": 1})
 def bounce(ctx: Context, light: Transport, *, p: BounceParams) -> TransportOut:
     """Build the interreflection operator from the secondary hits and switch it on."""
     from exmesh_graph.shading.transport import with_bounces

@@ -141,7 +141,8 @@ def node(
     sources    params -> {name: file} of every file the node reads; their contents belong in the key and the
                path parameters do not. It raises DataError for a missing file, so that `check` can say so.
     resources  what one execution takes: {"cpu": 1, "gpu": 0, "vram_gb": 0, "ram_gb": 0, any other name: n}; these are
-               the defaults, and "cpu": 0 takes all cores. They never change a key.
+               the defaults, and "cpu": 0 takes all cores. "gpu?": 1 takes one where there is any (`device: auto`). They
+               never change a key.
     resumable  whether the node uses ctx.checkpoint and ctx.resume
     """
     taken = {"cpu": 1.0, **(resources or {})}
@@ -153,6 +154,18 @@ def node(
         return function
 
     return add
+
+
+def wanted_of(definition: NodeDef, most: Mapping[str, float]) -> dict[str, float]:
+    """What one execution takes on a machine that has `most`: cpus cut to its own, `name?` only where it has any."""
+    wanted = {"cpu": 1.0}
+    for name, count in definition.resources.items():
+        if not name.endswith("?"):
+            wanted[name] = count
+        elif most.get(name[:-1], 0.0) > 0:
+            wanted[name[:-1]] = min(count, most[name[:-1]])
+    cpus = most.get("cpu", 1.0)
+    return {**wanted, "cpu": min(wanted["cpu"] or cpus, cpus)}
 
 
 def register(definition: NodeDef) -> None:

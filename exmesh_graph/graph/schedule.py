@@ -12,6 +12,7 @@ from pathlib import Path
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.check import Bound
 from exmesh_graph.graph.lease import BEAT, Holder, Lease, Leases
+from exmesh_graph.graph.node import wanted_of
 
 Tokens = Mapping[str, float]
 _ROUNDING = 1e-9
@@ -69,11 +70,9 @@ class Pool:
 
     def wish(self, bound: Bound) -> dict[str, float]:
         """What a node asks for, one `jobs` token and by default one cpu. Raises GraphError if it can never get it."""
-        wanted = {"cpu": 1.0, "jobs": 1.0, **bound.definition.resources}
-        if "vram_gb" in wanted and "vram_gb" not in self.capacity:
+        if {"vram_gb", "vram_gb?"} & set(bound.definition.resources) and "vram_gb" not in self.capacity:
             self.capacity["vram_gb"] = self.free["vram_gb"] = self.most["vram_gb"] = gpu_memory()
-        cpus = self.most.get("cpu", 1.0)
-        wanted["cpu"] = min(wanted["cpu"] or cpus, cpus)
+        wanted = {"jobs": 1.0, **wanted_of(bound.definition, self.most)}
         lacking = {name: count for name, count in wanted.items() if count > self.most.get(name, 0.0)}
         if lacking:
             words = ", ".join(f"{name}={count:g}" for name, count in lacking.items())

@@ -38,6 +38,8 @@ def test_wishes_are_cut_or_refused(bench: Any) -> None:
     assert pool.wish(wishing(bench))["cpu"] == 1
     assert pool.wish(wishing(bench, cpu=0))["cpu"] == 4
     assert pool.wish(wishing(bench, cpu=64))["cpu"] == 4
+    assert pool.wish(wishing(bench, **{"gpu?": 9}))["gpu"] == pool.most["gpu"]
+    assert "gpu" not in Pool({"cpu": 4, "gpu": 0, "jobs": 9}).wish(wishing(bench, **{"gpu?": 1}))
     with pytest.raises(GraphError, match="asks for gpu=2, licence=1, and there is gpu=1, licence=0"):
         pool.wish(wishing(bench, gpu=2, licence=1))
 

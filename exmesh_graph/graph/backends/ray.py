@@ -24,7 +24,7 @@ from exmesh_graph.errors import ExmeshError, GraphError, MissingLibraryError
 from exmesh_graph.graph import files
 from exmesh_graph.graph.backends.local import Local
 from exmesh_graph.graph.job import STOPPED, Emit, Job, Outcome, failure
-from exmesh_graph.graph.node import REGISTRY
+from exmesh_graph.graph.node import REGISTRY, wanted_of
 from exmesh_graph.graph.store import Store
 
 _RESTARTS = 3  # of one job whose worker or machine was lost
@@ -120,9 +120,9 @@ class RayCluster:
     def _place(self, placed: _Placed) -> None:
         """Hand a job to Ray; one that no machine can take is a failed one."""
         job = placed.job
-        wanted, machines = {"cpu": 1.0, **REGISTRY[job.type].resources}, self._machines()
-        most = max((machine.get("cpu", 0.0) for machine in machines), default=0.0)
-        wanted["cpu"] = min(wanted["cpu"] or most, most)
+        machines = self._machines()
+        most = {name: max(m.get(name, 0.0) for m in machines) for name in {name for m in machines for name in m}}
+        wanted = wanted_of(REGISTRY[job.type], most)
         known = {name: count for name, count in wanted.items() if name in _NAMES or any(name in m for m in machines)}
         if not any(all(machine.get(n, 0.0) >= c for n, c in known.items()) for machine in machines):
             words = ", ".join(f"{name}={count:g}" for name, count in known.items())
