@@ -2,14 +2,18 @@
 
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
-from exmesh_graph.types import Asset, Carrier, Metrics, Transport, Views
+from pydantic import Field
+
+from exmesh_graph.graph.node import Auto, Context, Params, facets, node, param
+from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, decided
 
 
 class FitParams(Params):
-    texture_size: int = param(0, ge=0, le=8192, unit="texels", doc="Side of the maps; 0 keeps the Stage I texture's.")
-    environment_height: int = param(
-        256, ge=8, le=1024, unit="texels", doc="Rows of the recovered environment; twice as many columns."
+    texture_size: Annotated[int, Field(ge=0, le=8192), Auto("needs")] = param(
+        0, unit="texels", doc="Side of the maps; 0 keeps the Stage I texture's."
+    )
+    environment_height: Annotated[int, Field(ge=8, le=1024), Auto("needs")] = param(
+        256, unit="texels", doc="Rows of the recovered environment; twice as many columns."
     )
     iterations: int = param(10_000, ge=1, doc="Adam steps of one training view each.")
     material_rate: float = param(2.5e-3, gt=0, doc="Learning rate of the maps (logits).")
@@ -23,7 +27,7 @@ class FitParams(Params):
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
     indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")
     base_color_init: Literal["texture", "gray"] = param("texture", doc="Where base colour starts.")
-    metallic: bool = param(False, doc="Fit a metallic map, starting at 0.")
+    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, starting at 0.")
     corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
     correction_samples: int = param(16, ge=1, le=1024, unit="rays", doc="Rays per pixel each time.")
     min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
@@ -49,6 +53,7 @@ def fit(
     carrier: Carrier,
     views: Annotated[Views, facets(split="train")],
     transport: Transport,
+    needs: SceneNeeds | None = None,
     *,
     p: FitParams,
 ) -> FitOut:
@@ -60,7 +65,8 @@ def fit(
     def progress(step: int, total: int, figures: dict[str, float]) -> None:
         ctx.progress(step, total, **figures)
 
-    settings = FitSettings(**p.model_dump(exclude={"threads"}))
+    given = p.model_dump(exclude={"threads"})
+    settings = FitSettings(**{name: decided(value, needs, name) for name, value in given.items()})
     with torch_threads(p.threads):
         asset, curves = run(
             carrier,

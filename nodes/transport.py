@@ -1,9 +1,11 @@
 """Light transport of a frozen mesh, traced once and shared by fits, relighting and ablations."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, node, param
-from exmesh_graph.types import Carrier, Transport
+from pydantic import Field
+
+from exmesh_graph.graph.node import Auto, Context, Params, node, param
+from exmesh_graph.types import Carrier, SceneNeeds, Transport, decided
 
 
 class DirectParams(Params):
@@ -34,15 +36,21 @@ def direct(ctx: Context, mesh: Carrier, *, p: DirectParams) -> TransportOut:
 
 
 class BounceParams(Params):
-    bounces: int = param(1, ge=1, le=16, doc="Diffuse interreflections to add; the paper has 1.")
+    bounces: Annotated[int, Field(ge=0, le=16), Auto("needs")] = param(
+        1, doc="Diffuse interreflections to add; the paper has 1. 0 hands the direct light on."
+    )
 
 
 @node("transport.bounce", version="1", libraries=("torch", "scipy"), resources={"cpu": 0, "gpu?": 1})
-def bounce(ctx: Context, light: Transport, *, p: BounceParams) -> TransportOut:
+def bounce(ctx: Context, light: Transport, needs: SceneNeeds | None = None, *, p: BounceParams) -> TransportOut:
     """Build the interreflection operator from the secondary hits and switch it on."""
     from exmesh_graph.shading.transport import with_bounces
 
-    lit = with_bounces(light, p.bounces)
+    bounces = decided(p.bounces, needs, "bounces")
+    if bounces == 0:
+        ctx.log("direct light only")
+        return TransportOut(light)
+    lit = with_bounces(light, bounces)
     assert lit.gather_point is not None
     ctx.log(f"{len(lit.gather_point)} entries between {len(lit.points)} points")
     return TransportOut(lit)

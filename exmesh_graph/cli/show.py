@@ -99,6 +99,8 @@ def parameter_facts(found: Signature, name: str) -> tuple[str, str | None, list[
         for word in ("min_length", "max_length"):
             if getattr(limit, word, None) is not None:
                 limits.append(f"{word} {getattr(limit, word)}")
+    if name in found.decided_by():
+        limits.append(f"or auto, by {found.decided_by()[name]}")
     extra = found.extra(name)
     return kind, default, limits, str(extra.get("unit") or ""), info.description or "", bool(extra.get("tuning"))
 

@@ -17,7 +17,7 @@ from exmesh_graph.graph.language.expand import Broken, Graph, Link, NodeSpec, ex
 from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.spec import Value, load_tree
 from exmesh_graph.graph.language.wires import Wiring
-from exmesh_graph.graph.node import NodeDef, Params
+from exmesh_graph.graph.node import Auto, NodeDef, Params
 from exmesh_graph.graph.packs import Packs, library_version
 from exmesh_graph.graph.ports import RESERVED, Signature, link_form, signature
 from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
@@ -182,6 +182,8 @@ class _Check:
         self._libraries(spec, definition)
         nested = usable if found.component is not None else {}
         model = self._params(spec, found, params, {field: plug.value for field, plug in nested.items()})
+        if model is not None:
+            self._decided(spec, found, model, params)
         if isinstance(model, Component):
             made = BoundComponent(spec.name, definition, model, usable, spec.where)
             if made.depth > MAX_NESTING:
@@ -196,6 +198,18 @@ class _Check:
             self.nodes[spec.name] = Bound(
                 spec.name, definition, found, model or Params(), wires, sources, spec.seed, spec.where, usable
             )
+
+    def _decided(self, spec: NodeSpec, found: Signature, model: Params, given: Mapping[str, Value]) -> None:
+        """Parameters that are `auto` need what decides them."""
+        for name, port in found.decided_by().items():
+            wired = port in spec.fields and spec.fields[port].value is not None
+            if getattr(model, name) == Auto.word and not wired:
+                self.problems.add(
+                    "auto", given[name].where if name in given else spec.where,
+                    f"{spec.name}: {name} is auto, but nothing is wired to {port}, which decides it",
+                    expected=str(found.inputs[port]), nearest=self.wiring.suitable(found.inputs[port], spec.name),
+                    fix=f"{port}: {link_form(found.inputs[port])}, or give {name} a value",
+                )  # fmt: skip
 
     def _unknown(self, spec: NodeSpec, found: Signature, key: str, value: Value) -> None:
         kind = "input port" if isinstance(value.value, Link | Broken) else "parameter"

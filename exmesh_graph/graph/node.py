@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -46,6 +46,32 @@ def param(default: Any = ..., *, doc: str, unit: str = "", tuning: bool = False,
             f"param() knows no {', '.join(unknown)}; limits are {', '.join(sorted(LIMITS))}; choices: Literal[...]"
         )
     return Field(default, description=doc, json_schema_extra={"unit": unit, "tuning": tuning}, **limits)
+
+
+@dataclass(frozen=True)
+class Auto:
+    """Lets a parameter also be the word `auto`: the artifact at the optional port `port` then decides it.
+
+        bounces: Annotated[int, Field(ge=0, le=16), Auto("needs")] = param(1, doc="...")
+
+    Limits stand before it, inside `Annotated`. `auto` with nothing wired to the port is an error of the graph.
+    """
+
+    port: str
+    word: ClassVar[str] = "auto"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        def validate(value: Any, inner: Callable[[Any], Any]) -> Any:
+            return value if value == self.word else inner(value)
+
+        return core_schema.no_info_wrap_validator_function(
+            validate, handler(source), serialization=core_schema.plain_serializer_function_ser_schema(lambda v: v)
+        )
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [handler(schema["schema"]), {"const": self.word}]}
 
 
 @dataclass(frozen=True)

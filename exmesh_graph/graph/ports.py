@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from exmesh_graph.graph.language.components import Component
-from exmesh_graph.graph.node import Facets, NodeDef, Params
+from exmesh_graph.graph.node import Auto, Facets, NodeDef, Params
 from exmesh_graph.types import Artifact
 
 RESERVED = ("type", "graph", "seed", "doc", "every", "at", "repeat", "carry", "next", "nodes")
@@ -81,6 +81,11 @@ class Signature:
     def tuning_fields(self) -> set[str]:
         """Names of the parameters that cannot change the result."""
         return {name for name in self.params.model_fields if self.extra(name).get("tuning")}
+
+    def decided_by(self) -> dict[str, str]:
+        """{parameter: port} of those that may be `auto`."""
+        fields = self.params.model_fields.items()
+        return {name: note.port for name, info in fields for note in info.metadata if isinstance(note, Auto)}
 
     def extra(self, name: str) -> dict[str, Any]:
         """Unit and tuning mark of a parameter."""
@@ -156,7 +161,11 @@ def _signature(function: Callable[..., Any]) -> Signature:
             inputs[name] = _port(function, name, hints[name], optional)
     outputs = _outputs(function, hints.get("return"))
     _refuse_clashes(function, inputs, params)
-    return Signature(inputs, outputs, params, params_name, inspect.getdoc(function) or "")
+    found = Signature(inputs, outputs, params, params_name, inspect.getdoc(function) or "")
+    for name, port in found.decided_by().items():
+        if port not in inputs or not inputs[port].optional:
+            raise TypeError(f"{function.__qualname__}: {name} is decided by {port}, which is no optional input")
+    return found
 
 
 def _outputs(function: Callable[..., Any], returned: Any) -> dict[str, Port]:

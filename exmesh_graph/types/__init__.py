@@ -3,6 +3,7 @@
 from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
 from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
+from exmesh_graph.types.needs import Decision, SceneNeeds, decided
 from exmesh_graph.types.results import Files, Gallery, Metrics, UsdAsset
 from exmesh_graph.types.transport import Transport
 from exmesh_graph.types.views import DepthMaps, Frame, SceneTruth, Views
@@ -11,6 +12,7 @@ __all__ = [
     "Artifact",
     "Asset",
     "Carrier",
+    "Decision",
     "DepthMaps",
     "EnvMap",
     "Files",
@@ -18,11 +20,13 @@ __all__ = [
     "Gallery",
     "Mesh",
     "Metrics",
+    "SceneNeeds",
     "SceneTruth",
     "Stage1State",
     "Transport",
     "UsdAsset",
     "Views",
+    "decided",
     "load_arrays",
     "save_arrays",
 ]

@@ -13,12 +13,14 @@ from exmesh_graph.types import (
     Artifact,
     Asset,
     Carrier,
+    Decision,
     DepthMaps,
     EnvMap,
     Frame,
     Gallery,
     Mesh,
     Metrics,
+    SceneNeeds,
     SceneTruth,
     Stage1State,
     UsdAsset,
@@ -51,6 +53,13 @@ def _examples(folder: Path) -> list[Artifact]:
     (folder / "pictures").mkdir(parents=True)
     (folder / "pictures" / "a.png").write_bytes(b"\x89PNG\x00")
     return [
+        SceneNeeds(
+            {
+                "bounces": Decision(2, 0.31, 0.04, 1.2, "It pays.", {"concavity": 0.2}),
+                "metallic": Decision(False, None, None, 1.0, "Nothing to see."),
+            },
+            {"occluded": 0.25},
+        ),
         Views(
             names=("a", "b"),
             images=noise(2, 4, 6, 3),
@@ -116,7 +125,7 @@ def _bytes_of(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-@pytest.mark.parametrize("index", range(13))
+@pytest.mark.parametrize("index", range(14))
 def test_round_trip_is_exact_and_bytes_are_stable(index: int, tmp_path: Path) -> None:
     value = _examples(tmp_path / "source")[index]
     again = _examples(tmp_path / "source2")[index]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from pydantic import Field
+
 from exmesh_graph.graph import Component, Context, Params, component, facets, node, param
+from exmesh_graph.graph.node import Auto
 from toy_pack.helpers import sign_of
 from toy_pack.nodes import Number, NumberOut, Series, Whole
 
@@ -79,3 +82,14 @@ def either(
     if item is None:
         return NumberOut(Number(0.0))
     return NumberOut(Number(item.value if isinstance(item, Whole) else float(item.data.sum())))
+
+
+class CountedParams(Params):
+    count: Annotated[int, Field(ge=1, le=9), Auto("judge")] = param(1, doc="How many.")
+    flag: Annotated[bool, Auto("judge")] = param(False, doc="Whether.")
+
+
+@node("toy.counted", version="1")
+def counted(ctx: Context, judge: Number | None = None, *, p: CountedParams) -> NumberOut:
+    """The count, or what the judge says."""
+    return NumberOut(judge if judge is not None and str(p.count) == "auto" else Number(float(p.count)))
