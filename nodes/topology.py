@@ -1,4 +1,4 @@
-"""Topology operations of Stage I: vertex splitting and vertex merging (paper sections 4.1 and 4.2)."""
+"""Topology operations of Stage I: vertex splitting and merging (paper sections 4.1 and 4.2), edge flips."""
 
 from typing import Annotated, Literal, NamedTuple
 
@@ -33,6 +33,17 @@ class MergeParams(Params):
     supersample: int = param(
         2, ge=1, le=8, doc="Views are searched for each face at this multiple of their resolution."
     )
+
+
+class FlipParams(Params):
+    method: Literal["delaunay", "valence"] = param(
+        "delaunay", doc="Which edges turn: those under wide angles, or those between vertices of many edges."
+    )
+    max_bend: float = param(0.5, ge=0.0, le=1.5, unit="radians", doc="Only pairs of faces that are flatter than this.")
+    max_shift: float = param(
+        0.1, ge=0.0, unit="diagonals", doc="How far the texture may move under the new edge; 0 allows rounding only."
+    )
+    max_rounds: int = param(8, ge=1, le=64, doc="Passes over the mesh; it ends early when no edge is left to flip.")
 
 
 class StateOut(NamedTuple):
@@ -108,6 +119,18 @@ def merge(
     )
     unseen = "" if rendered is None else f", {int((rendered == 0).sum())} faces never rendered"
     ctx.log(f"{len(state.faces)} -> {len(done.faces)} faces ({done.count} collapses{unseen})")
+    return StateOut(_carry(state, done))
+
+
+@node("mesh.flip", version="1", libraries=("scipy",))
+def flip(ctx: Context, state: Stage1State, *, p: FlipParams) -> StateOut:
+    """Flip edges inside charts to even out the triangles that splits and merges leave; no vertex and no UV moves."""
+    from exmesh_graph.geometry.flip import FlipSettings
+    from exmesh_graph.geometry.flip import flip as flip_mesh
+
+    settings = FlipSettings(criterion=p.method, max_bend=p.max_bend, max_shift=p.max_shift)
+    done = flip_mesh(state.vertices, state.faces, state.uvs, state.uv_faces, settings, max_rounds=p.max_rounds)
+    ctx.log(f"{done.count} edges flipped of {3 * len(state.faces) // 2}")
     return StateOut(_carry(state, done))
 
 
