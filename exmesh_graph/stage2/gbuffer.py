@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
 from exmesh_graph.losses import SsimTarget
 from exmesh_graph.raster import rasterize
-from exmesh_graph.shading import envmap
-from exmesh_graph.shading.lattice import locate
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
 from exmesh_graph.torch_setup import tensor_of
-from exmesh_graph.types import Transport, Views
+from exmesh_graph.types import Views
+
+if TYPE_CHECKING:
+    from exmesh_graph.stage2.light import LightModel
 
 
 @dataclass
 class ViewBuffer:
     """One training view on the carrier: N pixels whose centre meets the mesh inside the object's mask.
 
+    number, name  of the view
     pixel         int64 [N], row-major
     target        [N, 3], linear straight colour;  clipped bool [N, 3]: at the top of an 8-bit file's range
     coverage      [N], the mask's alpha, the pixel's weight in the loss
     face, bary    [N], [N, 3]
     texel, texel_weight   [N, 4], rows of the fit's compact texel table
-    point, point_weight   [N, 3], lattice points of the light transport
-    env_u, env_v  [N], image coordinates of the reflected direction
     n_v           [N]
     pairs         int64 [Q, 2], neighbouring pixels (by row of this buffer) on one continuous surface
-    specular_scale [N, 3], what to multiply the split sum with (stage2.correction)
+    light         what the light model keeps of the view (LightModel.view)
     box, box_pixel        height and width of the pixels' bounding box, and their flat positions in it
     ssim                  statistics of the target for D-SSIM, made when first asked for
     """
 
+    number: int
     name: str
     pixel: torch.Tensor
     target: torch.Tensor
@@ -43,14 +45,10 @@ class ViewBuffer:
     bary: torch.Tensor
     texel: torch.Tensor
     texel_weight: torch.Tensor
-    point: torch.Tensor
-    point_weight: torch.Tensor
-    env_u: torch.Tensor
-    env_v: torch.Tensor
     n_v: torch.Tensor
     pairs: torch.Tensor
     camera: torch.Tensor
-    specular_scale: torch.Tensor
+    light: Any
     box: tuple[int, int]
     box_pixel: torch.Tensor
     ssim: SsimTarget | None = None
@@ -61,14 +59,14 @@ class ViewBuffer:
 
 
 def build_gbuffer(
-    geometry: CarrierGeometry, light: Transport, views: Views, size: int, min_coverage: float
+    geometry: CarrierGeometry, light: LightModel, views: Views, size: int, min_coverage: float
 ) -> tuple[list[ViewBuffer], torch.Tensor]:
-    """The buffers of all views and the flat texels (int64 [T], ascending) that some view or lattice point reads.
+    """The buffers of all views and the flat texels (int64 [T], ascending) that some view or the light reads.
 
     `texel` indices refer to that table. Pixels with alpha below `min_coverage` are left out.
     """
     device = geometry.device
-    buffers, used = [], [_lattice_footprint(geometry, light, size)[0].reshape(-1)]
+    buffers, used = [], [light.texels(size)]
     for number in range(len(views)):
         buffer = _view(geometry, light, views, number, size, min_coverage)
         buffers.append(buffer)
@@ -81,22 +79,8 @@ def build_gbuffer(
     return buffers, texels
 
 
-def lattice_texels(
-    geometry: CarrierGeometry, light: Transport, texels: torch.Tensor, size: int
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rows of the compact table and weights [P, 4] of the light transport's points."""
-    index, weight = _lattice_footprint(geometry, light, size)
-    return torch.searchsorted(texels, index), weight
-
-
-def _lattice_footprint(geometry: CarrierGeometry, light: Transport, size: int) -> tuple[torch.Tensor, torch.Tensor]:
-    corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(light.point_face.astype(np.int64)).to(geometry.device)]]
-    bary = tensor_of(light.point_bary).to(geometry.device)
-    return texel_footprint((corners * bary[..., None]).sum(1), size)
-
-
 def _view(
-    geometry: CarrierGeometry, light: Transport, views: Views, number: int, size: int, min_coverage: float
+    geometry: CarrierGeometry, light: LightModel, views: Views, number: int, size: int, min_coverage: float
 ) -> ViewBuffer:
     device = geometry.device
     height, width = views.height, views.width
@@ -118,10 +102,9 @@ def _view(
     coverage = alpha.reshape(-1)[pixel]
     target = tensor_of(views.images[number]).to(device).reshape(-1, 3)[pixel] / coverage[:, None]
     texel, texel_weight = texel_footprint(samples.uv, size)
-    point, point_weight = locate(light.face_points, light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
-    env_u, env_v = envmap.uv_of(samples.reflected)
     box, box_pixel = _box(pixel, width)
     return ViewBuffer(
+        number=number,
         name=views.names[number],
         pixel=pixel,
         target=target,
@@ -131,14 +114,10 @@ def _view(
         bary=bary,
         texel=texel,
         texel_weight=texel_weight,
-        point=torch.from_numpy(point.astype(np.int64)).to(device),
-        point_weight=torch.from_numpy(point_weight).to(device),
-        env_u=env_u,
-        env_v=env_v,
         n_v=samples.n_v,
         pairs=_pairs(inside, samples, pixel),
         camera=camera,
-        specular_scale=torch.ones_like(target),
+        light=light.view(samples, pixel, width),
         box=box,
         box_pixel=box_pixel,
     )

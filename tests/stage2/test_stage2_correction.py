@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from exmesh_graph.stage2.correction import _hit_radiance, initial_specular_scale, lattice_radiance
-from exmesh_graph.stage2.fit import FitSettings, Light, Model
+from exmesh_graph.stage2.correction import initial_specular_scale, lattice_radiance
+from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.surface import texel_footprint
 
 
 @pytest.fixture(scope="module", params=[False, True])
@@ -18,21 +20,22 @@ def model(request, carrier, train_views, transport):
 
 def test_the_factor_starts_as_the_lobes_visible_share(model):
     """Pixel by pixel: visibility interpolated between the three lattice points, averaged over the GGX lobe."""
-    initial_specular_scale(model)
-    bits = model.operators.visible.double().numpy()
-    sky = np.asarray(model.operators.light.directions, float)
+    model.light.start(model.maps, model.buffers)
+    bits = model.light.operators.visible.double().numpy()
+    sky = np.asarray(model.light.operators.light.directions, float)
     alpha = max(model.settings.roughness_start**2, math.sqrt(4 * math.pi / len(sky)) / 4)
     values = []
     for buffer in model.buffers[:3]:
+        kept = buffer.light
         reflected = buffer.samples(model.geometry).reflected.double().numpy()
         for pixel in range(0, len(buffer.pixel), 17):
             seen = sum(
-                float(w) * bits[int(p)] for p, w in zip(buffer.point[pixel], buffer.point_weight[pixel], strict=True)
+                float(w) * bits[int(p)] for p, w in zip(kept.point[pixel], kept.point_weight[pixel], strict=True)
             )
             cosine = sky @ reflected[pixel]
             lobe = np.clip(cosine, 0, None) / (alpha**2 + (1 - alpha**2) * (1 - cosine) / 2) ** 2
             expected = (lobe * seen).sum() / lobe.sum()
-            found = buffer.specular_scale[pixel].numpy()
+            found = kept.specular_scale[pixel].numpy()
             np.testing.assert_allclose(found, expected, atol=1e-4)
             values.append(expected)
     assert min(values) < 0.3  # under the ball, at grazing angles
@@ -40,31 +43,29 @@ def test_the_factor_starts_as_the_lobes_visible_share(model):
 
 
 def test_every_pixel_is_set_whatever_the_chunk(model):
-    initial_specular_scale(model)
-    whole = [buffer.specular_scale.clone() for buffer in model.buffers]
     for buffer in model.buffers:
-        buffer.specular_scale.fill_(-1)
-    initial_specular_scale(model, chunk=7)
-    for buffer, expected in zip(model.buffers, whole, strict=True):
-        torch.testing.assert_close(buffer.specular_scale, expected)
+        whole = initial_specular_scale(model.light, buffer)
+        torch.testing.assert_close(initial_specular_scale(model.light, buffer, chunk=7), whole)
 
 
 def test_hits_send_diffuse_times_irradiance(model):
     """At a lattice point: f_d of the maps there times its irradiance; between points, linear."""
-    maps = model.maps().detach().clone()
-    maps[:, :3] = torch.rand(maps[:, :3].shape, generator=torch.Generator().manual_seed(0))
+    values = model.maps.values().detach().clone()
+    values[:, :3] = torch.rand(values[:, :3].shape, generator=torch.Generator().manual_seed(0))
     if model.settings.metallic:
-        maps[:, 4] = 0.25
-    transport = model.operators.light
+        values[:, 4] = 0.25
+    transport = model.light.operators.light
     count = len(transport.points)
     irradiance = torch.rand(count, 3, generator=torch.Generator().manual_seed(1))
-    light = Light(torch.ones(16, 32, 3), torch.ones(1, 3), irradiance)
-    radiance = _hit_radiance(model, maps, light)
-    leaving = torch.zeros(count, 3)
-    for point in range(count):
-        material = (maps[model.point_texel[point]] * model.point_weight[point][:, None]).sum(0)
-        scattered = material[:3] * ((1 - material[4]) if model.settings.metallic else 1)
-        leaving[point] = scattered / math.pi * irradiance[point]
+    radiance = lattice_radiance(transport, model.light.lattice_diffuse(model.maps, values) * irradiance)
+    corners = model.geometry.uvs[model.geometry.uv_faces[torch.from_numpy(transport.point_face.astype(np.int64))]]
+    uv = (corners * torch.from_numpy(transport.point_bary)[..., None]).sum(1)
+    index, weight = texel_footprint(uv, model.maps.size)
+    whole = torch.full((model.maps.size**2, values.shape[1]), torch.nan)
+    whole[model.maps.texels] = values
+    material = (whole[index] * weight[..., None]).sum(1)
+    scattered = material[:, :3] * ((1 - material[:, 4:5]) if model.settings.metallic else 1)
+    leaving = scattered / math.pi * irradiance
     last = transport.subdivision
     corner = [0, (last + 1) * (last + 2) // 2 - 1, last]  # lattice numbers of the face's corners
     for face in range(0, len(transport.face_points), 29):

@@ -8,11 +8,11 @@ import torch
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.stage2.adam import Adam
-from exmesh_graph.stage2.correction import measure_specular_scale
 from exmesh_graph.stage2.fill import complete_maps
-from exmesh_graph.stage2.fit import Model, fit
+from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import initial_base_color, initial_environment, resize_texture
 from exmesh_graph.stage2.losses import log_l1, pair_variation
+from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import FitSettings
 
@@ -124,32 +124,30 @@ def test_errors_name_the_cause(carrier, train_views, transport):
 
 def test_after_a_correction_the_model_equals_the_traced_render(carrier, train_views, transport):
     """shade() = diffuse + traced specular at the parameters it was measured with."""
-    from exmesh_graph.rays import make_ray_tracer
     from exmesh_graph.shading import brdf
     from exmesh_graph.shading.gather import gather_rows
 
     settings = dataclasses.replace(QUICK, correction_samples=64)
     model = Model(carrier, train_views, transport, settings, "cpu")
-    tracer = make_ray_tracer(carrier.vertices, carrier.faces)
-    maps = model.maps().detach()
-    light = model.light(maps, 1.0)
     buffer = model.buffers[0]
     scales = []
     for seed in (0, 1):
-        measure_specular_scale(model, tracer, 1.0, torch.Generator().manual_seed(seed))
-        scales.append(buffer.specular_scale.clone())
+        model.measure(1.0, torch.Generator().manual_seed(seed))
+        scales.append(buffer.light.specular_scale.clone())
     # a uniform white sky: free points of the ball see all of it, so the factor is 1 there up to grazing angles ...
-    material = gather_rows(maps, buffer.texel, buffer.texel_weight)
     surface = buffer.samples(model.geometry)
     upward = (surface.position[:, 1] > 0.1) & (surface.reflected[:, 1] > 0.6) & (buffer.n_v > 0.6)
     assert int(upward.sum()) > 5
     np.testing.assert_allclose(scales[0][upward].numpy(), 1, atol=0.1)
     # ... and two independent measurements agree
     assert float((scales[0] - scales[1]).abs().mean()) < 0.03
-    split = model.split_sum(buffer, material, light)
-    shaded, _ = model.shade(buffer, maps, light)
-    irradiance = gather_rows(light.irradiance, buffer.point, buffer.point_weight)
-    torch.testing.assert_close(shaded, brdf.diffuse(material[:, :3]) * irradiance + split * buffer.specular_scale)
+    with torch.no_grad():
+        lit = model.lit(1.0, 0)
+        shaded, material = model.shade(buffer, lit)
+        split = model.light.split_sum(buffer, material, lit.light)
+        irradiance = gather_rows(lit.light.irradiance, buffer.light.point, buffer.light.point_weight)
+    diffuse = brdf.diffuse(material.base_color) * irradiance
+    torch.testing.assert_close(shaded, diffuse + split * buffer.light.specular_scale)
 
 
 def test_adam_equals_torchs():
@@ -217,18 +215,18 @@ def test_unseen_texels_come_from_the_surface_around_them(carrier):
 
 def test_texels_that_a_footprints_corner_touched_are_filled_from_their_neighbours(carrier, train_views, transport):
     """Adam moves barely touched texels as fast as all others; what they end at must not reach the asset."""
-    from exmesh_graph.stage2 import fit as module
+    from exmesh_graph.stage2.result import finished_asset
 
     model = Model(carrier, train_views, transport, dataclasses.replace(QUICK, texture_size=64), "cpu")
-    weight = torch.zeros(len(model.texels))
+    weight = torch.zeros(len(model.maps.texels))
     for buffer in model.buffers:
         weight.index_add_(0, buffer.texel.reshape(-1), buffer.texel_weight.reshape(-1))
     faint = (weight > 0) & (weight < 0.02)
     assert int(faint.sum()) > 3
     with torch.no_grad():
-        model.material.fill_(0)
-        model.material[faint] = 9
-    asset = module._asset(carrier, model)
+        model.maps.parameter.fill_(0)
+        model.maps.parameter[faint] = 9
+    asset = finished_asset(carrier, model)
     np.testing.assert_allclose(asset.base_color, 0.5, atol=1e-5)
     assert asset.seen.sum() > 0.5 * int((weight > 0).sum())
 
@@ -243,9 +241,8 @@ def test_the_starting_light_makes_the_start_as_bright_as_the_photographs(carrier
 
     model, darker = started(1.0), started(0.25)
     with torch.no_grad():
-        maps = model.maps()
-        light = model.light(maps, 0.0)
-        shown = sum(float((model.shade(b, maps, light)[0] * b.coverage[:, None]).sum()) for b in model.buffers)
+        lit = model.lit(0.0, 0)
+        shown = sum(float((model.shade(b, lit)[0] * b.coverage[:, None]).sum()) for b in model.buffers)
     assert shown == pytest.approx(sum(float((b.target * b.coverage[:, None]).sum()) for b in model.buffers), rel=1e-3)
     level, quarter = (torch.nn.functional.softplus(m.environment.detach()).mean() for m in (model, darker))
     assert float(quarter / level) == pytest.approx(0.25, rel=1e-3)

@@ -12,10 +12,12 @@ from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.sampling import sample_specular
 from exmesh_graph.shading.specular import PrefilteredStack
 from exmesh_graph.shading.transport import LightTransport, trace_transport
-from exmesh_graph.stage2.fit import Model, _indirect, _terms, fit
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, texel_footprint
+from exmesh_graph.stage2.terms import indirect_strength, weighted_terms
 
 SHORT = FitSettings(
     environment_height=16,
@@ -47,9 +49,9 @@ def _all_finite(asset):
 
 
 def _forward(model, views_index=0, step=0):
-    terms, predicted = _terms(model, model.buffers[views_index], step)
+    terms, predicted = weighted_terms(model, model.buffers[views_index], step)
     sum(terms.values()).backward()
-    for parameter in (model.material, model.environment):
+    for parameter in (model.maps.parameter, model.environment):
         assert bool(torch.isfinite(parameter.grad).all())
     assert all(bool(torch.isfinite(value)) for value in terms.values())
     assert bool(torch.isfinite(predicted).all())
@@ -114,7 +116,7 @@ def test_pure_black_and_pure_white_materials(carrier, train_views, transport, lo
     settings = dataclasses.replace(SHORT, metallic=True)
     model = Model(carrier, train_views, transport, settings, "cpu")
     with torch.no_grad():
-        model.material.fill_(logit)
+        model.maps.parameter.fill_(logit)
     _, predicted = _forward(model)
     # roughness and metallic are at the same end: white is a rough white metal, black a dielectric at the floor
     assert 0 <= float(predicted.min()) <= float(predicted.max()) <= (1.1 if logit > 0 else 1.0)
@@ -182,7 +184,7 @@ def test_saturated_highlights_pull_no_further(carrier, train_views, transport):
     assert float(predicted.min()) > 1
     assert float(terms["image"]) == 0
     assert float(terms["ssim"]) == pytest.approx(0, abs=1e-6)
-    assert float(model.material.grad.abs().max()) < 1e-8
+    assert float(model.maps.parameter.grad.abs().max()) < 1e-8
     linear = Model(carrier, dataclasses.replace(full, clipped=False), transport, settings, "cpu")
     assert not any(bool(buffer.clipped.any()) for buffer in linear.buffers)  # an EXR has no top
 
@@ -286,7 +288,7 @@ def test_the_objective_is_equations_21_to_24(carrier, train_views, transport):
     settings = dataclasses.replace(SHORT, log_weight=0.7, ssim_weight=0.3, iterations=100, indirect_ramp=10)
     model = Model(carrier, train_views, transport, settings, "cpu")
     buffer, step = model.buffers[1], 25
-    terms, predicted = _terms(model, buffer, step)
+    terms, predicted = weighted_terms(model, buffer, step)
     log = (torch.log1p(predicted) - torch.log1p(buffer.target)).abs().mean(1)
     assert float(terms["image"]) == pytest.approx(0.7 * float((log * buffer.coverage).sum() / buffer.coverage.sum()))
     pictures = []
@@ -303,24 +305,24 @@ def test_the_objective_is_equations_21_to_24(carrier, train_views, transport):
     with torch.no_grad():
         model.environment[..., 0] += 1
     sky = envmap.radiance_of(model.environment)
-    chroma = _terms(model, buffer, step)[0]["chroma"]
+    chroma = weighted_terms(model, buffer, step)[0]["chroma"]
     assert float(chroma) == pytest.approx(settings.chroma_weight * 0.75 * float(envmap.chroma(sky)))
     # eq. 20: lambda_ind grows linearly to its target
-    assert [_indirect(settings, s) for s in (0, 4, 9, 50)] == pytest.approx([0.1, 0.5, 1.0, 1.0])
+    assert [indirect_strength(settings, s) for s in (0, 4, 9, 50)] == pytest.approx([0.1, 0.5, 1.0, 1.0])
 
 
 def test_one_step_of_light_equals_its_integral(carrier, train_views, transport):
     """The diffuse part of shade(): f_d I with f_d = a / pi, under a white sky without interreflection: a x openness."""
     model = Model(carrier, train_views, transport, SHORT, "cpu")
     buffer = model.buffers[0]
-    buffer.specular_scale.zero_()
+    buffer.light.specular_scale.zero_()
     with torch.no_grad():
-        shaded, material = model.shade(buffer, maps := model.maps(), model.light(maps, 0.0))
+        shaded, material = model.shade(buffer, model.lit(0.0, 0))
     open_sky = buffer.samples(model.geometry).normal[:, 1] > 0.7  # upwards on the ball: nothing above it
     height = buffer.samples(model.geometry).position[:, 1]
     top = open_sky & (height > 0.1)
-    np.testing.assert_allclose(shaded[top].numpy(), material[top, :3].numpy(), rtol=0.06)
-    assert float((shaded <= material[:, :3] * 1.06).float().mean()) == 1
+    np.testing.assert_allclose(shaded[top].numpy(), material.base_color[top].numpy(), rtol=0.06)
+    assert float((shaded <= material.base_color * 1.06).float().mean()) == 1
 
 
 def test_reflections_of_the_object_in_itself_are_seen(true_asset, cameras):
@@ -366,5 +368,5 @@ def test_the_fit_looks_the_sky_up_where_the_view_is_mirrored(carrier, train_view
         surface = buffer.samples(model.geometry)
         view = torch.nn.functional.normalize(buffer.camera - surface.position, dim=1)
         mirrored = 2 * (view * surface.normal).sum(1, keepdim=True) * surface.normal - view
-        looked = envmap.direction_of(buffer.env_u, buffer.env_v)
+        looked = envmap.direction_of(buffer.light.env_u, buffer.light.env_v)
         torch.testing.assert_close(looked, mirrored, atol=1e-3, rtol=0)

@@ -1,0 +1,64 @@
+"""What a light model is to the fit: from maps and environment to the radiance of a view's pixels.
+
+Two of them: `precomputed.PrecomputedLight` (transport traced once, no noise) and the Monte Carlo light of the paper.
+A fit calls, in this order:
+
+    texels, view          once, while the views' buffers are made
+    start                 once, before the first step of a fit that is not resumed
+    prepare, radiance     every step: what holds for all pixels under the current maps and environment; then one view
+    measure               now and then (FitSettings.corrections): rays that no single step could afford
+    state, restore        for checkpoints: everything that start and measure changed
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+import torch
+
+from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.surface import SurfaceSamples
+
+
+class LightModel(Protocol):
+    """Direct and indirect light of a frozen carrier, differentiable in maps and environment.
+
+    `values` is MaterialMaps.values(), `environment` the radiance [H, W, 3], `strength` lambda_ind of eq. 20. `lit` is
+    whatever `prepare` returned for the step; `buffer.light` is whatever `view` returned for the buffer.
+    """
+
+    def texels(self, size: int) -> torch.Tensor:
+        """Flat texels int64 [any] of size x size maps that the model itself reads, besides those of pixels."""
+
+    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int) -> Any:
+        """What the model keeps of a view: `surface` seen by its flat `pixel`s in an image `width` wide."""
+
+    def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
+        """Whatever must be measured before the first step."""
+
+    def prepare(
+        self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
+    ) -> Any:
+        """What all pixels share under the current maps and environment."""
+
+    def radiance(self, buffer: ViewBuffer, material: Material, lit: Any) -> torch.Tensor:
+        """Radiance [N, 3] that the view's pixels send to the camera."""
+
+    def measure(
+        self,
+        maps: MaterialMaps,
+        values: torch.Tensor,
+        environment: torch.Tensor,
+        strength: float,
+        buffers: Iterable[ViewBuffer],
+        generator: torch.Generator,
+    ) -> None:
+        """Measure again, under the current maps and environment, whatever steps only approximate. No gradients."""
+
+    def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
+        """What `start` and `measure` changed, as types.state can store it."""
+
+    def restore(self, buffers: Iterable[ViewBuffer], kept: Mapping[str, Any]) -> None:
+        """Go on from `state`."""

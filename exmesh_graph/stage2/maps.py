@@ -1,0 +1,69 @@
+"""The optimised material maps: one table of the texels that pixels or light read, and what pixels read from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.stage2.init import initial_base_color, logit
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.types import Carrier
+
+
+@dataclass(frozen=True)
+class Material:
+    """What N points read from the maps: `table` [N, C], one column per channel."""
+
+    table: torch.Tensor
+    has_metallic: bool
+
+    @property
+    def base_color(self) -> torch.Tensor:
+        """[N, 3], linear."""
+        return self.table[:, :3]
+
+    @property
+    def roughness(self) -> torch.Tensor:
+        """[N]."""
+        return self.table[:, 3]
+
+    @property
+    def metallic(self) -> torch.Tensor | None:
+        """[N]; None: a dielectric."""
+        return self.table[:, 4] if self.has_metallic else None
+
+
+class MaterialMaps:
+    """The free parameters of T texels and the maps they stand for.
+
+    texels     int64 [T], ascending: flat positions in the size x size maps; all others stay out of the fit
+    parameter  [T, C] leaf; columns: base colour 3, roughness, (metallic), each the logit of its map
+    """
+
+    def __init__(self, carrier: Carrier, texels: torch.Tensor, size: int, settings: FitSettings) -> None:
+        self.texels, self.size, self.settings = texels, size, settings
+        device = texels.device
+        start = initial_base_color(carrier.texture, size, settings.base_color_init).to(device)
+        columns = [start.reshape(-1, 3)[texels], torch.full((len(texels), 1), 0.5, device=device)]
+        span = 1 - settings.roughness_min
+        columns[1][:] = (settings.roughness_start - settings.roughness_min) / span
+        if settings.metallic:
+            columns.append(torch.zeros(len(texels), 1, device=device))
+        self.parameter = logit(torch.cat(columns, dim=1)).requires_grad_()
+
+    def values(self) -> torch.Tensor:
+        """Base colour, roughness (and metallic) of the texels, [T, 4 or 5]; differentiable in `parameter`."""
+        values = torch.sigmoid(self.parameter)
+        low = self.settings.roughness_min
+        roughness = low + (1 - low) * values[:, 3:4]
+        return torch.cat([values[:, :3], roughness, values[:, 4:]], dim=1)
+
+    def read(self, values: torch.Tensor, index: torch.Tensor, weight: torch.Tensor) -> Material:
+        """The material at N points from `values` and the points' texel rows int64 [N, 4] and weights [N, 4]."""
+        return Material(gather_rows(values, index, weight), self.settings.metallic)
+
+    def rows(self, flat: torch.Tensor) -> torch.Tensor:
+        """Rows of the table of flat texel positions, which must be among `texels`."""
+        return torch.searchsorted(self.texels, flat)

@@ -1,0 +1,99 @@
+"""The optimised parameters (maps and environment) and the differentiable forward render of a view's pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from exmesh_graph.errors import DataError, NumericsError
+from exmesh_graph.rays import make_ray_tracer
+from exmesh_graph.shading import envmap
+from exmesh_graph.shading.transport import check_fits
+from exmesh_graph.stage2.gbuffer import ViewBuffer, build_gbuffer
+from exmesh_graph.stage2.init import initial_environment
+from exmesh_graph.stage2.light import LightModel
+from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.precomputed import PrecomputedLight
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.surface import CarrierGeometry
+from exmesh_graph.types import Carrier, Transport, Views
+
+#: Photographs of a dark room: the light's softplus parameter must still have a gradient.
+MIN_LEVEL = 0.01
+
+
+@dataclass
+class Lit:
+    """Maps and environment as a step sees them: values [T, C], radiance [H, W, 3], and what the light model made."""
+
+    values: torch.Tensor
+    environment: torch.Tensor
+    light: Any
+
+
+class Model:
+    """Maps, environment and light model on a carrier, and the buffers of its training views."""
+
+    def __init__(
+        self, carrier: Carrier, views: Views, transport: Transport, settings: FitSettings, device: str
+    ) -> None:
+        check_fits(transport, carrier.vertices, carrier.faces)
+        self.settings = settings
+        self.geometry = CarrierGeometry(carrier, device)
+        tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
+        self.light: LightModel = PrecomputedLight(transport, self.geometry, tracer, settings)
+        size = settings.texture_size or carrier.texture.shape[0]
+        self.buffers, texels = build_gbuffer(self.geometry, self.light, views, size, settings.min_coverage)
+        if not any(len(buffer.pixel) for buffer in self.buffers):
+            raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
+        self.maps = MaterialMaps(carrier, texels, size, settings)
+        self.environment = initial_environment(settings.environment_height, device=device).requires_grad_()
+
+    def lit(self, strength: float, step: int) -> Lit:
+        """The current maps and light of a step, with lambda_ind = `strength`; differentiable."""
+        values, environment = self.maps.values(), envmap.radiance_of(self.environment)
+        return Lit(values, environment, self.light.prepare(self.maps, values, environment, strength, step))
+
+    def shade(self, buffer: ViewBuffer, lit: Lit) -> tuple[torch.Tensor, Material]:
+        """Radiance [N, 3] of a view's pixels and their material."""
+        material = self.maps.read(lit.values, buffer.texel, buffer.texel_weight)
+        return self.light.radiance(buffer, material, lit.light), material
+
+    def start(self) -> None:
+        """Make ready for the first step: the light model's first measurement, and a sky as bright as the views."""
+        self.light.start(self.maps, self.buffers)
+        self.level_light()
+
+    @torch.no_grad()
+    def measure(self, strength: float, generator: torch.Generator) -> None:
+        """Let the light model measure again, at the current maps and environment."""
+        values, environment = self.maps.values(), envmap.radiance_of(self.environment)
+        self.light.measure(self.maps, values, environment, strength, self.buffers, generator)
+
+    @torch.no_grad()
+    def level_light(self) -> None:
+        """Set the white starting light so that the starting maps are as bright as the photographs, on average.
+
+        Materials and light share a factor that only highlights tell, and a short fit moves little along it: where it
+        starts, with mid-gray base colour a guess that is rarely far off, decides where it ends. Raises NumericsError
+        for a photograph that is not finite.
+        """
+        lit = self.lit(0.0, 0)
+        seen = shown = 0.0
+        for buffer in self.buffers:
+            predicted, _ = self.shade(buffer, lit)
+            brightness = float((buffer.target * buffer.coverage[:, None]).sum())
+            if not np.isfinite(brightness):
+                raise NumericsError(
+                    f"the image's brightness is {brightness}",
+                    where=f"stage2 step 0, view {buffer.name}",
+                    expected="finite pixel values",
+                    fix="check the view's image for NaN or Inf",
+                )
+            seen += brightness
+            shown += float((predicted * buffer.coverage[:, None]).sum())
+        level = max(seen / max(shown, 1e-12), MIN_LEVEL)
+        self.environment.copy_(initial_environment(self.settings.environment_height, level, self.environment.device))

@@ -1,0 +1,149 @@
+"""The precomputed light: irradiance by the transport of the frozen mesh, specular by split sum times a measured factor.
+
+    L = f_d(x) I_n(x) + split_sum(x) c(x)          I_n: shading.transport, split_sum: shading.specular
+
+No sampling noise in value or gradient. `c` is kept per pixel (stage2.correction).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from exmesh_graph.rays import RayTracer
+from exmesh_graph.shading import brdf, envmap
+from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.lattice import locate
+from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, reflectance_table
+from exmesh_graph.shading.transport import LightTransport
+from exmesh_graph.stage2.correction import initial_specular_scale, measured_specular_scale
+from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.torch_setup import tensor_of
+from exmesh_graph.types import Transport
+
+
+@dataclass
+class PrecomputedView:
+    """What the precomputed light keeps of a view's N pixels.
+
+    point, point_weight   [N, 3], lattice points of the light transport
+    env_u, env_v          [N], image coordinates of the reflected direction
+    specular_scale        [N, 3], what to multiply the split sum with
+    """
+
+    point: torch.Tensor
+    point_weight: torch.Tensor
+    env_u: torch.Tensor
+    env_v: torch.Tensor
+    specular_scale: torch.Tensor
+
+
+@dataclass
+class PrecomputedLit:
+    """A step's light: prefiltered rows of the environment, irradiance [P, 3] at the lattice."""
+
+    stack: torch.Tensor
+    irradiance: torch.Tensor
+
+
+class PrecomputedLight:
+    """A stage2.light.LightModel over a types.Transport of the carrier's own mesh."""
+
+    def __init__(
+        self, transport: Transport, geometry: CarrierGeometry, tracer: RayTracer, settings: FitSettings
+    ) -> None:
+        self.geometry, self.tracer, self.settings = geometry, tracer, settings
+        device = geometry.device
+        self.operators = LightTransport(transport, device)
+        height = settings.environment_height
+        self.stack = PrefilteredStack(height, 2 * height, device)
+        self.binning = self.operators.bin_matrix(height, 2 * height)
+        self.table = reflectance_table(device=device)
+        corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(transport.point_face.astype(np.int64)).to(device)]]
+        bary = tensor_of(transport.point_bary).to(device)
+        self._point_uv = (corners * bary[..., None]).sum(1)
+
+    def texels(self, size: int) -> torch.Tensor:
+        return texel_footprint(self._point_uv, size)[0].reshape(-1)
+
+    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int) -> PrecomputedView:
+        light, face, bary = self.operators.light, surface.face.cpu().numpy(), surface.bary.cpu().numpy()
+        point, weight = locate(light.face_points, light.subdivision, face, bary)
+        device = self.geometry.device
+        env_u, env_v = envmap.uv_of(surface.reflected)
+        return PrecomputedView(
+            point=torch.from_numpy(point.astype(np.int64)).to(device),
+            point_weight=torch.from_numpy(weight).to(device),
+            env_u=env_u,
+            env_v=env_v,
+            specular_scale=torch.ones_like(surface.position),
+        )
+
+    def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
+        for buffer in buffers:
+            buffer.light.specular_scale = initial_specular_scale(self, buffer)
+
+    def prepare(
+        self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
+    ) -> PrecomputedLit:
+        binned = torch.sparse.mm(self.binning, environment.reshape(-1, 3))
+        diffuse = None
+        if self.operators.bounces and strength > 0:
+            diffuse = self.lattice_diffuse(maps, values)
+        irradiance = self.operators.irradiance(binned, diffuse, strength)
+        return PrecomputedLit(self.stack.build(environment), irradiance)
+
+    def radiance(self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit) -> torch.Tensor:
+        kept, metallic = buffer.light, material.metallic
+        irradiance = gather_rows(lit.irradiance, kept.point, kept.point_weight)
+        split = self.split_sum(buffer, material, lit)
+        return brdf.diffuse(material.base_color, metallic) * irradiance + split * kept.specular_scale
+
+    def split_sum(self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit) -> torch.Tensor:
+        """Unoccluded specular radiance [N, 3] of a view's pixels."""
+        kept, roughness = buffer.light, material.roughness
+        index, weight = self.stack.locate(kept.env_u, kept.env_v, roughness)
+        prefiltered = gather_rows(lit.stack, index, weight)
+        if material.has_metallic:
+            f0 = brdf.base_reflectance(material.base_color, material.metallic)
+            return directional_albedo(self.table, buffer.n_v, roughness, f0) * prefiltered
+        albedo = directional_albedo(self.table, buffer.n_v, roughness, brdf.DIELECTRIC_F0)
+        return albedo[:, None] * prefiltered
+
+    def lattice_diffuse(self, maps: MaterialMaps, values: torch.Tensor) -> torch.Tensor:
+        """f_d [P, 3] at the points of the transport."""
+        index, weight = texel_footprint(self._point_uv, maps.size)
+        at_points = maps.read(values, maps.rows(index), weight)
+        return brdf.diffuse(at_points.base_color, at_points.metallic)
+
+    @torch.no_grad()
+    def measure(
+        self,
+        maps: MaterialMaps,
+        values: torch.Tensor,
+        environment: torch.Tensor,
+        strength: float,
+        buffers: Iterable[ViewBuffer],
+        generator: torch.Generator,
+    ) -> None:
+        lit = self.prepare(maps, values, environment, strength, 0)
+        leaving = self.lattice_diffuse(maps, values) * lit.irradiance
+        for buffer in buffers:
+            if len(buffer.pixel):
+                material = maps.read(values, buffer.texel, buffer.texel_weight)
+                scale = measured_specular_scale(self, buffer, material, lit, environment, leaving, generator)
+                buffer.light.specular_scale = scale
+
+    def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
+        return {"specular_scale": [buffer.light.specular_scale for buffer in buffers]}
+
+    def restore(self, buffers: Iterable[ViewBuffer], kept: Mapping[str, Any]) -> None:
+        for buffer, scale in zip(buffers, kept["specular_scale"], strict=True):
+            buffer.light.specular_scale = scale.to(buffer.light.specular_scale)

@@ -1,0 +1,47 @@
+"""From the fitted parameters to an asset: whole maps, the texels that pixels speak for, the environment."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from exmesh_graph.shading import envmap
+from exmesh_graph.stage2.fill import complete_maps
+from exmesh_graph.stage2.model import Model
+from exmesh_graph.types import Asset, Carrier
+
+#: Bilinear weight over all pixels of all views from which a texel counts as seen: one pixel's worth, or this share of
+#: the median texel's where maps are finer than pixels. Adam moves a texel that the corner of one footprint touches as
+#: fast as any other: such texels, most of them on the borders of charts, end up anywhere.
+SEEN_WEIGHT, SEEN_SHARE = 1.0, 0.1
+
+
+@torch.no_grad()
+def finished_asset(carrier: Carrier, model: Model) -> Asset:
+    """The asset of the model's current parameters; texels that no view tells of are filled (stage2.fill)."""
+    texels, size = model.maps.texels, model.maps.size
+    evidence = torch.zeros(len(texels), device=texels.device)
+    for buffer in model.buffers:
+        evidence.index_add_(0, buffer.texel.reshape(-1), buffer.texel_weight.reshape(-1))
+    seen_rows = evidence >= min(SEEN_WEIGHT, SEEN_SHARE * float(evidence[evidence > 0].median()))
+    count = size * size
+    maps = model.maps.values()
+    values = torch.zeros(count, maps.shape[1], device=maps.device)
+    values[texels] = maps
+    seen = torch.zeros(count, dtype=torch.bool, device=maps.device)
+    seen[texels[seen_rows]] = True
+    image = values.reshape(size, size, -1).cpu().numpy()
+    seen_image = seen.reshape(size, size).cpu().numpy()
+    image = complete_maps(image, seen_image, carrier)
+    return Asset(
+        vertices=carrier.vertices,
+        faces=carrier.faces,
+        uvs=carrier.uvs,
+        uv_faces=carrier.uv_faces,
+        texture=carrier.texture,
+        base_color=np.ascontiguousarray(image[..., :3]),
+        roughness=np.ascontiguousarray(image[..., 3]),
+        metallic=np.ascontiguousarray(image[..., 4]) if image.shape[-1] > 4 else None,
+        seen=seen_image,
+        environment=envmap.radiance_of(model.environment).cpu().numpy(),
+    )

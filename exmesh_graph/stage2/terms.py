@@ -1,0 +1,58 @@
+"""The objective of a step, eq. 21 to 24: weighted terms of one view."""
+
+from __future__ import annotations
+
+import torch
+
+from exmesh_graph.losses import d_ssim, linear_to_srgb, ssim_target
+from exmesh_graph.shading import envmap
+from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.losses import log_l1, pair_variation
+from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.settings import FitSettings
+
+
+def indirect_strength(settings: FitSettings, step: int) -> float:
+    """lambda_ind of eq. 20 at `step`: linear from 0 to its target."""
+    return settings.indirect_weight * min(1.0, (step + 1) / max(settings.indirect_ramp, 1))
+
+
+def weighted_terms(model: Model, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    """The weighted terms of eq. 22 for one view, and its predicted radiance [N, 3] (detached)."""
+    settings = model.settings
+    lit = model.lit(indirect_strength(settings, step), step)
+    predicted, material = model.shade(buffer, lit)
+    terms = {"image": settings.log_weight * log_l1(predicted, buffer.target, buffer.clipped, buffer.coverage)}
+    if settings.ssim_weight > 0:
+        terms["ssim"] = settings.ssim_weight * _d_ssim(predicted, buffer)
+    if settings.material_weight > 0:
+        terms["material"] = settings.material_weight * pair_variation(material.table, buffer.pairs)
+    if settings.environment_weight > 0:
+        terms["environment"] = settings.environment_weight * envmap.total_variation(lit.environment)
+    if settings.chroma_weight > 0:
+        weight = settings.chroma_weight * (1 - step / settings.iterations)
+        terms["chroma"] = weight * envmap.chroma(lit.environment)
+    return terms, predicted.detach()
+
+
+def view_psnr(predicted: torch.Tensor, buffer: ViewBuffer) -> float:
+    """PSNR of a view's pixels in sRGB [dB]."""
+    error = ((_encode(predicted) - _encode(buffer.target)) ** 2).mean()
+    return float(-10 * torch.log10(error.clamp_min(1e-10)))
+
+
+def _d_ssim(predicted: torch.Tensor, buffer: ViewBuffer) -> torch.Tensor:
+    """D-SSIM in sRGB over the box of the view's pixels, black around them."""
+    height, width = buffer.box
+    if buffer.ssim is None:
+        buffer.ssim = ssim_target(_image(_encode(buffer.target), buffer.box_pixel, height, width))
+    return d_ssim(_image(_encode(predicted), buffer.box_pixel, height, width), buffer.ssim)
+
+
+def _encode(linear: torch.Tensor) -> torch.Tensor:
+    return linear_to_srgb(linear.clamp(0, 1))
+
+
+def _image(values: torch.Tensor, pixel: torch.Tensor, height: int, width: int) -> torch.Tensor:
+    blank = torch.zeros(height * width, 3, dtype=values.dtype, device=values.device)
+    return blank.index_copy(0, pixel, values).reshape(height, width, 3)
