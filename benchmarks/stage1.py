@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from exmesh_nodes import data, init, stage1, topology, uv
+from exmesh_nodes import data, init, regulariser, stage1, topology, uv
 
 from exmesh_graph.losses import display
 from exmesh_graph.metrics.image import psnr
@@ -61,10 +61,11 @@ def main() -> None:
     rows = [{"seconds": seconds, **score(state, scene.test, truth)}]
     show(rows[-1], state)
     total = sum(options.iterations)
+    kinds = {"laplacian": regulariser.Laplacian, "bilaplacian": regulariser.Bilaplacian}
+    smoothness = kinds[options.smoothness](weight=options.smoothness_weight)
     fixed = {
         key: getattr(options, key)
-        for key in ("vertex_lr", "texture_lr", "smoothness", "smoothness_weight", "silhouette_weight", "gains",
-                    "ssim_weight", "decay")
+        for key in ("vertex_lr", "texture_lr", "silhouette_weight", "gains", "ssim_weight", "decay")
     } | {"uv_gradient": not options.no_uv_gradient, "threads": options.threads}  # fmt: skip
     for k, (faces, iterations) in enumerate(zip(options.faces, options.iterations, strict=True)):
         began = time.perf_counter()
@@ -75,7 +76,7 @@ def main() -> None:
         if k in options.regen:
             state = uv.xatlas_regen(ctx, state, p=uv.RegenParams()).state
         params = stage1.RefineParams(iterations=iterations, total_iterations=total, **fixed)
-        state, history = stage1.refine(Quiet(options.seed + k), state, scene.train, p=params)
+        state, history = stage1.refine(Quiet(options.seed + k), state, scene.train, smoothness=smoothness, p=params)
         seconds += time.perf_counter() - began
         rows.append({"seconds": seconds, "train_psnr": history.values["psnr"][-1], **score(state, scene.test, truth)})
         show(rows[-1], state)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
+from exmesh_nodes.appearance import Appearance
+from exmesh_nodes.regulariser import Smoothness
+
 from exmesh_graph.graph.node import Context, Params, facets, node, param
 from exmesh_graph.types import Carrier, DepthMaps, Metrics, Stage1State, Views
 
@@ -26,7 +29,9 @@ class InitOut(NamedTuple):
 
 
 @node("stage1.init", version="1", libraries=_LIBRARIES, resources={"cpu": 0, "gpu?": 1})
-def init(ctx: Context, carrier: Carrier, views: Train, *, p: InitParams) -> InitOut:
+def init(
+    ctx: Context, carrier: Carrier, views: Train, appearance: Appearance | None = None, *, p: InitParams
+) -> InitOut:
     """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero."""
     from exmesh_graph.stage1.init import initial_state
     from exmesh_graph.torch_setup import pick_device, torch_threads
@@ -52,10 +57,6 @@ class RefineParams(Params):
     ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
     silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
     silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")
-    smoothness: Literal["laplacian", "bilaplacian"] = param(
-        "bilaplacian", doc="L_s: the paper's Laplacian, or its square, which does not shrink round shapes."
-    )
-    smoothness_weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form.")
     deviation_weight: float = param(0.0, ge=0, doc="Weight of L_b, neighbours moving alike, in its scale-free form.")
     depth_weight: float = param(0.01, ge=0, doc="Weight of the depth correlation L_d; used where depths are wired.")
     gradient_decay: float = param(0.95, ge=0, lt=1, doc="beta_g of the vertices' gradient average (eq. 1).")
@@ -74,16 +75,26 @@ class RefineOut(NamedTuple):
 
 @node("stage1.refine", version="1", libraries=_LIBRARIES, resumable=True, resources={"cpu": 0, "gpu?": 1})
 def refine(
-    ctx: Context, state: Stage1State, views: Train, depths: DepthMaps | None = None, *, p: RefineParams
+    ctx: Context,
+    state: Stage1State,
+    views: Train,
+    depths: DepthMaps | None = None,
+    smoothness: Smoothness | None = None,
+    *,
+    p: RefineParams,
 ) -> RefineOut:
     """Move vertices and texels against the photographs on a fixed topology."""
-    from exmesh_graph.stage1.refine import RefineSettings
+    from dataclasses import replace
+
     from exmesh_graph.stage1.refine import refine as run
+    from exmesh_graph.stage1.settings import RefineSettings
     from exmesh_graph.torch_setup import pick_device, torch_threads
 
     if not views.has_masks:
         ctx.warn("the views have no masks: the outline follows from colour alone")
     settings = RefineSettings(**p.model_dump(exclude={"device", "threads"}))
+    if smoothness is not None:
+        settings = replace(settings, smoothness=smoothness.made())
     with torch_threads(p.threads):
         new, history = run(
             state,

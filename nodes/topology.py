@@ -147,4 +147,5 @@ def _carry(state, done):  # type: ignore[no-untyped-def]
         vertex_m=done.map.carry(state.vertex_m),
         vertex_v=done.map.carry(state.vertex_v),
         gradient_ema=done.map.carry(state.gradient_ema),
+        model=state.carried_model(done.map, done.face_source),
     )

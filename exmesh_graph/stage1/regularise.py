@@ -12,12 +12,60 @@ regulariser of noise should.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
 
 import torch
 
-Smoothness = Literal["laplacian", "bilaplacian"]
+Kind = Literal["laplacian", "bilaplacian"]
 REFERENCE_DECAY = 0.99
+
+
+class Smoothness(Protocol):
+    """What `refine` takes as its L_s: made once for every call, hence for every topology."""
+
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+        """Of the start's vertices [V, 3] and undirected edges [E, 2]; None where there is nothing to do."""
+
+
+class Prepared(NamedTuple):
+    """A smoothness on one topology.
+
+    loss    the weighted term of the vertices [V, 3], or None
+    filter  symmetric positive map of [V, 3] that gradients pass before Adam and its steps after it (Adam then works
+            on the filter's preimage of the vertices), or None
+    """
+
+    loss: Callable[[torch.Tensor], torch.Tensor] | None
+    filter: Callable[[torch.Tensor], torch.Tensor] | None = None
+
+
+@dataclass(frozen=True)
+class Laplacian:
+    """The paper's L_s in its scale-free form, times `weight`."""
+
+    weight: float = 0.3
+
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+        return _weighted("laplacian", self.weight, vertices, edges)
+
+
+@dataclass(frozen=True)
+class Bilaplacian:
+    """Its square, which does not shrink round shapes, times `weight`."""
+
+    weight: float = 0.3
+
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+        return _weighted("bilaplacian", self.weight, vertices, edges)
+
+
+def _weighted(kind: Kind, weight: float, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+    if weight == 0:
+        return None
+    of = smoother(vertices, edges)
+    return Prepared(lambda moved: weight * smoothness(moved, of, kind))
 
 
 class Smoother(NamedTuple):
@@ -32,6 +80,7 @@ class Smoother(NamedTuple):
 def smoother(vertices: torch.Tensor, edges: torch.Tensor) -> Smoother:
     """U over the undirected `edges` [E, 2] (each neighbour counts once), and the mean edge length of `vertices`."""
     count = len(vertices)
+    length = mean_edge(vertices, edges)
     edges = torch.unique(edges.long(), dim=0)
     ends = torch.cat([edges, edges.flip(1)])
     degree = torch.bincount(ends[:, 0], minlength=count)
@@ -41,12 +90,17 @@ def smoother(vertices: torch.Tensor, edges: torch.Tensor) -> Smoother:
     size = (count, count)
     forward = torch.sparse_coo_tensor(index, values, size, check_invariants=True).coalesce()
     backward = torch.sparse_coo_tensor(index.flip(0), values, size, check_invariants=True).coalesce()
+    return Smoother(_csr(forward), _csr(backward), edges, length)
+
+
+def mean_edge(vertices: torch.Tensor, edges: torch.Tensor) -> float:
+    """The mean length of the undirected `edges` [E, 2], each counted once; 1 without any."""
+    edges = torch.unique(edges.long(), dim=0)
     length = (vertices[edges[:, 0]] - vertices[edges[:, 1]]).norm(dim=1)
-    mean_edge = float(length.mean()) if len(edges) else 1.0
-    return Smoother(_csr(forward), _csr(backward), edges, mean_edge)
+    return float(length.mean()) if len(edges) else 1.0
 
 
-def smoothness(vertices: torch.Tensor, of: Smoother, kind: Smoothness) -> torch.Tensor:
+def smoothness(vertices: torch.Tensor, of: Smoother, kind: Kind) -> torch.Tensor:
     """L_s, a scalar; 0 on a plane of even vertices away from its boundary."""
     difference = _Multiply.apply(vertices, of.laplacian, of.transposed)
     if kind == "bilaplacian":

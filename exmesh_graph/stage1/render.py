@@ -1,4 +1,4 @@
-"""The picture of a textured mesh as Stage I sees it: display colour over black and coverage, both antialiased."""
+"""The picture of a coloured mesh as Stage I sees it: display colour over black and coverage, both antialiased."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from exmesh_graph.raster import (
     find_silhouette,
     project,
     rasterize_projected,
-    shade,
 )
+from exmesh_graph.stage1.appearance.model import Model, model_of
 from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Carrier, Views
 
 
 class Surface(NamedTuple):
-    """A mesh on the device: vertices [V, 3], faces and uv_faces int32 [F, 3], uvs [T, 2], texture [R, R, 3].
+    """A mesh on the device: vertices [V, 3], faces and uv_faces int32 [F, 3], uvs [T, 2], and what colours it.
 
     `extent` is the diagonal of the bounding box when the surface was made.
     """
@@ -31,7 +31,7 @@ class Surface(NamedTuple):
     faces: torch.Tensor
     uvs: torch.Tensor
     uv_faces: torch.Tensor
-    texture: torch.Tensor
+    look: Model
     edges: EdgeTable
     extent: float
 
@@ -53,7 +53,7 @@ def surface_of(carrier: Carrier, device: torch.device | str = "cpu") -> Surface:
         faces=faces,
         uvs=torch.tensor(np.asarray(carrier.uvs, np.float32), device=device),
         uv_faces=torch.tensor(np.asarray(carrier.uv_faces, np.int32), device=device),
-        texture=torch.tensor(np.asarray(carrier.texture, np.float32), device=device),
+        look=model_of(carrier, device),
         edges=edge_table(faces),
         extent=float(np.linalg.norm(np.ptp(carrier.vertices, axis=0))) if len(carrier.vertices) else 0.0,
     )
@@ -68,20 +68,17 @@ def draw(
     *,
     uv_gradient: bool = True,
 ) -> Picture:
-    """One view; differentiable in vertices and texture.
+    """One view; differentiable in vertices and the look's values.
 
-    uv_gradient  whether colour also moves vertices inside the silhouette, through the uv under each pixel
+    uv_gradient  whether colour also moves vertices inside the silhouette, through the place under each pixel
     """
     projected = project(surface.vertices, intrinsics, world_to_camera)
     fragments = rasterize_projected(projected, surface.faces, height, width)
-    colour = shade(
-        projected if uv_gradient else projected.detach(),
-        surface.faces,
-        surface.uvs,
-        surface.uv_faces,
-        surface.texture,
-        fragments.face_id,
-    )
+    if uv_gradient:
+        colour = surface.look.shade(surface, projected, fragments.face_id)
+    else:
+        still = surface._replace(vertices=surface.vertices.detach())
+        colour = surface.look.shade(still, projected.detach(), fragments.face_id)
     covered = (fragments.face_id >= 0).to(colour.dtype)
     silhouette = find_silhouette(projected, surface.edges, fragments, extent=surface.extent)
     blended = antialias(torch.cat([colour, covered[..., None]], dim=-1), projected, silhouette)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -17,20 +17,33 @@ NORMALISED_REACH = 2.0  # objects lie in the unit sphere; a surface under refine
 
 
 class _Arrays(Artifact):
-    """Codec of a dataclass whose fields are arrays (None left out), ints, floats, strings or bools."""
+    """Codec of a dataclass whose fields are arrays, dicts of arrays, None, ints, floats, strings or bools."""
 
     def save(self, folder: Path) -> None:
         import numpy as np
 
-        values = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
-        arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-        meta = {name: value for name, value in values.items() if name not in arrays}
+        arrays: dict[str, Any] = {}
+        meta: dict[str, Any] = {}
+        for f in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, f.name)
+            if isinstance(value, np.ndarray):
+                arrays[f.name] = value
+            elif isinstance(value, Mapping):
+                arrays.update({f"{f.name}/{key}": array for key, array in value.items()})
+            else:
+                meta[f.name] = value
         save_arrays(folder, arrays, meta)
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        arrays, meta = load_arrays(folder)
-        return cls(**arrays, **meta)
+        arrays, values = load_arrays(folder)
+        for name, array in arrays.items():
+            of, _, key = name.partition("/")
+            if key:
+                values.setdefault(of, {})[key] = array
+            else:
+                values[name] = array
+        return cls(**values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +97,9 @@ class Stage1State(Carrier):
     gradient_ema          float32 [V], eq. 1
     iteration             iterations done since stage1.init
     vertex_steps, texture_steps  Adam's step counts (bias correction)
+    appearance            the model that is fitted: "uv_texture" (the texture itself), "per_vertex", "per_face", "mlp"
+    model                 a model's arrays: `values`, Adam's `m` and `v` ([V, 3], [F, 3] or the weights [P]), and what
+                          else it needs; empty for "uv_texture". `texture` then holds the model as last baked
     """
 
     type_name: ClassVar[str] = "Stage1State"
@@ -95,3 +111,13 @@ class Stage1State(Carrier):
     iteration: int = 0
     vertex_steps: int = 0
     texture_steps: int = 0
+    appearance: str = "uv_texture"
+    model: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def carried_model(self, vertex_map: Any, face_source: np.ndarray) -> Mapping[str, np.ndarray]:
+        """`model` on another topology: colours of vertices by the `VertexMap`, of faces from the face they lay in."""
+        if self.appearance == "per_vertex":
+            return {name: vertex_map.carry(array) for name, array in self.model.items()}
+        if self.appearance == "per_face":
+            return {name: array[face_source] for name, array in self.model.items()}
+        return self.model

@@ -8,7 +8,9 @@ import torch
 from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
-from exmesh_graph.stage1.refine import RefineSettings, refine
+from exmesh_graph.stage1.refine import refine
+from exmesh_graph.stage1.regularise import Bilaplacian, Laplacian
+from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.types import DepthMaps
 
 SHORT = RefineSettings(iterations=6)
@@ -51,7 +53,7 @@ def test_silhouette_alone_finds_the_radius(views):
     [
         {},
         {"silhouette": "bce", "silhouette_weight": 0.005},
-        {"smoothness": "laplacian", "smoothness_weight": 0.1, "deviation_weight": 1.0},
+        {"smoothness": Laplacian(0.1), "deviation_weight": 1.0},
         {"gains": True, "downscale": 2, "ssim_weight": 0.0},
         {"depth_weight": 0.1},
     ],
@@ -118,7 +120,7 @@ def test_depth_moves_the_surface_towards_the_prior(views):
     depth = (3 + 0.02 * columns + 0.03 * rows).astype(np.float32)[None]
     settings = RefineSettings(
         iterations=30, vertex_lr=0.02, texture_lr=0, ssim_weight=0, silhouette_weight=0.0,
-        smoothness_weight=0.01, depth_weight=10.0, decay=1.0,
+        smoothness=Bilaplacian(0.01), depth_weight=10.0, decay=1.0,
     )  # fmt: skip
     _, without = refine(start, one, replace(settings, depth_weight=0.0))
     _, history = refine(start, one, settings, depths=DepthMaps(one.names, depth))

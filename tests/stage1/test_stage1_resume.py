@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from stage1_scenes import ball, fresh_state, photographs
 
-from exmesh_graph.stage1.refine import RefineSettings, refine
+from exmesh_graph.stage1.refine import refine
+from exmesh_graph.stage1.regularise import Laplacian
+from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.types import DepthMaps
 from exmesh_graph.types.state import load_state, save_state
 
@@ -31,7 +33,7 @@ def cut_at(step, folder):
     "change",
     [
         {},
-        {"smoothness": "laplacian", "deviation_weight": 1.0, "silhouette": "bce", "silhouette_weight": 0.005},
+        {"smoothness": Laplacian(), "deviation_weight": 1.0, "silhouette": "bce", "silhouette_weight": 0.005},
         {"gains": True, "downscale": 2, "depth_weight": 0.1, "total_iterations": 30},
     ],
 )

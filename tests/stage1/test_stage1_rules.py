@@ -12,13 +12,15 @@ from exmesh_graph.geometry.subdivide import subdivide
 from exmesh_graph.stage1.gains import LIMITS, fit_gain
 from exmesh_graph.stage1.init import initial_state
 from exmesh_graph.stage1.optimiser import texture_step
-from exmesh_graph.stage1.refine import RefineSettings, refine
+from exmesh_graph.stage1.refine import refine
+from exmesh_graph.stage1.regularise import Bilaplacian
 from exmesh_graph.stage1.render import draw, surface_of
+from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.targets import prepare_targets
 from exmesh_graph.types import DepthMaps
 
 STILL = RefineSettings(
-    iterations=1, vertex_lr=0.0, texture_lr=0.0, ssim_weight=0.0, silhouette_weight=0.0, smoothness_weight=0.0,
+    iterations=1, vertex_lr=0.0, texture_lr=0.0, ssim_weight=0.0, silhouette_weight=0.0, smoothness=Bilaplacian(0.0),
     fill_unseen=False,
 )  # fmt: skip
 
@@ -40,7 +42,7 @@ def pick(views, index):
 def test_a_run_cut_in_two_is_the_same_run(views):
     """Order of the views, decay, step counts and moments go on where the first part stopped."""
     settings = RefineSettings(
-        iterations=22, total_iterations=30, decay=0.01, vertex_lr=0.0, fill_unseen=False, smoothness_weight=0.0
+        iterations=22, total_iterations=30, decay=0.01, vertex_lr=0.0, fill_unseen=False, smoothness=Bilaplacian(0.0)
     )
     start = fresh_state(ball(), fill=0.5)
     whole, _ = refine(start, views, settings, seed=3)
@@ -50,7 +52,7 @@ def test_a_run_cut_in_two_is_the_same_run(views):
     assert np.array_equal(both.gradient_ema, whole.gradient_ema)
     assert (both.iteration, both.texture_steps) == (22, 22)
     # vertices: areas and mean edge are taken anew with each call, so nearly the same
-    moving = replace(settings, vertex_lr=0.01, texture_lr=0.0, smoothness_weight=0.3)
+    moving = replace(settings, vertex_lr=0.01, texture_lr=0.0, smoothness=Bilaplacian(0.3))
     start = fresh_state(ball(radius=0.57))
     whole, _ = refine(start, views, moving, seed=3)
     half, _ = refine(start, views, replace(moving, iterations=11), seed=3)
@@ -79,7 +81,7 @@ def test_after_a_split_vertices_move_on_as_before():
     """Moments per area and steps per edge length: four faces for one change neither pace nor loss."""
     views = photographs(ball(), size=96)
     settings = RefineSettings(
-        iterations=40, total_iterations=4000, vertex_lr=0.01, texture_lr=0.0, smoothness_weight=0.0,
+        iterations=40, total_iterations=4000, vertex_lr=0.01, texture_lr=0.0, smoothness=Bilaplacian(0.0),
         uv_gradient=False, ssim_weight=0.0, fill_unseen=False,
     )  # fmt: skip
     state, history = refine(fresh_state(ball(radius=0.5)), views, settings)

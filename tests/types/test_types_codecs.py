@@ -83,6 +83,9 @@ def _examples(folder: Path) -> list[Artifact]:
         Mesh(**tetrahedron),
         Carrier(**tetrahedron, **atlas),
         Stage1State(**tetrahedron, **atlas, **moments, iteration=7, vertex_steps=3),
+        Stage1State(
+            **tetrahedron, **atlas, **moments, appearance="per_face", model={"values": np.ones((4, 3), np.float32)}
+        ),
         EnvMap(noise(4, 8, 3)),
         Asset(
             **tetrahedron,

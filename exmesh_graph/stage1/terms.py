@@ -1,0 +1,98 @@
+"""The loss of one view in Stage I, term by term (the paper's L_I, eq. 7 to 9):
+
+    L = (1 - l_ssim) L1(I) + l_ssim D-SSIM(I) + w_a L_m(alpha) + w_d L_d + L_s + w_b L_b
+
+with I the display image over black. Image terms are means over all pixels of the view; no term depends on the scene's
+scale.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from exmesh_graph import losses
+from exmesh_graph.raster import barycentrics
+from exmesh_graph.stage1.gains import fit_gain, initial_gains
+from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, deviation, smoother
+from exmesh_graph.stage1.render import Picture, Surface
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.targets import Targets
+
+
+class Terms:
+    """The terms on one topology, and what they keep from view to view: gains, and L_b's running mean of vertices."""
+
+    def __init__(self, surface: Surface, targets: Targets, settings: RefineSettings) -> None:
+        self.targets, self.settings, self.faces = targets, settings, surface.faces.long()
+        vertices = surface.vertices.detach()
+        self.smoothness = settings.smoothness.prepare(vertices, surface.edges.edges)
+        self.smoother: Smoother | None = None
+        # the running mean that L_b measures from starts anew with every call, hence after every change of topology
+        self.reference: torch.Tensor | None = None
+        if settings.deviation_weight > 0:
+            self.smoother, self.reference = smoother(vertices, surface.edges.edges), vertices.clone()
+        self.gains = initial_gains(surface, targets) if settings.gains else None
+
+    def changing(self) -> dict[str, torch.Tensor]:
+        """The tensors that change from iteration to iteration, in place."""
+        kept = {"reference": self.reference, "gains": self.gains}
+        return {name: tensor for name, tensor in kept.items() if tensor is not None}
+
+    def of(self, view: int, picture: Picture, vertices: torch.Tensor) -> tuple[dict[str, torch.Tensor], float]:
+        """The weighted terms by name, and the mean squared error of the image; fits the view's gain on the way."""
+        settings = self.settings
+        image = self._comparable(view, picture)
+        target, mask = self.targets.images[view], self.targets.alpha[view]
+        terms = {"l1": (1 - settings.ssim_weight) * losses.l1(image, target)}
+        if settings.ssim_weight > 0:
+            box = self.targets.box(view)
+            share = box.area / mask.numel()
+            terms["d_ssim"] = (
+                settings.ssim_weight * share * losses.d_ssim(box.crop(image), self.targets.ssim_target(view))
+            )
+        if self.targets.has_masks and settings.silhouette_weight > 0:
+            of = losses.silhouette_l1 if settings.silhouette == "l1" else losses.silhouette_bce
+            terms["silhouette"] = settings.silhouette_weight * of(picture.alpha, mask)
+        if self.targets.depth is not None and settings.depth_weight > 0:
+            terms["depth"] = settings.depth_weight * self._depth(view, picture)
+        if self.smoothness is not None and self.smoothness.loss is not None:
+            terms["smoothness"] = self.smoothness.loss(vertices)
+        if self.smoother is not None and self.reference is not None:
+            terms["deviation"] = settings.deviation_weight * deviation(vertices, self.reference, self.smoother)
+        return terms, float((image.detach() - target).square().mean())
+
+    def follow(self, vertices: torch.Tensor) -> None:
+        """Let L_b's running mean follow the moved vertices."""
+        if self.reference is not None:
+            self.reference.lerp_(vertices.detach(), 1 - REFERENCE_DECAY)
+
+    def relative_gains(self) -> dict[str, list[float]] | None:
+        """The factors by view name, divided by their mean, where they are fitted."""
+        if self.gains is None:
+            return None
+        relative = (self.gains / self.gains.mean(dim=0)).cpu().tolist()
+        named = zip(self.targets.names, relative, strict=True)
+        return {name: [round(factor, 4) for factor in gain] for name, gain in named}
+
+    def _comparable(self, view: int, picture: Picture) -> torch.Tensor:
+        """The picture under the view's exposure and, without masks, over the photograph's own background."""
+        image, target = picture.colour, self.targets.images[view]
+        if self.gains is not None:
+            self.gains[view] = fit_gain(image.detach(), target, self.targets.alpha[view], self.gains[view])
+            image = image * (self.gains[view] / self.gains.mean(dim=0))
+        if not self.targets.has_masks:
+            # nothing is known of the background: let the photograph itself stand there
+            image = image + (1 - picture.alpha[..., None]) * target
+        return image
+
+    def _depth(self, view: int, picture: Picture) -> torch.Tensor:
+        """Paper eq. 9 over the pixels that are covered, inside the mask and have a reference depth."""
+        reference = self.targets.depth
+        assert reference is not None
+        face_id = picture.fragments.face_id.view(-1)
+        known = (face_id >= 0) & (reference[view].view(-1) > 0) & (self.targets.alpha[view].view(-1) > 0.5)
+        pixels = torch.nonzero(known)[:, 0]
+        bary = barycentrics(picture.projected, self.faces, face_id[pixels], pixels, self.targets.width)
+        z = (bary * picture.projected[self.faces[face_id[pixels].long()], 2]).sum(-1)
+        seen = torch.ones_like(z, dtype=torch.bool)
+        return losses.pearson_depth(z, reference[view].view(-1)[pixels], seen)

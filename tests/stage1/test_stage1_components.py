@@ -1,0 +1,90 @@
+"""The ports of Stage I that take components: what is plugged in is what the loop does, and nothing is the default."""
+
+import numpy as np
+import pytest
+from exmesh_nodes import appearance, regulariser, stage1
+from stage1_scenes import ball, fresh_state, photographs
+
+from exmesh_graph.stage1.refine import refine
+from exmesh_graph.stage1.regularise import Bilaplacian, Laplacian, Prepared
+from exmesh_graph.stage1.settings import RefineSettings
+from tests.fake_context import FakeContext
+
+
+@pytest.fixture(scope="module")
+def views():
+    return photographs(ball(), count=4)
+
+
+def rough():
+    """A ball whose vertices were shaken: smoothness has something to do."""
+    state = fresh_state(ball())
+    noise = np.random.default_rng(0).normal(0, 0.02, state.vertices.shape)
+    return type(state)(**{**vars(state), "vertices": (state.vertices + noise).astype(np.float32)})
+
+
+def test_nothing_plugged_in_is_the_bilaplacian_and_the_texture(views):
+    p = stage1.InitParams(device="cpu")
+    plain = stage1.init(FakeContext(), ball(), views, p=p).state
+    named = stage1.init(FakeContext(), ball(), views, appearance.UvTexture(), p=p).state
+    assert plain.appearance == named.appearance == "uv_texture"
+    assert plain.texture.tobytes() == named.texture.tobytes()
+    p = stage1.RefineParams(iterations=3, device="cpu")
+    a, b, c = (
+        stage1.refine(FakeContext(), rough(), views, smoothness=smooth, p=p).state.vertices.tobytes()
+        for smooth in (None, regulariser.Bilaplacian(), regulariser.Laplacian())
+    )
+    assert a == b
+    assert a != c
+
+
+def test_the_plugged_in_smoothness_is_the_one_in_the_loss(views):
+    """Its weight counts, and weight 0 leaves the other terms alone."""
+    base = {"iterations": 1, "vertex_lr": 0.0, "texture_lr": 0.0}
+    losses = {
+        (kind, weight): refine(rough(), views, RefineSettings(smoothness=kind(weight), **base))[1]["loss"][0]
+        for kind in (Laplacian, Bilaplacian)
+        for weight in (0.0, 0.1, 0.2)
+    }
+    assert losses[Laplacian, 0.0] == losses[Bilaplacian, 0.0]
+    for kind in (Laplacian, Bilaplacian):
+        terms = [losses[kind, weight] - losses[kind, 0.0] for weight in (0.1, 0.2)]
+        assert terms[0] > 1e-3
+        assert terms[1] == pytest.approx(2 * terms[0], rel=1e-3)
+    assert losses[Laplacian, 0.1] != losses[Bilaplacian, 0.1]
+
+
+class Filtered:
+    """A smoothness that is a filter alone: `factor` times the identity, or the mean over all vertices."""
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def prepare(self, vertices, edges):
+        if self.factor is None:
+            return Prepared(None, lambda x: x.mean(dim=0, keepdim=True).expand_as(x).contiguous())
+        return Prepared(None, lambda x: self.factor * x)
+
+
+def test_a_filter_acts_on_gradients_before_adam_and_on_steps_after_it(views):
+    settings = RefineSettings(iterations=4, smoothness=Bilaplacian(0.0))
+    start = fresh_state(ball(radius=0.55))
+
+    def moved(smoothness):
+        state, _ = refine(start, views, RefineSettings(**{**vars(settings), "smoothness": smoothness}), seed=2)
+        return state.vertices - start.vertices, state.vertex_m
+
+    plain, plain_m = moved(Bilaplacian(0.0))
+    one, one_m = moved(Filtered(1.0))
+    assert np.allclose(one, plain, atol=1e-6)
+    assert np.array_equal(one_m, plain_m)
+    # Adam does not see the scale of gradients, so only the filter's second use shows in the first step
+    first = RefineSettings(**{**vars(settings), "iterations": 1})
+    steps = [
+        refine(start, views, RefineSettings(**{**vars(first), "smoothness": Filtered(f)}), seed=2)[0].vertices
+        - start.vertices
+        for f in (1.0, 0.5)
+    ]
+    assert np.allclose(steps[1], 0.5 * steps[0], atol=1e-6)
+    together, _ = moved(Filtered(None))
+    assert np.ptp(together, axis=0).max() < 1e-6 < np.abs(together).max()
