@@ -30,15 +30,15 @@ def canonical_from_blender(radiance: np.ndarray) -> np.ndarray:
 
     Where W is not a multiple of 4 the map is resampled linearly along each row.
     """
-    return _shift_columns(radiance, radiance.shape[1] / 4)
+    return shift_columns(radiance, radiance.shape[1] / 4)
 
 
 def blender_from_canonical(radiance: np.ndarray) -> np.ndarray:
     """The inverse of `canonical_from_blender` (exact where W is a multiple of 4)."""
-    return _shift_columns(radiance, -radiance.shape[1] / 4)
+    return shift_columns(radiance, -radiance.shape[1] / 4)
 
 
-def _shift_columns(image: np.ndarray, columns: float) -> np.ndarray:
+def shift_columns(image: np.ndarray, columns: float) -> np.ndarray:
     """out[:, j] = in[:, j + columns], periodic, linear between columns."""
     whole = int(np.floor(columns))
     part = columns - whole

@@ -50,18 +50,19 @@ class Figure:
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG of a Gallery, with its caption."""
+    """A PNG or WebP of a Gallery, with its caption."""
 
     node: str
     file: str
     title: str
     caption: str
-    png: bytes
+    data: bytes
 
     @property
     def data_uri(self) -> str:
         """The picture as it stands in the page."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        kind = Path(self.file).suffix.removeprefix(".")
+        return f"data:image/{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
 
 
 @dataclass(frozen=True)
@@ -249,8 +250,8 @@ def _curves(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
 
 def _pictures(root: Path, node: str) -> Iterator[Picture]:
     for entry in json.loads((root / "captions.json").read_text(encoding="utf-8")):
-        png = (root / entry["file"]).read_bytes()
-        yield Picture(node, entry["file"], entry.get("title", ""), entry.get("caption", ""), png)
+        data = (root / entry["file"]).read_bytes()
+        yield Picture(node, entry["file"], entry.get("title", ""), entry.get("caption", ""), data)
 
 
 def _number(value: Any) -> float | None:

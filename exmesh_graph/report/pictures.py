@@ -21,7 +21,7 @@ _RAMP = np.array([[0.0, 0.0, 0.02], [0.34, 0.06, 0.43], [0.73, 0.21, 0.33], [0.9
 
 
 class GalleryWriter:
-    """Collects pictures into a folder: PNG files and `captions.json`."""
+    """Collects pictures into a folder: PNG (or WebP) files and `captions.json`."""
 
     def __init__(self, root: Path) -> None:
         root.mkdir(parents=True, exist_ok=True)
@@ -30,8 +30,12 @@ class GalleryWriter:
 
     def add(self, file: str, title: str, caption: str, panels: Sequence[np.ndarray]) -> None:
         """Write `panels` (display values in [0, 1]; [H, W, 3] or [H, W]) side by side as `file`.png."""
-        write_image(self.root / f"{file}.png", strip(panels))
-        self._captions.append({"file": f"{file}.png", "title": title, "caption": caption})
+        write_image(self.claim(f"{file}.png", title, caption), strip(panels))
+
+    def claim(self, file: str, title: str, caption: str) -> Path:
+        """Enter a picture that the caller writes to the returned path: PNG, or animated WebP."""
+        self._captions.append({"file": file, "title": title, "caption": caption})
+        return self.root / file
 
     def finish(self) -> Gallery:
         """Write the captions; the Gallery artifact."""

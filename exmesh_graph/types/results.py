@@ -51,7 +51,9 @@ class Files(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class Gallery(Files):
-    """Pictures for the report: PNG files under `root` and `captions.json`, a list of {file, title, caption}."""
+    """Pictures for the report: PNG or WebP files under `root` and `captions.json`, a list of
+    {file, title, caption}.
+    """
 
     type_name: ClassVar[str] = "Gallery"
 

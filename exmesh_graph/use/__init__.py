@@ -1,0 +1,1 @@
+"""What a finished asset is for: other light, other materials, a turntable."""

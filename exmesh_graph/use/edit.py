@@ -1,0 +1,122 @@
+"""Local edits of an asset's maps: a region of texels is set, scaled or painted over; all others keep their bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.types import Asset
+from exmesh_graph.uv.raster import rasterize_atlas
+
+Channel = Literal["base_color", "roughness", "metallic"]
+
+
+@dataclass(frozen=True)
+class TexelSurface:
+    """What each texel shows: position float32 [R, R, 3] and unit face normal [R, R, 3], normalised world.
+
+    Texels off the charts stand for the nearest one on a chart: bilinear lookups and mip levels read them too.
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+
+
+def texel_surface(asset: Asset) -> TexelSurface:
+    """The surface under every texel of the asset's maps. Raises DataError for an atlas without a texel in a chart."""
+    from scipy.ndimage import distance_transform_edt
+
+    face, bary = rasterize_atlas(asset.uvs, asset.uv_faces, asset.base_color.shape[0])
+    if not (face >= 0).any():
+        raise DataError("no texel of the asset lies in a chart", expected="an atlas in [0, 1]^2", fix="unwrap it again")
+    row, column = distance_transform_edt(face < 0, return_distances=False, return_indices=True)
+    face, bary = face[row, column], bary[row, column]
+    corners = asset.vertices[asset.faces[face]]
+    normal = np.cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
+    position = np.einsum("hwc,hwcx->hwx", bary, corners)
+    return TexelSurface(position.astype(np.float32), normal.astype(np.float32))
+
+
+def ball_region(surface: TexelSurface, center: Sequence[float], radius: float, feather: float = 0.0) -> np.ndarray:
+    """Weights float32 [R, R] of texels within `radius` of `center`; they fall to 0 over the outer `feather` share."""
+    distance = np.linalg.norm(surface.position - np.asarray(center, np.float32), axis=-1)
+    if feather <= 0:
+        return (distance <= radius).astype(np.float32)
+    return np.clip((radius - distance) / (feather * radius), 0, 1).astype(np.float32)
+
+
+def mask_region(mask: np.ndarray, size: int) -> np.ndarray:
+    """Weights float32 [size, size] of a UV-space picture [h, w] in [0, 1] (row 0 is v = 1), bilinear."""
+    if mask.shape == (size, size):
+        return mask.astype(np.float32)
+    v, u = np.meshgrid(*2 * [(np.arange(size) + 0.5) / size], indexing="ij")
+    return _sample(mask[..., None].astype(np.float32), u, v)[..., 0]
+
+
+def decal(
+    surface: TexelSurface,
+    picture: np.ndarray,
+    center: Sequence[float],
+    radius: float,
+    upright: Sequence[float] = (0, 1, 0),
+) -> np.ndarray:
+    """A picture [h, w, 4] laid onto the surface around `center`: [R, R, 4] per texel, 0 where it does not reach.
+
+    It is projected along the mean normal of the ball of `radius` around `center`, its longer side 2 radius long, its
+    top towards `upright`; surfaces that face away, or lie outside the ball, get none of it.
+    """
+    inside = ball_region(surface, center, radius) > 0
+    if not inside.any():
+        return np.zeros((*inside.shape, picture.shape[-1]), np.float32)
+    axis = surface.normal[inside].mean(axis=0)
+    axis /= max(float(np.linalg.norm(axis)), 1e-12)
+    up = np.asarray(upright, float) - np.dot(upright, axis) * axis
+    if np.linalg.norm(up) < 1e-3:  # looking along `upright`: any direction across will do
+        up = np.cross(axis, (1.0, 0.0, 0.0))
+    up /= np.linalg.norm(up)
+    offset = surface.position - np.asarray(center, np.float32)
+    height, width = picture.shape[:2]
+    longest = max(height, width)
+    u = 0.5 + 0.5 * offset @ np.cross(up, axis) / radius * longest / width
+    v = 0.5 - 0.5 * offset @ up / radius * longest / height
+    reached = inside & (surface.normal @ axis > 0) & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    return np.where(reached[..., None], _sample(picture.astype(np.float32), u.clip(0, 1), v.clip(0, 1)), np.float32(0))
+
+
+def edited(
+    asset: Asset, channel: Channel, weight: np.ndarray, operation: Literal["set", "scale", "paint"], value: np.ndarray
+) -> Asset:
+    """`asset` with one map changed where `weight` [R, R] > 0: old + weight (new - old), clipped to [0, 1].
+
+    value   set: the new value; scale: the factor (both [C] or [1]); paint: new values [R, R, C], linear
+    A metallic map that is not there starts at 0. Texels of weight 0 keep their bytes.
+    """
+    old = getattr(asset, channel)
+    if old is None:
+        old = np.zeros_like(asset.roughness)
+    layers = old if old.ndim == 3 else old[..., None]
+    value = np.asarray(value, np.float32)
+    if operation != "paint" and value.shape not in ((1,), (layers.shape[-1],)):
+        raise DataError(
+            f"{value.size} values for {channel}", expected=f"1 or {layers.shape[-1]} number(s)", fix="correct `value`"
+        )
+    new = layers * value if operation == "scale" else np.broadcast_to(value, layers.shape)
+    mixed = np.clip(layers + weight[..., None] * (new - layers), 0, 1).astype(np.float32)
+    result = np.where(weight[..., None] > 0, mixed, layers)
+    return replace(asset, **{channel: np.ascontiguousarray(result.reshape(old.shape))})
+
+
+def _sample(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Bilinear, clamped, at image coordinates u right and v down in [0, 1]."""
+    height, width = image.shape[:2]
+    x, y = (u * width - 0.5).clip(0, width - 1), (v * height - 0.5).clip(0, height - 1)
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    right, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    fx, fy = (x - left)[..., None].astype(np.float32), (y - top)[..., None].astype(np.float32)
+    upper = (1 - fx) * image[top, left] + fx * image[top, right]
+    return (1 - fy) * upper + fy * ((1 - fx) * image[below, left] + fx * image[below, right])

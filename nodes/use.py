@@ -1,0 +1,138 @@
+"""What a finished asset is for: other light, other materials, a turntable."""
+
+from collections.abc import Mapping
+from math import pi
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, node, param
+from exmesh_graph.types import Asset, EnvMap, Frame, Gallery, Transport, Views
+
+_RENDER = ("torch", "warp-lang", "embreex", "scipy", "OpenImageIO")
+
+
+class RelightParams(Params):
+    rotation: float = param(
+        0.0, ge=-2 * pi, le=2 * pi, unit="rad", doc="Turn of the light about +Y, counter-clockwise from above."
+    )
+    exposure: float = param(0.0, ge=-20, le=20, unit="stops", doc="The light is multiplied by 2 to this power.")
+    pictures: int = param(3, ge=0, le=64, doc="Pictures in the report: of the wired views, or around the object.")
+    size: int = param(384, ge=16, le=4096, unit="px", doc="Side of pictures that no view gives a size.")
+    bounces: int = param(2, ge=0, le=8, doc="Interreflections in the pictures, where no transport is wired.")
+
+
+class RelightOut(NamedTuple):
+    asset: Asset
+    gallery: Gallery
+
+
+@node("use.relight", version="1", libraries=_RENDER, resources={"cpu": 0, "gpu?": 1})
+def relight(
+    ctx: Context,
+    asset: Asset,
+    light: EnvMap | None = None,
+    views: Views | None = None,
+    transport: Transport | None = None,
+    *,
+    p: RelightParams,
+) -> RelightOut:
+    """The asset under another environment, turned and exposed (its own where none is wired), with pictures."""
+    from exmesh_graph.report.galleries import light_gallery
+    from exmesh_graph.use.cameras import orbit
+    from exmesh_graph.use.pictures import pictures
+    from exmesh_graph.use.relight import relit
+
+    result = relit(asset, None if light is None else light.radiance, rotation=p.rotation, exposure=p.exposure)
+    if views is None:
+        cameras, height, width = orbit(p.pictures, p.size, p.size), p.size, p.size
+    else:
+        chosen = [len(views) * (2 * k + 1) // (2 * p.pictures) for k in range(min(p.pictures, len(views)))]
+        cameras = (views.intrinsics[chosen], views.camera_to_world[chosen])
+        height, width = views.height, views.width
+    images = []
+    if p.pictures:
+        images = pictures(
+            result, *cameras, height, width, transport=transport, bounces=p.bounces, seed=ctx.seed,
+            progress=ctx.progress,
+        )  # fmt: skip
+    return RelightOut(result, light_gallery(ctx.scratch / "gallery", result, images))
+
+
+class TurntableParams(Params):
+    frames: int = param(36, ge=2, le=720, doc="Pictures in one turn.")
+    size: int = param(384, ge=16, le=2160, unit="px", doc="Side of a picture.")
+    seconds: float = param(4.0, gt=0, le=120, unit="s", doc="Duration of one turn.")
+    elevation: float = param(0.35, gt=-1.5, lt=1.5, unit="rad", doc="Height of the camera above the horizon.")
+    turn: Literal["camera", "light"] = param("camera", doc="What goes round.")
+    bounces: int = param(2, ge=0, le=8, doc="Interreflections, where no transport is wired.")
+
+
+class TurntableOut(NamedTuple):
+    film: Gallery
+
+
+@node("use.turntable", version="1", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1})
+def turntable(ctx: Context, asset: Asset, transport: Transport | None = None, *, p: TurntableParams) -> TurntableOut:
+    """A film of the asset turning under its light (animated WebP, shown in the report)."""
+    from exmesh_graph.report.pictures import GalleryWriter
+    from exmesh_graph.use.pictures import turntable as render
+    from exmesh_graph.use.pictures import write_film
+
+    images = render(
+        asset, frames=p.frames, size=p.size, elevation=p.elevation, turn=p.turn, transport=transport,
+        bounces=p.bounces, seed=ctx.seed, progress=ctx.progress,
+    )  # fmt: skip
+    writer = GalleryWriter(ctx.scratch / "film")
+    file = writer.claim("turntable.webp", "Turntable", f"{p.frames} pictures, the {p.turn} goes round once.")
+    write_film(file, images, p.seconds)
+    return TurntableOut(writer.finish())
+
+
+class EditParams(Params):
+    channel: Literal["base_color", "roughness", "metallic"] = param("base_color", doc="The map to change.")
+    operation: Literal["set", "scale", "paint"] = param(
+        "set", doc="Set to `value`, scale by it, or paint `picture` over."
+    )
+    value: tuple[float, ...] = param((), doc="One number, or for base_color three (linear RGB), for set and scale.")
+    picture: Path | None = param(
+        None, doc="RGBA picture for paint: a decal on the ball, or in the atlas's layout where the region is no ball."
+    )
+    mask: Path | None = param(None, doc="Region: a picture in the atlas's layout (row 0 is v = 1), white is changed.")
+    center: tuple[float, float, float] | None = param(
+        None, doc="Region: middle of a ball, normalised units (scene units where a frame is wired)."
+    )
+    view: str = param("", doc="Region: the ball's middle is what this view shows at `pixel`; needs wired views.")
+    pixel: tuple[float, float] | None = param(None, unit="px", doc="x to the right, y down.")
+    radius: float = param(0.0, ge=0, doc="Radius of the ball, in the units of `center`.")
+    feather: float = param(0.0, ge=0, le=1, doc="Share of the radius over which the edit fades out.")
+
+
+class EditOut(NamedTuple):
+    asset: Asset
+    gallery: Gallery
+
+
+def _edit_sources(p: EditParams) -> Mapping[str, Path]:
+    from exmesh_graph.errors import DataError
+
+    files = {name: getattr(p, name) for name in ("picture", "mask") if getattr(p, name) is not None}
+    for name, file in files.items():
+        if not file.is_file():
+            raise DataError("the picture does not exist", where=str(file), fix=f"correct `{name}`")
+    return files
+
+
+@node("use.edit_material", version="1", libraries=_RENDER, sources=_edit_sources)
+def edit_material(
+    ctx: Context, asset: Asset, views: Views | None = None, frame: Frame | None = None, *, p: EditParams
+) -> EditOut:
+    """Set, scale or paint a map in a region; all other texels keep their bytes."""
+    from exmesh_graph.report.galleries import edit_gallery
+    from exmesh_graph.use.apply import EditSettings, apply_edit
+
+    result, weight = apply_edit(asset, EditSettings(**p.model_dump()), views, frame, where=f"node {ctx.node}")
+    changed = int((weight > 0).sum())
+    ctx.log(f"{changed} of {weight.size} texels changed")
+    if changed == 0:
+        ctx.warn("the region holds no texel: nothing was changed; look at `center`, `radius` or `mask`")
+    return EditOut(result, edit_gallery(ctx.scratch / "gallery", asset, result, weight, p.channel))
