@@ -47,7 +47,7 @@ def apply_edit(
         weight = weight * mask_region(read_mask(settings.mask), len(weight))
     ball = _ball(asset, settings, views, frame)
     if ball is not None:
-        weight = weight * ball_region(surface, *ball, settings.feather)
+        weight = weight * ball_region(surface, ball[0], ball[1], settings.feather)
     value = np.asarray(settings.value, np.float32)
     if settings.operation == "paint":
         painted, alpha = _painted(settings, surface, ball)
@@ -78,7 +78,7 @@ def _painted(
     photo = read_photo(settings.picture)
     layers = np.concatenate([photo.rgb, photo.alpha[..., None]], axis=-1)
     if ball is not None:
-        laid = decal(surface, layers, *ball)
+        laid = decal(surface, layers, ball[0], ball[1])
     else:
         laid = np.stack([mask_region(layers[..., c], surface.position.shape[0]) for c in range(4)], axis=-1)
     return laid[..., :3] / np.maximum(laid[..., 3:], 1e-6), laid[..., 3]

@@ -42,7 +42,9 @@ def texel_surface(asset: Asset) -> TexelSurface:
     return TexelSurface(position.astype(np.float32), normal.astype(np.float32))
 
 
-def ball_region(surface: TexelSurface, center: Sequence[float], radius: float, feather: float = 0.0) -> np.ndarray:
+def ball_region(
+    surface: TexelSurface, center: Sequence[float] | np.ndarray, radius: float, feather: float = 0.0
+) -> np.ndarray:
     """Weights float32 [R, R] of texels within `radius` of `center`; they fall to 0 over the outer `feather` share."""
     distance = np.linalg.norm(surface.position - np.asarray(center, np.float32), axis=-1)
     if feather <= 0:
@@ -61,7 +63,7 @@ def mask_region(mask: np.ndarray, size: int) -> np.ndarray:
 def decal(
     surface: TexelSurface,
     picture: np.ndarray,
-    center: Sequence[float],
+    center: Sequence[float] | np.ndarray,
     radius: float,
     upright: Sequence[float] = (0, 1, 0),
 ) -> np.ndarray:
