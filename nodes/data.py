@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.graph.node import Context, Params, facets, node, param
-from exmesh_graph.types import DepthMaps, EnvMap, Frame, SceneTruth, Views
+from exmesh_graph.types import DepthMaps, Frame, SceneTruth, Views
 
 Up = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -194,31 +194,3 @@ def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *,
         )  # fmt: skip
     used = frame if p.units == "scene" else None
     return DepthOut(load_depths(views, p.folder, pattern=p.pattern, scale=p.scale, frame=used))
-
-
-class EnvironmentParams(Params):
-    path: Path = param(doc="Lat-long picture: EXR or HDR.")
-    convention: Literal["openexr", "blender"] = param(
-        "openexr", doc="Where the picture's middle looks: +Z of the Y-up world, or Blender's +X of its z-up world."
-    )
-
-
-class EnvironmentOut(NamedTuple):
-    light: EnvMap
-
-
-def _environment_sources(p: EnvironmentParams) -> Mapping[str, Path]:
-    from exmesh_graph.errors import DataError
-
-    if not p.path.is_file():
-        raise DataError("the environment map does not exist", where=str(p.path), fix="correct `path`")
-    return {p.path.name: p.path}
-
-
-@node("data.environment", version="1", libraries=("OpenImageIO",), sources=_environment_sources)
-def environment(ctx: Context, *, p: EnvironmentParams) -> EnvironmentOut:
-    """A lat-long environment map."""
-    from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
-
-    radiance = read_environment(p.path)
-    return EnvironmentOut(EnvMap(canonical_from_blender(radiance) if p.convention == "blender" else radiance))

@@ -11,6 +11,34 @@ from exmesh_graph.types import Asset, EnvMap, Frame, Gallery, Transport, Views
 _RENDER = ("torch", "warp-lang", "embreex", "scipy", "OpenImageIO")
 
 
+class EnvironmentParams(Params):
+    path: Path = param(doc="Lat-long picture: EXR or HDR.")
+    convention: Literal["openexr", "blender"] = param(
+        "openexr", doc="Where the picture's middle looks: +Z of the Y-up world, or Blender's +X of its z-up world."
+    )
+
+
+class EnvironmentOut(NamedTuple):
+    light: EnvMap
+
+
+def _environment_sources(p: EnvironmentParams) -> Mapping[str, Path]:
+    from exmesh_graph.errors import DataError
+
+    if not p.path.is_file():
+        raise DataError("the environment map does not exist", where=str(p.path), fix="correct `path`")
+    return {p.path.name: p.path}
+
+
+@node("data.environment", version="1", libraries=("OpenImageIO",), sources=_environment_sources)
+def environment(ctx: Context, *, p: EnvironmentParams) -> EnvironmentOut:
+    """A lat-long environment map."""
+    from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
+
+    radiance = read_environment(p.path)
+    return EnvironmentOut(EnvMap(canonical_from_blender(radiance) if p.convention == "blender" else radiance))
+
+
 class RelightParams(Params):
     rotation: float = param(
         0.0, ge=-2 * pi, le=2 * pi, unit="rad", doc="Turn of the light about +Y, counter-clockwise from above."
@@ -37,7 +65,7 @@ def relight(
     p: RelightParams,
 ) -> RelightOut:
     """The asset under another environment, turned and exposed (its own where none is wired), with pictures."""
-    from exmesh_graph.report.galleries import light_gallery
+    from exmesh_graph.report.use_galleries import light_gallery
     from exmesh_graph.use.cameras import orbit
     from exmesh_graph.use.pictures import pictures
     from exmesh_graph.use.relight import relit
@@ -127,7 +155,7 @@ def edit_material(
     ctx: Context, asset: Asset, views: Views | None = None, frame: Frame | None = None, *, p: EditParams
 ) -> EditOut:
     """Set, scale or paint a map in a region; all other texels keep their bytes."""
-    from exmesh_graph.report.galleries import edit_gallery
+    from exmesh_graph.report.use_galleries import edit_gallery
     from exmesh_graph.use.apply import EditSettings, apply_edit
 
     result, weight = apply_edit(asset, EditSettings(**p.model_dump()), views, frame, where=f"node {ctx.node}")

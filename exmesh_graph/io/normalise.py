@@ -37,11 +37,6 @@ def points_to_normalised(points: np.ndarray, frame: Frame) -> np.ndarray:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def point_from_scene(point: np.ndarray, frame: Frame) -> np.ndarray:
-    """float64 [3] point in scene units (Y up) to the normalised world."""
-    return np.linalg.solve(frame.scene_from_normalised, np.append(point, 1.0))[:3]
-
-
 def cameras_to_normalised(camera_to_world: np.ndarray, frame: Frame) -> np.ndarray:
     """float64 [N, 4, 4] rigid poses in the data set's world to rigid poses in the normalised world."""
     out = np.array(camera_to_world, dtype=np.float64)

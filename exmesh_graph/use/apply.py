@@ -10,7 +10,6 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import read_mask, read_photo
-from exmesh_graph.io.normalise import point_from_scene
 from exmesh_graph.types import Asset, Frame, Views
 from exmesh_graph.use.edit import Channel, TexelSurface, ball_region, decal, edited, mask_region, texel_surface
 from exmesh_graph.use.pick import picked_point
@@ -67,7 +66,9 @@ def _ball(
         assert views is not None
         return picked_point(asset, views, settings.view, settings.pixel), settings.radius / scale
     center = np.asarray(settings.center, float)
-    return (center if frame is None else point_from_scene(center, frame)), settings.radius / scale
+    if frame is not None:
+        center = np.linalg.solve(frame.scene_from_normalised, np.append(center, 1.0))[:3]
+    return center, settings.radius / scale
 
 
 def _painted(

@@ -19,11 +19,13 @@ ROOT = Path(__file__).parent.parent.parent
 LEFT_OUT = {"numpy", "safetensors", "pydantic"}
 LATE = {"import_open3d": "open3d", "import_pymeshlab": "pymeshlab"}  # by a computed name, in exmesh_graph.io.native
 UNUSED = {  # imported by a module of the node's code, but by no function that the node calls
+    "data.environment": {"scipy"},
     "evaluate.mesh": {"pymeshlab", "open3d", "embreex", "torch", "warp-lang", "OpenImageIO"},
     "evaluate.stage1": {"pymeshlab", "open3d", "embreex"},
     "evaluate.asset": {"pymeshlab", "open3d"},
     "init.tsdf": {"pymeshlab"},
     "init.visual_hull": {"open3d", "pymeshlab"},
+    "use.relight": {"pillow"},
     "transport.bounce": {"embreex", "warp-lang"},
 }
 
