@@ -37,7 +37,9 @@ def init(
     from exmesh_graph.torch_setup import pick_device, torch_threads
 
     with torch_threads(p.threads):
-        return InitOut(initial_state(carrier, views, texture=p.texture, device=pick_device(p.device)))
+        device = pick_device(p.device)
+        state = initial_state(carrier, views, texture=p.texture, device=device)
+        return InitOut(state if appearance is None else appearance.begin(state, ctx.seed, str(device)))
 
 
 class RefineParams(Params):

@@ -9,7 +9,7 @@ import numpy as np
 
 from exmesh_graph.io.images import display
 from exmesh_graph.report.scores import compare, spread
-from exmesh_graph.types import Carrier, Mesh, SceneTruth, Views
+from exmesh_graph.types import Carrier, Mesh, SceneTruth, Stage1State, Views
 
 
 def score_mesh(mesh: Mesh, truth: SceneTruth | None = None, *, samples: int = 40_000, seed: int = 0) -> dict[str, Any]:
@@ -49,7 +49,11 @@ class CarrierScores:
 
 
 def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> CarrierScores:
-    """Held-out PSNR and SSIM of the mesh with its RGB texture (no light model: what Stage I itself has learnt)."""
+    """Held-out PSNR and SSIM of the mesh with its appearance model (no light model: what Stage I itself has learnt).
+
+    Where the model is not the texture, `psnr_baked` is the PSNR with the texture that was baked from it, which is what
+    Stage II and exports see.
+    """
     from exmesh_graph.stage1.render import render_carrier
 
     chosen = spread(len(views), max_views)
@@ -61,7 +65,7 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> Carr
     db, structure = compare([ours for ours, _ in pairs], [true for _, true in pairs])
     names = [views.names[i] for i in chosen]
     mean = float(np.mean(db))
-    values = {
+    values: dict[str, Any] = {
         "headline": [
             {
                 "label": "Held-out PSNR, Stage I",
@@ -80,6 +84,10 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> Carr
             "views": len(names),
         },
     }
+    if isinstance(carrier, Stage1State) and carrier.appearance != "uv_texture":
+        baked, _ = render_carrier(replace(carrier, appearance="uv_texture", model={}), _subset(views, chosen))
+        db, _ = compare(list(baked), [image for _, image in pairs])
+        values["held_out"]["psnr_baked"] = float(np.mean(db))
     return CarrierScores(values, chosen, pairs)
 
 

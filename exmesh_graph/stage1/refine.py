@@ -191,7 +191,9 @@ class _Loop:
             vertex_steps=self.state.vertex_steps + settings.iterations,
             texture_steps=self.state.texture_steps + settings.iterations,
         )
-        return replace(state, **self.look.fields(state, fill=settings.fill_unseen and settings.iterations > 0))
+        if settings.iterations == 0:
+            return state
+        return replace(state, **self.look.fields(self.surface, state.texture.shape[0], settings.fill_unseen))
 
     def history(self, curve: Curve) -> dict[str, Any]:
         values: dict[str, Any] = {

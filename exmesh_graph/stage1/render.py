@@ -16,7 +16,8 @@ from exmesh_graph.raster import (
     project,
     rasterize_projected,
 )
-from exmesh_graph.stage1.appearance.model import Model, model_of
+from exmesh_graph.stage1.appearance.kinds import model_of
+from exmesh_graph.stage1.appearance.model import Model
 from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Carrier, Views
 

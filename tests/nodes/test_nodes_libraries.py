@@ -27,6 +27,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "init.visual_hull": {"open3d", "pymeshlab"},
     "use.relight": {"pillow"},
     "transport.bounce": {"embreex", "warp-lang"},
+    "appearance.uv_texture": {"scipy"},
 }
 
 

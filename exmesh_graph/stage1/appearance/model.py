@@ -1,18 +1,13 @@
-"""The interface of an appearance model, and the paper's own: the UV texture.
-
-A model holds one tensor of values that the loss has a gradient for, and Adam's two moments of it.
-"""
+"""The interface of an appearance model: one tensor of values that the loss has a gradient for, and its moments."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
 
-from exmesh_graph.raster import shade
 from exmesh_graph.stage1.optimiser import texture_step
-from exmesh_graph.types import Carrier, Stage1State
 
 if TYPE_CHECKING:
     from exmesh_graph.stage1.render import Surface
@@ -31,11 +26,8 @@ class Moments(NamedTuple):
 class Model:
     """Colours of a surface: `values` (a leaf with gradient once a fit runs) and their moments.
 
-    Colours are sRGB-encoded; models whose values are colours are held in [0, 1] after each step.
+    Colours are sRGB-encoded; values are colours and are held in [0, 1], unless a model says otherwise.
     """
-
-    kind: ClassVar[str]
-    colours: ClassVar[bool] = True
 
     def __init__(self, values: torch.Tensor, moments: Moments | None = None) -> None:
         self.values = values
@@ -59,44 +51,14 @@ class Model:
         """The tensors that `step` changes, in place."""
         return {"values": self.values, "m": self.moments.first, "v": self.moments.second, "touched": self.touched}
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """`Stage1State.model` after a fit."""
-        named = {"values": self.values.detach(), "m": self.moments.first, "v": self.moments.second}
-        return {name: tensor.cpu().numpy() for name, tensor in named.items()}
+    def fields(self, surface: Surface, size: int, fill: bool) -> dict[str, Any]:
+        """What a fit changed, as fields of the Stage1State: the model, and the texture of `size` texels that shows it.
 
-    def fields(self, state: Stage1State, fill: bool) -> dict[str, Any]:
-        """What the fit changed, as fields of the state: the model, and the texture that shows it.
-
-        `state` has the fitted vertices already. `fill` replaces values that no view touched by their neighbours'.
+        `fill` replaces texels that no view touched by their neighbours.
         """
         raise NotImplementedError
 
-
-class UVTexture(Model):
-    """The paper's T_rgb: texels [R, R, 3] read bilinearly."""
-
-    kind = "uv_texture"
-
-    def shade(self, surface: Surface, projected: torch.Tensor, face_id: torch.Tensor) -> torch.Tensor:
-        return shade(projected, surface.faces, surface.uvs, surface.uv_faces, self.values, face_id)
-
-    def fields(self, state: Stage1State, fill: bool) -> dict[str, Any]:
-        from exmesh_graph.stage1.init import fill_unseen
-
-        texture = self.values.detach()
-        if fill:
-            texture = fill_unseen(texture, self.touched)
-        first, second = (moment.cpu().numpy() for moment in self.moments)
-        return {"texture": texture.cpu().numpy(), "texture_m": first, "texture_v": second}
-
-
-def model_of(carrier: Carrier, device: torch.device | str = "cpu") -> Model:
-    """The appearance of a carrier: the model of a Stage I state, the texture of any other."""
-
-    def tensor(array: np.ndarray) -> torch.Tensor:
-        return torch.tensor(np.asarray(array, np.float32), device=device)
-
-    texture = tensor(carrier.texture)
-    if not isinstance(carrier, Stage1State):
-        return UVTexture(texture)
-    return UVTexture(texture, Moments(tensor(carrier.texture_m), tensor(carrier.texture_v)))
+    def arrays(self) -> dict[str, np.ndarray]:
+        """`values`, `m` and `v` as arrays."""
+        named = {"values": self.values.detach(), "m": self.moments.first, "v": self.moments.second}
+        return {name: tensor.cpu().numpy() for name, tensor in named.items()}

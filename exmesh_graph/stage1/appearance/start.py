@@ -1,0 +1,78 @@
+"""The first values of the appearance models, read from the first texture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from exmesh_graph.errors import GeometryError
+from exmesh_graph.stage1.appearance.mlp import Mlp, layers, weight_count
+from exmesh_graph.torch_setup import tensor_of
+from exmesh_graph.types import Stage1State
+from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.transfer import sample_bilinear
+
+_INSIDE = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6
+_STEPS, _BATCH, _RATE = 300, 4096, 0.02
+
+
+def per_vertex(state: Stage1State) -> Stage1State:
+    """Colours of the vertices: the mean of the texture at their corners."""
+    colours = sample_bilinear(state.texture, state.uvs[state.uv_faces].reshape(-1, 2))
+    corners = state.faces.reshape(-1)
+    total = np.stack([np.bincount(corners, colours[:, c], len(state.vertices)) for c in range(3)], axis=1)
+    count = np.bincount(corners, minlength=len(state.vertices))[:, None]
+    return _with(state, "per_vertex", np.where(count > 0, total / np.maximum(count, 1), 0.5))
+
+
+def per_face(state: Stage1State) -> Stage1State:
+    """Colours of the faces: the mean of the texture at four points inside."""
+    corners = state.uvs[state.uv_faces]
+    colours = [sample_bilinear(state.texture, np.einsum("k,fkc->fc", weights, corners)) for weights in _INSIDE]
+    return _with(state, "per_face", np.mean(colours, axis=0))
+
+
+def mlp(
+    state: Stage1State, *, frequencies: int, width: int, seed: int, device: torch.device | str = "cpu"
+) -> Stage1State:
+    """A network fitted to the first texture by a few hundred steps over random texels; weights drawn from `seed`.
+
+    Raises GeometryError for vertices that all lie in one point.
+    """
+    low, high = state.vertices.min(axis=0), state.vertices.max(axis=0)
+    radius = 0.5 * float(np.linalg.norm((high - low).astype(np.float64)))
+    if not radius > 0:
+        raise GeometryError("the carrier has no extent", where="stage1.init, port appearance")
+    rng = torch.Generator().manual_seed(seed)
+    weights = torch.zeros(weight_count(frequencies, width))
+    begin = 0
+    for out, into in layers(frequencies, width):
+        bound = (6 / into) ** 0.5 if out == width else (3 / into) ** 0.5  # He et al. 2015; no rectifier after the last
+        weights[begin : begin + out * into].uniform_(-bound, bound, generator=rng)
+        begin += out * (into + 1)
+    box = torch.tensor([*(0.5 * (low + high)), radius], dtype=torch.float32, device=device)
+    model = Mlp(weights.to(device), None, frequencies=frequencies, width=width, box=box)
+
+    face_id, bary = rasterize_atlas(state.uvs, state.uv_faces, state.texture.shape[0])
+    covered = face_id >= 0
+    corners = state.vertices[state.faces[face_id[covered]]]
+    points = tensor_of(np.einsum("nk,nkc->nc", bary[covered], corners)).to(device)
+    colours = tensor_of(state.texture[covered]).to(device)
+    model.values.requires_grad_()
+    for step in range(_STEPS if len(points) else 0):
+        chosen = torch.randint(len(points), (_BATCH,), generator=rng).to(device)
+        error = (model.colour(points[chosen]) - colours[chosen]).abs().mean()
+        (gradient,) = torch.autograd.grad(error, model.values)
+        model.step(gradient, step + 1, _RATE * (1 - step / _STEPS), 0.0)
+    for moment in model.moments:
+        moment.zero_()
+    return replace(state, appearance="mlp", model=model.arrays())
+
+
+def _with(state: Stage1State, kind: str, colours: np.ndarray) -> Stage1State:
+    values = np.clip(colours, 0, 1).astype(np.float32)
+    return replace(
+        state, appearance=kind, model={"values": values, "m": np.zeros_like(values), "v": np.zeros_like(values)}
+    )
