@@ -73,7 +73,9 @@ def main() -> None:
             "seconds": time.perf_counter() - began,
             "processor_seconds": time.process_time() - busy,
         }
-        scores = score_asset(asset, scene.test, scene.truth, max_views=options.max_views, quality=options.quality).values
+        scores = score_asset(
+            asset, scene.test, scene.truth, max_views=options.max_views, quality=options.quality
+        ).values
         material = scores["material"]
         row |= {
             "held-out": scores["held_out"]["psnr"],
@@ -135,7 +137,9 @@ def theirs(ctx: Quiet, carrier: Carrier, views: Views, iterations: int, options:
         for name, key in keys.items():
             parameters[key] = now[name]
         parameters.update()
-        image = mi.render(scene, parameters, sensor=sensors[view], spp=options.spp, seed=2 * step, seed_grad=2 * step + 1)
+        image = mi.render(
+            scene, parameters, sensor=sensors[view], spp=options.spp, seed=2 * step, seed_grad=2 * step + 1
+        )
         residual = dr.log(1 + image[..., :3]) - dr.log(1 + images[view])
         dr.backward(dr.sum(dr.abs(residual) * masks[view], axis=None))
         latent.step()

@@ -33,6 +33,9 @@ class FitParams(Params):
     min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
     roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
     roughness_start: float = param(0.5, gt=0, lt=1, doc="Neutral roughness at the start.")
+    memory_gib: float = param(
+        4.0, ge=0, tuning=True, unit="GiB", doc="Memory that the views' buffers may take; the rest are made anew."
+    )
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
@@ -65,7 +68,7 @@ def fit(
     def progress(step: int, total: int, figures: dict[str, float]) -> None:
         ctx.progress(step, total, **figures)
 
-    given = p.model_dump(exclude={"threads"})
+    given = p.model_dump(exclude={"threads", "memory_gib"})
     settings = FitSettings(**{name: decided(value, needs, name) for name, value in given.items()})
     with torch_threads(p.threads):
         asset, curves = run(
@@ -77,5 +80,7 @@ def fit(
             progress=progress,
             checkpoint=ctx.checkpoint,
             resumed=ctx.resume(),
+            warn=ctx.warn,
+            budget=p.memory_gib * 2**30,
         )
     return FitOut(asset, Metrics({"curves": curves}))

@@ -6,6 +6,9 @@ steps of this fit.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import torch
 
 
@@ -23,6 +26,18 @@ class Adam:
         self.first = [torch.zeros_like(p) for p in parameters]
         self.second = [torch.zeros_like(p) for p in parameters]
         self.steps = 0
+
+    def state(self) -> dict[str, Any]:
+        """Parameters and moments (the tensors themselves), and the number of steps."""
+        return {"parameters": self.parameters, "first": self.first, "second": self.second, "steps": self.steps}
+
+    @torch.no_grad()
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Take over the values of `state`."""
+        for name in ("parameters", "first", "second"):
+            for tensor, value in zip(getattr(self, name), kept[name], strict=True):
+                tensor.copy_(value)
+        self.steps = kept["steps"]
 
     @torch.no_grad()
     def step(self, scale: float = 1.0) -> None:

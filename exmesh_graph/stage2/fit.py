@@ -7,13 +7,14 @@ parameters.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
 
-from exmesh_graph.errors import NumericsError
 from exmesh_graph.stage2.adam import Adam
+from exmesh_graph.stage2.guard import Guard
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.result import finished_asset
 from exmesh_graph.stage2.settings import FitSettings
@@ -36,29 +37,35 @@ def fit(
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
     resumed: Resumed | None = None,
+    warn: Callable[[str], None] | None = None,
+    budget: float = math.inf,
 ) -> tuple[Asset, dict[str, list[float]]]:
     """Decompose the carrier's appearance into materials and light.
 
     Returns the asset and curves over iterations (`iteration`, `loss`, `image`, `psnr`: sRGB over the view's pixels).
     A call that was cut off goes on with the same arguments and `resumed`, what `checkpoint(step, state)` was last
     given, and ends with the same bytes.
+    A view or step that is not finite is left out or taken back, and said by `warn` (stage2.guard). The views' buffers
+    take at most `budget` bytes; the result does not depend on it.
     Raises GeometryError when `transport` belongs to another mesh, DataError when no pixel sees the mesh and
-    NumericsError, naming step, view and term, when a loss stops being finite.
+    NumericsError, naming step, view and term, when the guard cannot keep the fit finite.
     """
     settings = settings or FitSettings()
-    model = Model(carrier, views, transport, settings, device)
+    model = Model(carrier, views, transport, settings, device, budget)
     generator = torch.Generator().manual_seed(seed)
     optimiser = Adam([model.maps.parameter, model.environment], [settings.material_rate, settings.environment_rate])
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
     curves: dict[str, list[float]] = {"iteration": [], "loss": [], "image": [], "psnr": []}
     order: list[int] = []
     first = 0
+    guard = Guard(model, optimiser, lambda view, step: weighted_terms(model, view, step)[0], warn)
     if resumed is None:
         model.start()
+        guard.start()
     else:
         first, kept = resumed
         curves, order = kept["curves"], kept["order"]
-        _restore(model, optimiser, generator, kept)
+        _restore(model, optimiser, generator, guard, kept)
     for step in range(first, settings.iterations):
         if step in refresh:
             model.measure(indirect_strength(settings, step), generator)
@@ -69,9 +76,10 @@ def fit(
             continue
         terms, predicted = weighted_terms(model, buffer, step)
         loss = torch.stack(list(terms.values())).sum()
-        _check(terms, step, buffer.name)
         loss.backward()
-        optimiser.step(settings.rate_decay ** (step / settings.iterations))
+        if not guard.passes(terms, buffer, step):
+            continue
+        optimiser.step(guard.scale * settings.rate_decay ** (step / settings.iterations))
         if step % 10 == 0 or step == settings.iterations - 1:
             figures = {
                 "loss": float(loss.detach()),
@@ -84,38 +92,22 @@ def fit(
             if progress:
                 progress(step + 1, settings.iterations, figures)
         if checkpoint is not None:
-            checkpoint(step + 1, {**_changing(model, optimiser, generator), "curves": curves, "order": order})
+            checkpoint(step + 1, {**_changing(model, optimiser, generator, guard), "curves": curves, "order": order})
     return finished_asset(carrier, model), curves
 
 
-def _changing(model: Model, optimiser: Adam, generator: torch.Generator) -> dict[str, Any]:
+def _changing(model: Model, optimiser: Adam, generator: torch.Generator, guard: Guard) -> dict[str, Any]:
     """All that steps change: with the arguments of `fit` it determines what follows."""
     return {
-        "parameters": optimiser.parameters,
-        "first": optimiser.first,
-        "second": optimiser.second,
-        "steps": optimiser.steps,
+        "optimiser": optimiser.state(),
         "generator": generator.get_state(),
-        "light": model.light.state(model.buffers),
+        "light": model.light.state(model.buffers.held),
+        "guard": guard.state(),
     }
 
 
-@torch.no_grad()
-def _restore(model: Model, optimiser: Adam, generator: torch.Generator, kept: Mapping[str, Any]) -> None:
-    for name in ("parameters", "first", "second"):
-        for tensor, value in zip(getattr(optimiser, name), kept[name], strict=True):
-            tensor.copy_(value)
-    optimiser.steps = kept["steps"]
+def _restore(model: Model, optimiser: Adam, generator: torch.Generator, guard: Guard, kept: Mapping[str, Any]) -> None:
+    optimiser.restore(kept["optimiser"])
     generator.set_state(kept["generator"])
-    model.light.restore(model.buffers, kept["light"])
-
-
-def _check(terms: dict[str, torch.Tensor], step: int, view: str) -> None:
-    for name, value in terms.items():
-        if not bool(torch.isfinite(value)):
-            raise NumericsError(
-                f"the {name} term is {float(value.detach())}",
-                where=f"stage2 step {step}, view {view}",
-                expected="a finite loss",
-                fix="lower material_rate and environment_rate; check the view's image for NaN",
-            )
+    model.light.restore(model.buffers.held, kept["light"])
+    guard.restore(kept["guard"])

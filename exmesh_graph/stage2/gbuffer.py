@@ -1,4 +1,7 @@
-"""What each training pixel sees, once for the whole fit: the primary hits of a frozen mesh never change."""
+"""What each training pixel of a view sees: the primary hits of a frozen mesh never change.
+
+`stage2.stream` keeps the buffers of all views, or makes them anew when memory is short.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,10 @@ if TYPE_CHECKING:
     from exmesh_graph.stage2.light import LightModel
 
 
+#: Three planes of three float32 channels for each pixel of a view's box (losses.SsimTarget).
+SSIM_BYTES = 36
+
+
 @dataclass
 class ViewBuffer:
     """One training view on the carrier: N pixels whose centre meets the mesh inside the object's mask.
@@ -27,7 +34,7 @@ class ViewBuffer:
     target        [N, 3], linear straight colour;  clipped bool [N, 3]: at the top of an 8-bit file's range
     coverage      [N], the mask's alpha, the pixel's weight in the loss
     face, bary    [N], [N, 3]
-    texel, texel_weight   [N, 4], rows of the fit's compact texel table
+    texel, texel_weight   [N, 4], rows of the fit's compact texel table (stage2.stream)
     n_v           [N]
     pairs         int64 [Q, 2], neighbouring pixels (by row of this buffer) on one continuous surface
     light         what the light model keeps of the view (LightModel.view)
@@ -57,31 +64,20 @@ class ViewBuffer:
         """The buffer's surface samples, rebuilt."""
         return geometry.samples(self.face, self.bary, self.camera)
 
-
-def build_gbuffer(
-    geometry: CarrierGeometry, light: LightModel, views: Views, size: int, min_coverage: float
-) -> tuple[list[ViewBuffer], torch.Tensor]:
-    """The buffers of all views and the flat texels (int64 [T], ascending) that some view or the light reads.
-
-    `texel` indices refer to that table. Pixels with alpha below `min_coverage` are left out.
-    """
-    device = geometry.device
-    buffers, used = [], [light.texels(size)]
-    for number in range(len(views)):
-        buffer = _view(geometry, light, views, number, size, min_coverage)
-        buffers.append(buffer)
-        used.append(buffer.texel.reshape(-1))
-    texels = torch.unique(torch.cat(used))
-    row = torch.full((size * size,), -1, dtype=torch.int64, device=device)
-    row[texels] = torch.arange(len(texels), device=device)
-    for buffer in buffers:
-        buffer.texel = row[buffer.texel]
-    return buffers, texels
+    def bytes(self) -> int:
+        """Bytes of all tensors, and of those that D-SSIM will add."""
+        held = [vars(self), vars(self.light)] if hasattr(self.light, "__dict__") else [vars(self)]
+        tensors = [value for values in held for value in values.values() if isinstance(value, torch.Tensor)]
+        return sum(t.element_size() * t.numel() for t in tensors) + SSIM_BYTES * self.box[0] * self.box[1]
 
 
-def _view(
+def build_view(
     geometry: CarrierGeometry, light: LightModel, views: Views, number: int, size: int, min_coverage: float
 ) -> ViewBuffer:
+    """The buffer of one view, its `texel` indices flat positions in size x size maps.
+
+    Pixels with alpha below `min_coverage` are left out. The same bytes whenever it is called.
+    """
     device = geometry.device
     height, width = views.height, views.width
     fragments = rasterize(
@@ -117,7 +113,7 @@ def _view(
         n_v=samples.n_v,
         pairs=_pairs(inside, samples, pixel),
         camera=camera,
-        light=light.view(samples, pixel, width),
+        light=light.view(samples, pixel, width, number),
         box=box,
         box_pixel=box_pixel,
     )

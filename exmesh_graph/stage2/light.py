@@ -3,7 +3,8 @@
 Two of them: `precomputed.PrecomputedLight` (transport traced once, no noise) and the Monte Carlo light of the paper.
 A fit calls, in this order:
 
-    texels, view          once, while the views' buffers are made
+    texels                once
+    view                  whenever a view's buffer is made: once, or again where memory is short (stage2.stream)
     start                 once, before the first step of a fit that is not resumed
     prepare, radiance     every step: what holds for all pixels under the current maps and environment; then one view
     measure               now and then (FitSettings.corrections): rays that no single step could afford
@@ -32,8 +33,12 @@ class LightModel(Protocol):
     def texels(self, size: int) -> torch.Tensor:
         """Flat texels int64 [any] of size x size maps that the model itself reads, besides those of pixels."""
 
-    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int) -> Any:
-        """What the model keeps of a view: `surface` seen by its flat `pixel`s in an image `width` wide."""
+    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int, number: int) -> Any:
+        """What the model keeps of view `number`: `surface` seen by its flat `pixel`s in an image `width` wide.
+
+        Called again whenever a view's buffer had to go from memory: what `start` and `measure` found lives in the
+        model, by the view's number.
+        """
 
     def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
         """Whatever must be measured before the first step."""

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 
-from exmesh_graph.errors import DataError, NumericsError
+from exmesh_graph.errors import DataError
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import check_fits
-from exmesh_graph.stage2.gbuffer import ViewBuffer, build_gbuffer
+from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.init import initial_environment
 from exmesh_graph.stage2.light import LightModel
 from exmesh_graph.stage2.maps import Material, MaterialMaps
 from exmesh_graph.stage2.precomputed import PrecomputedLight
 from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.stream import ViewBuffers
 from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Carrier, Transport, Views
 
@@ -38,18 +39,25 @@ class Model:
     """Maps, environment and light model on a carrier, and the buffers of its training views."""
 
     def __init__(
-        self, carrier: Carrier, views: Views, transport: Transport, settings: FitSettings, device: str
+        self,
+        carrier: Carrier,
+        views: Views,
+        transport: Transport,
+        settings: FitSettings,
+        device: str,
+        budget: float = math.inf,
     ) -> None:
+        """`budget`: bytes that the views' buffers may take (stage2.stream)."""
         check_fits(transport, carrier.vertices, carrier.faces)
         self.settings = settings
         self.geometry = CarrierGeometry(carrier, device)
         tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
         self.light: LightModel = PrecomputedLight(transport, self.geometry, tracer, settings)
         size = settings.texture_size or carrier.texture.shape[0]
-        self.buffers, texels = build_gbuffer(self.geometry, self.light, views, size, settings.min_coverage)
-        if not any(len(buffer.pixel) for buffer in self.buffers):
+        self.buffers = ViewBuffers(self.geometry, self.light, views, size, settings.min_coverage, budget)
+        if not any(self.buffers.pixels):
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
-        self.maps = MaterialMaps(carrier, texels, size, settings)
+        self.maps = MaterialMaps(carrier, self.buffers.texels, size, settings)
         self.environment = initial_environment(settings.environment_height, device=device).requires_grad_()
 
     def lit(self, strength: float, step: int) -> Lit:
@@ -78,22 +86,13 @@ class Model:
         """Set the white starting light so that the starting maps are as bright as the photographs, on average.
 
         Materials and light share a factor that only highlights tell, and a short fit moves little along it: where it
-        starts, with mid-gray base colour a guess that is rarely far off, decides where it ends. Raises NumericsError
-        for a photograph that is not finite.
+        starts, with mid-gray base colour a guess that is rarely far off, decides where it ends.
         """
         lit = self.lit(0.0, 0)
         seen = shown = 0.0
         for buffer in self.buffers:
             predicted, _ = self.shade(buffer, lit)
-            brightness = float((buffer.target * buffer.coverage[:, None]).sum())
-            if not np.isfinite(brightness):
-                raise NumericsError(
-                    f"the image's brightness is {brightness}",
-                    where=f"stage2 step 0, view {buffer.name}",
-                    expected="finite pixel values",
-                    fix="check the view's image for NaN or Inf",
-                )
-            seen += brightness
+            seen += float((buffer.target * buffer.coverage[:, None]).sum())
             shown += float((predicted * buffer.coverage[:, None]).sum())
         level = max(seen / max(shown, 1e-12), MIN_LEVEL)
         self.environment.copy_(initial_environment(self.settings.environment_height, level, self.environment.device))

@@ -66,6 +66,7 @@ class PrecomputedLight:
         self.stack = PrefilteredStack(height, 2 * height, device)
         self.binning = self.operators.bin_matrix(height, 2 * height)
         self.table = reflectance_table(device=device)
+        self.scale: dict[int, torch.Tensor] = {}  # PrecomputedView.specular_scale by view, which outlives the buffers
         corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(transport.point_face.astype(np.int64)).to(device)]]
         bary = tensor_of(transport.point_bary).to(device)
         self._point_uv = (corners * bary[..., None]).sum(1)
@@ -73,7 +74,7 @@ class PrecomputedLight:
     def texels(self, size: int) -> torch.Tensor:
         return texel_footprint(self._point_uv, size)[0].reshape(-1)
 
-    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int) -> PrecomputedView:
+    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int, number: int) -> PrecomputedView:
         light, face, bary = self.operators.light, surface.face.cpu().numpy(), surface.bary.cpu().numpy()
         point, weight = locate(light.face_points, light.subdivision, face, bary)
         device = self.geometry.device
@@ -83,12 +84,12 @@ class PrecomputedLight:
             point_weight=torch.from_numpy(weight).to(device),
             env_u=env_u,
             env_v=env_v,
-            specular_scale=torch.ones_like(surface.position),
+            specular_scale=self.scale.get(number, torch.ones_like(surface.position)),
         )
 
     def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
         for buffer in buffers:
-            buffer.light.specular_scale = initial_specular_scale(self, buffer)
+            self._keep(buffer, initial_specular_scale(self, buffer))
 
     def prepare(
         self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
@@ -139,11 +140,15 @@ class PrecomputedLight:
             if len(buffer.pixel):
                 material = maps.read(values, buffer.texel, buffer.texel_weight)
                 scale = measured_specular_scale(self, buffer, material, lit, environment, leaving, generator)
-                buffer.light.specular_scale = scale
+                self._keep(buffer, scale)
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
-        return {"specular_scale": [buffer.light.specular_scale for buffer in buffers]}
+        return {"specular_scale": dict(self.scale)}
 
     def restore(self, buffers: Iterable[ViewBuffer], kept: Mapping[str, Any]) -> None:
-        for buffer, scale in zip(buffers, kept["specular_scale"], strict=True):
-            buffer.light.specular_scale = scale.to(buffer.light.specular_scale)
+        self.scale = {number: scale.to(self.geometry.device) for number, scale in kept["specular_scale"].items()}
+        for buffer in buffers:
+            buffer.light.specular_scale = self.scale[buffer.number]
+
+    def _keep(self, buffer: ViewBuffer, scale: torch.Tensor) -> None:
+        self.scale[buffer.number] = buffer.light.specular_scale = scale

@@ -20,9 +20,7 @@ SEEN_WEIGHT, SEEN_SHARE = 1.0, 0.1
 def finished_asset(carrier: Carrier, model: Model) -> Asset:
     """The asset of the model's current parameters; texels that no view tells of are filled (stage2.fill)."""
     texels, size = model.maps.texels, model.maps.size
-    evidence = torch.zeros(len(texels), device=texels.device)
-    for buffer in model.buffers:
-        evidence.index_add_(0, buffer.texel.reshape(-1), buffer.texel_weight.reshape(-1))
+    evidence = model.buffers.evidence.weight
     seen_rows = evidence >= min(SEEN_WEIGHT, SEEN_SHARE * float(evidence[evidence > 0].median()))
     count = size * size
     maps = model.maps.values()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from exmesh_graph.errors import DataError, GeometryError, NumericsError
+from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.stage2.adam import Adam
 from exmesh_graph.stage2.fill import complete_maps
 from exmesh_graph.stage2.fit import fit
@@ -108,12 +108,7 @@ def test_maps_have_the_asked_size_and_options(carrier, train_views, transport):
 
 
 def test_errors_name_the_cause(carrier, train_views, transport):
-    images = train_views.images.copy()
-    images[5][train_views.alpha[5] > 0.99] = np.nan
     settings = dataclasses.replace(QUICK, iterations=20, corrections=0)
-    with pytest.raises(NumericsError, match=r"(?s)step \d+, view v5.*image") as caught:
-        fit(carrier, dataclasses.replace(train_views, images=images), transport, settings)
-    assert "image" in str(caught.value)
     moved = dataclasses.replace(carrier, vertices=carrier.vertices + 0.1)
     with pytest.raises(GeometryError, match="another mesh"):
         fit(moved, train_views, transport, settings)

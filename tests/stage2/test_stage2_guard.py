@@ -1,0 +1,191 @@
+"""Bad images, gradients, terms and rates: what the guard says and does, and that the fit goes on from there."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from exmesh_graph.errors import NumericsError
+from exmesh_graph.stage2 import fit as fitting
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.guard import RETURNS
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.types.state import load_state, save_state
+
+SETTINGS = FitSettings(
+    environment_height=8, iterations=40, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=1,
+    correction_samples=2, ssim_weight=0.0, material_weight=0.01, environment_weight=0.01, base_color_init="gray",
+)  # fmt: skip
+
+
+def _finite(asset):
+    return all(np.isfinite(m).all() for m in (asset.base_color, asset.roughness, asset.environment))
+
+
+def _broken(views, numbers):
+    images = views.images.copy()
+    for number in numbers:
+        row, column = np.argwhere(views.alpha[number] > 0.99)[10]
+        images[number, row, column, 1] = np.nan
+    return dataclasses.replace(views, images=images)
+
+
+@pytest.fixture
+def spoil(monkeypatch):
+    """spoil(when, change): terms = change(terms, model) wherever when(step, view name, model) holds."""
+
+    def install(when, change):
+        plain = fitting.weighted_terms
+
+        def weighted_terms(model, buffer, step):
+            terms, predicted = plain(model, buffer, step)
+            if when(step, buffer.name, model):
+                change(terms, model)
+            return terms, predicted
+
+        monkeypatch.setattr(fitting, "weighted_terms", weighted_terms)
+
+    return install
+
+
+class _NanGradient(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, value):
+        return value.clone()
+
+    @staticmethod
+    def backward(ctx, gradient):
+        return gradient * math.nan
+
+
+def test_a_photograph_with_a_nan_pixel_is_named_left_out_and_changes_nothing_else(carrier, train_views, transport):
+    said = []
+    asset, curves = fit(carrier, _broken(train_views, [5]), transport, SETTINGS, warn=said.append)
+    assert len(said) == 1
+    assert "view v5" in said[0]
+    row, column = np.argwhere(train_views.alpha[5] > 0.99)[10]
+    assert f"column {column}, row {row}" in said[0]
+    assert _finite(asset)
+    assert curves["image"][-1] < 0.5 * curves["image"][0]
+    # the same as a view without pixels
+    alpha = train_views.alpha.copy()
+    alpha[5] = 0
+    without, _ = fit(carrier, dataclasses.replace(train_views, alpha=alpha), transport, SETTINGS)
+    assert without.base_color.tobytes() == asset.base_color.tobytes()
+    with pytest.raises(NumericsError, match=r"(?s)view v0.*no view can be used.*column"):
+        fit(carrier, _broken(train_views, range(8)), transport, SETTINGS)
+
+
+@pytest.mark.parametrize("kind", ["value", "gradient"])
+def test_a_term_that_fails_once_costs_a_return_to_the_last_good_state(spoil, carrier, train_views, transport, kind):
+    calls = []
+
+    def once(step, view, model):
+        calls.append(step)
+        return step == 30 and calls.count(30) == 1
+
+    def change(terms, model):
+        terms["image"] = terms["image"] * math.nan if kind == "value" else _NanGradient.apply(terms["image"])
+
+    spoil(once, change)
+    said = []
+    asset, curves = fit(carrier, train_views, transport, SETTINGS, warn=said.append)
+    assert len(said) == 1
+    assert "step 30, view v" in said[0]
+    assert "back to the last good state, rates times 0.5" in said[0]
+    assert _finite(asset)
+    assert curves["iteration"][-1] == 39
+    assert curves["image"][-1] < 0.5 * curves["image"][0]
+
+
+@pytest.mark.parametrize("kind", ["value", "gradient"])
+def test_a_view_that_always_fails_is_left_out_by_name_and_term(spoil, carrier, train_views, transport, kind):
+    def change(terms, model):
+        terms["material"] = _NanGradient.apply(terms["material"]) * (math.inf if kind == "value" else 1)
+
+    spoil(lambda step, view, model: view == "v3", change)
+    said = []
+    asset, _ = fit(carrier, train_views, transport, SETTINGS, warn=said.append)
+    assert len(said) == 1
+    assert "view v3" in said[0]
+    assert "material term" in said[0]
+    assert "left out" in said[0]
+    assert _finite(asset)
+
+
+def test_parameters_that_run_away_come_back_with_lower_rates(spoil, carrier, train_views, transport):
+    """A term that overflows once the sky is brighter than some level, as a rate that is too large makes it."""
+
+    def too_bright(step, view, model):
+        return float(model.environment.detach().max()) > 4
+
+    spoil(too_bright, lambda terms, model: terms.update(image=terms["image"] * math.inf))
+    said = []
+    wild = dataclasses.replace(SETTINGS, environment_rate=3.0, iterations=60)
+    asset, _ = fit(carrier, train_views, transport, wild, warn=said.append)
+    assert 1 <= len(said) <= RETURNS
+    assert all("rates times" in message for message in said)
+    assert _finite(asset)
+
+
+def test_a_fit_that_gets_worse_than_it_started_comes_back(spoil, carrier, train_views, transport):
+    spoil(lambda step, view, model: step >= 20, lambda terms, model: terms.update(image=terms["image"] * 50))
+    said = []
+    with pytest.raises(NumericsError, match=r"(?s)step \d+: the image term rose.*returns"):
+        fit(carrier, train_views, transport, dataclasses.replace(SETTINGS, iterations=400), warn=said.append)
+    assert len(said) == RETURNS
+
+
+def test_a_sky_term_that_never_is_finite_ends_in_an_error_that_names_it(spoil, carrier, train_views, transport):
+    spoil(lambda step, view, model: step >= 10, lambda terms, model: terms.update(chroma=terms["chroma"] + math.nan))
+    with pytest.raises(NumericsError, match=r"(?s)stage2 step 1\d, view v\d.*chroma term.*fix:"):
+        fit(carrier, train_views, transport, SETTINGS)
+
+
+def test_a_guarded_fit_resumes_to_the_same_bytes_and_says_its_warnings_again(
+    spoil, carrier, train_views, transport, tmp_path
+):
+    class CutOff(Exception):
+        pass
+
+    spoil(
+        lambda step, view, model: step in (12, 25),
+        lambda terms, model: terms.update(environment=terms["environment"] * math.nan),
+    )
+    views = _broken(train_views, [2])
+    whole_said, said = [], []
+    whole, curves = fit(carrier, views, transport, SETTINGS, warn=whole_said.append)
+    assert len(whole_said) == 3
+
+    def checkpoint(now, state):
+        if now == 20:
+            save_state(tmp_path / "state", state)
+            raise CutOff
+
+    (tmp_path / "state").mkdir()
+    with pytest.raises(CutOff):
+        fit(carrier, views, transport, SETTINGS, checkpoint=checkpoint)
+    again, same = fit(
+        carrier, views, transport, SETTINGS, resumed=(20, load_state(tmp_path / "state")), warn=said.append
+    )
+    assert same == curves
+    assert said == whole_said
+    for name in ("base_color", "roughness", "environment", "seen"):
+        assert getattr(again, name).tobytes() == getattr(whole, name).tobytes(), name
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_the_memory_budget_does_not_change_a_byte(carrier, train_views, transport, share):
+    settings = dataclasses.replace(SETTINGS, iterations=20, ssim_weight=0.2, corrections=2)
+    whole, curves = fit(carrier, train_views, transport, settings)
+    from exmesh_graph.stage2.model import Model
+
+    total = sum(Model(carrier, train_views, transport, settings, "cpu").buffers.sizes)
+    tight = Model(carrier, train_views, transport, settings, "cpu", share * total)
+    assert len(tight.buffers.held) == int(share * len(train_views))
+    small, same = fit(carrier, train_views, transport, settings, budget=share * total)
+    assert same == curves
+    for name in ("base_color", "roughness", "environment", "seen"):
+        assert getattr(small, name).tobytes() == getattr(whole, name).tobytes(), name
