@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal, NamedTuple
 
+from exmesh_nodes.transport import LightModel
 from pydantic import Field
 
 from exmesh_graph.graph.node import Auto, Context, Params, facets, node, param
@@ -55,7 +56,7 @@ def fit(
     ctx: Context,
     carrier: Carrier,
     views: Annotated[Views, facets(split="train")],
-    transport: Transport,
+    transport: Transport | LightModel,
     needs: SceneNeeds | None = None,
     *,
     p: FitParams,
@@ -74,7 +75,7 @@ def fit(
         asset, curves = run(
             carrier,
             views,
-            transport,
+            transport if isinstance(transport, Transport) else transport.made(),
             settings,
             seed=ctx.seed,
             progress=progress,

@@ -1,11 +1,17 @@
-"""Light transport of a frozen mesh, traced once and shared by fits, relighting and ablations."""
+"""Light of a frozen mesh: transport traced once and shared by fits, relighting and ablations, or Monte Carlo light."""
 
-from typing import Annotated, NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
+from exmesh_graph.graph import Component, component
 from exmesh_graph.graph.node import Auto, Context, Params, node, param
 from exmesh_graph.types import Carrier, SceneNeeds, Transport, decided
+
+if TYPE_CHECKING:
+    from exmesh_graph.stage2.sampled import SampledSettings
 
 
 class DirectParams(Params):
@@ -39,6 +45,9 @@ class BounceParams(Params):
     bounces: Annotated[int, Field(ge=0, le=16), Auto("needs")] = param(
         1, doc="Diffuse interreflections to add; the paper has 1. 0 hands the direct light on."
     )
+    secondary_material: bool = param(
+        True, doc="Light from the mesh carries the maps of where it comes from; else the receiver's own (an ablation)."
+    )
 
 
 @node("transport.bounce", version="1", libraries=("torch", "scipy"), resources={"cpu": 0, "gpu?": 1})
@@ -50,7 +59,40 @@ def bounce(ctx: Context, light: Transport, needs: SceneNeeds | None = None, *, p
     if bounces == 0:
         ctx.log("direct light only")
         return TransportOut(light)
-    lit = with_bounces(light, bounces)
+    lit = with_bounces(light, bounces, p.secondary_material)
     assert lit.gather_point is not None
     ctx.log(f"{len(lit.gather_point)} entries between {len(lit.points)} points")
     return TransportOut(lit)
+
+
+class LightModel(Component):
+    """How `stage2.fit` evaluates light where no traced transport is wired to it."""
+
+    def made(self) -> SampledSettings:
+        """What the fit is told."""
+        raise NotImplementedError
+
+
+@component("transport.monte_carlo", version="1", libraries=("torch", "embreex", "warp-lang"))
+class MonteCarlo(LightModel):
+    """The paper's Monte Carlo light, drawn in every step; the defaults are its sample counts."""
+
+    technique: Literal["environment", "brdf", "mis", "cosine"] = param(
+        "environment", doc="Where direct samples go; mis = half to the environment, half to the BRDF's lobes."
+    )
+    samples: int = param(8, ge=2, le=4096, unit="rays", doc="N_d, direct samples per pixel.")
+    bounces: Literal[0, 1] = param(1, doc="0: direct light only; 1: one diffuse bounce.")
+    secondary_rays: int = param(16, ge=1, le=4096, unit="rays", doc="N_b, rays per pixel that look for the mesh.")
+    secondary_samples: int = param(4, ge=1, le=4096, unit="rays", doc="N_s, light samples at each secondary hit.")
+    half_resolution: bool = param(True, doc="Secondary rays for one pixel of each 2 x 2 block, then upsampled.")
+    secondary_material: bool = param(
+        True, doc="Secondary hits read the maps; else the primary point's material stands in (an ablation)."
+    )
+    kept: int = param(
+        0, ge=0, le=64, unit="estimates", doc="Estimates per view whose rays are kept between corrections; 0: none."
+    )
+
+    def made(self) -> SampledSettings:
+        from exmesh_graph.stage2.sampled import SampledSettings
+
+        return SampledSettings(**self.model_dump())

@@ -177,7 +177,7 @@ class _Check:
     def _bind(self, spec: NodeSpec, links: Mapping[str, Link], params: Mapping[str, Value]) -> None:
         """Validate the parameters and make the node or component."""
         found, definition = self.signatures[spec.name], self.packs.types[spec.type]
-        plugs = {port: self.components.get(link.node) for port, link in links.items() if found.inputs[port].plugged}
+        plugs = {port: self.components.get(link.node) for port, link in links.items() if not link.port}
         usable = {port: plug for port, plug in plugs.items() if plug is not None}
         self._libraries(spec, definition)
         nested = usable if found.component is not None else {}

@@ -34,8 +34,13 @@ class Port:
 
     @property
     def plugged(self) -> bool:
-        """Whether it takes a component instead of an artifact."""
-        return issubclass(self.types[0], Component)
+        """Whether it takes components and nothing else."""
+        return all(issubclass(kind, Component) for kind in self.types)
+
+    @property
+    def mixed(self) -> bool:
+        """Whether it takes an artifact or a component: the link says which, by naming an output or not."""
+        return not self.plugged and any(issubclass(kind, Component) for kind in self.types)
 
     @property
     def promises(self) -> dict[str, Any]:
@@ -112,7 +117,7 @@ def type_name(kind: type) -> str:
 
 def link_form(port: Port) -> str:
     """How a link to this port is written."""
-    return '"@component"' if port.plugged else '"@node.port"'
+    return '"@component"' if port.plugged else '"@node.port" or "@component"' if port.mixed else '"@node.port"'
 
 
 def types_by_name() -> dict[str, type]:
@@ -133,6 +138,8 @@ def component_ports(cls: type[Component]) -> Mapping[str, Port]:
     for name, info in cls.model_fields.items():
         if _holds(info.annotation, Component):
             ports[name] = _port(cls, name, info.annotation, not info.is_required())
+            if not ports[name].plugged:
+                raise TypeError(f"{cls.__qualname__}: {name} is {ports[name]}; a component holds components only")
             if not info.is_required() and info.get_default(call_default_factory=True) is not None:
                 raise TypeError(f"{cls.__qualname__}: {name} may be required or None, but not a component by default")
     return ports
@@ -180,7 +187,10 @@ def _outputs(function: Callable[..., Any], returned: Any) -> dict[str, Port]:
 
 
 def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Port:
-    """A port from `T`, `A | B`, `T | None` and `Annotated[..., facets(...)]` around any of them."""
+    """A port from `T`, `A | B`, `T | None` and `Annotated[..., facets(...)]` around any of them.
+
+    `Artifact | Component` makes a mixed port: one solver takes a finished artifact or the spec of how to do without.
+    """
     found: dict[str, Any] = {}
     kinds: tuple[Any, ...] = (hint,)
     while len(kinds) == 1:
@@ -197,9 +207,8 @@ def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Po
             optional = optional or len(kinds) < len(typing.get_args(hint))
         else:
             break
-    for base in (Artifact, Component):
-        if all(_is_subclass(kind, base) for kind in kinds):
-            return Port(name, kinds, found, optional)
+    if all(_is_subclass(kind, Artifact) or _is_subclass(kind, Component) for kind in kinds):
+        return Port(name, kinds, found, optional)
     shown = " | ".join(map(str, kinds))
     raise TypeError(f"{owner.__qualname__}: port {name} is {shown}, not an Artifact type or Component class")
 

@@ -7,8 +7,9 @@ With K equal-area directions w_k and a ray along each from every surface point p
     L_k      radiance x solid angle of the environment nearest to w_k
     I_0 = T L,   I_i = I_0 + s M (rho * I_(i-1)),  i = 1..n,   rho = (1 - m) a / pi,   s = lambda_ind of eq. 20
 
-Diffuse radiance of a point is rho I_n. Both operators carry exact adjoints (`irradiance` is differentiable in
-L and rho), so nothing is sampled while fitting.
+Diffuse radiance of a point is rho I_n. Without secondary material (an ablation of the paper) the receiving point's
+own rho stands in for that of the hits: I_i = I_0 + s rho * M I_(i-1). Both operators carry exact adjoints
+(`irradiance` is differentiable in L and rho), so nothing is sampled while fitting.
 """
 
 from __future__ import annotations
@@ -113,8 +114,11 @@ def _trace_points(
     )
 
 
-def with_bounces(light: Transport, bounces: int) -> Transport:
-    """`light` with the interreflection operator M built and `bounces` of it switched on."""
+def with_bounces(light: Transport, bounces: int, secondary_material: bool = True) -> Transport:
+    """`light` with the interreflection operator M built and `bounces` of it switched on.
+
+    secondary_material  hits send their own colour; else the receiving point's colour stands in
+    """
     cosine = (light.normals[light.hit_point] * light.directions[light.hit_direction]).sum(axis=1)
     measure = np.maximum(cosine, 0) * (4 * math.pi / len(light.directions))
     bary = np.concatenate([1 - light.hit_bary.sum(axis=1, keepdims=True), light.hit_bary], axis=1)
@@ -128,6 +132,7 @@ def with_bounces(light: Transport, bounces: int) -> Transport:
     return dataclasses.replace(
         light,
         bounces=bounces,
+        secondary_material=secondary_material,
         gather_start=np.concatenate([[0], np.cumsum(count)]).astype(np.int32),
         gather_point=(unique % len(light.points)).astype(np.int32),
         gather_weight=value.astype(np.float32),
@@ -201,14 +206,18 @@ class LightTransport:
 
 
 class _Bounces(torch.autograd.Function):
-    """I_i = I_0 + s M (rho I_(i-1)); the adjoint runs the recursion backwards through M^T and T^T."""
+    """I_i = I_0 + s M (rho I_(i-1)), or I_0 + s rho M I_(i-1) without secondary material; the adjoint runs the
+    recursion backwards through M^T and T^T."""
 
     @staticmethod
     def forward(ctx, radiance, diffuse, operators, strength):  # type: ignore[no-untyped-def]
+        own = operators.light.secondary_material
         direct = operators.transfer @ radiance
         states = [direct]
         for _ in range(operators.bounces):
-            states.append(direct + strength * (operators.gather @ (diffuse * states[-1])))
+            sent = diffuse * states[-1] if own else states[-1]
+            arrived = strength * (operators.gather @ sent)
+            states.append(direct + (arrived if own else diffuse * arrived))
         ctx.operators, ctx.strength = operators, strength
         ctx.save_for_backward(diffuse, *states[:-1])
         return states[-1]
@@ -216,16 +225,21 @@ class _Bounces(torch.autograd.Function):
     @staticmethod
     def backward(ctx, gradient):  # type: ignore[no-untyped-def]
         diffuse, *states = ctx.saved_tensors
+        operators, own = ctx.operators, ctx.operators.light.secondary_material
         direct = torch.zeros_like(gradient)
         to_diffuse = torch.zeros_like(diffuse)
         adjoint = gradient
         for state in reversed(states):
             direct = direct + adjoint
-            back = ctx.strength * (ctx.operators.gather_transposed @ adjoint)
-            to_diffuse = to_diffuse + back * state
-            adjoint = back * diffuse
+            if own:
+                back = ctx.strength * (operators.gather_transposed @ adjoint)
+                to_diffuse = to_diffuse + back * state
+                adjoint = back * diffuse
+            else:
+                to_diffuse = to_diffuse + adjoint * (ctx.strength * (operators.gather @ state))
+                adjoint = ctx.strength * (operators.gather_transposed @ (diffuse * adjoint))
         direct = direct + adjoint
-        return ctx.operators.transfer.T @ direct, to_diffuse, None, None
+        return operators.transfer.T @ direct, to_diffuse, None, None
 
 
 def _csr(

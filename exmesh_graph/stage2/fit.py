@@ -17,6 +17,7 @@ from exmesh_graph.stage2.adam import Adam
 from exmesh_graph.stage2.guard import Guard
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.result import finished_asset
+from exmesh_graph.stage2.sampled import SampledSettings
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.terms import indirect_strength, view_psnr, weighted_terms
 from exmesh_graph.types import Asset, Carrier, Transport, Views
@@ -29,7 +30,7 @@ Resumed = tuple[int, Mapping[str, Any]]
 def fit(
     carrier: Carrier,
     views: Views,
-    transport: Transport,
+    transport: Transport | SampledSettings,
     settings: FitSettings | None = None,
     *,
     seed: int = 0,
@@ -42,6 +43,7 @@ def fit(
 ) -> tuple[Asset, dict[str, list[float]]]:
     """Decompose the carrier's appearance into materials and light.
 
+    transport  precomputed light of the carrier's mesh, or the settings of light that is sampled in every step
     Returns the asset and curves over iterations (`iteration`, `loss`, `image`, `psnr`: sRGB over the view's pixels).
     A call that was cut off goes on with the same arguments and `resumed`, what `checkpoint(step, state)` was last
     given, and ends with the same bytes.
@@ -51,7 +53,7 @@ def fit(
     NumericsError, naming step, view and term, when the guard cannot keep the fit finite.
     """
     settings = settings or FitSettings()
-    model = Model(carrier, views, transport, settings, device, budget)
+    model = Model(carrier, views, transport, settings, device, budget, seed)
     generator = torch.Generator().manual_seed(seed)
     optimiser = Adam([model.maps.parameter, model.environment], [settings.material_rate, settings.environment_rate])
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}

@@ -17,6 +17,7 @@ from exmesh_graph.stage2.init import initial_environment
 from exmesh_graph.stage2.light import LightModel
 from exmesh_graph.stage2.maps import Material, MaterialMaps
 from exmesh_graph.stage2.precomputed import PrecomputedLight
+from exmesh_graph.stage2.sampled import SampledLight, SampledSettings
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.stream import ViewBuffers
 from exmesh_graph.stage2.surface import CarrierGeometry
@@ -42,17 +43,22 @@ class Model:
         self,
         carrier: Carrier,
         views: Views,
-        transport: Transport,
+        transport: Transport | SampledSettings,
         settings: FitSettings,
         device: str,
         budget: float = math.inf,
+        seed: int = 0,
     ) -> None:
-        """`budget`: bytes that the views' buffers may take (stage2.stream)."""
-        check_fits(transport, carrier.vertices, carrier.faces)
+        """`budget`: bytes that the views' buffers may take (stage2.stream); `seed`: of light that is sampled."""
         self.settings = settings
         self.geometry = CarrierGeometry(carrier, device)
         tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
-        self.light: LightModel = PrecomputedLight(transport, self.geometry, tracer, settings)
+        self.light: LightModel
+        if isinstance(transport, SampledSettings):
+            self.light = SampledLight(transport, self.geometry, tracer, seed)
+        else:
+            check_fits(transport, carrier.vertices, carrier.faces)
+            self.light = PrecomputedLight(transport, self.geometry, tracer, settings)
         size = settings.texture_size or carrier.texture.shape[0]
         self.buffers = ViewBuffers(self.geometry, self.light, views, size, settings.min_coverage, budget)
         if not any(self.buffers.pixels):

@@ -26,6 +26,7 @@ class Transport(_Arrays):
     hit_point    int32 [B], hit_direction uint16 [B], hit_face int32 [B], hit_bary float32 [B, 2] (weights of the
                  face's second and third corner): front-facing hits of the rays that met the mesh
     bounces      interreflections to add to the direct light; 0 until transport.bounce
+    secondary_material  whether interreflection carries the colour of where it comes from
     gather_start, gather_point, gather_weight   the operator M of transport.bounce as CSR rows
                  (int32 [P + 1], int32 [Z], float32 [Z]), or None
     """
@@ -45,6 +46,7 @@ class Transport(_Arrays):
     hit_bary: np.ndarray
     subdivision: int = 1
     bounces: int = 0
+    secondary_material: bool = True
     gather_start: np.ndarray | None = None
     gather_point: np.ndarray | None = None
     gather_weight: np.ndarray | None = None

@@ -12,6 +12,7 @@ from exmesh_graph.graph.keys import key_of, preimage_of
 from exmesh_graph.graph.language.components import MAX_NESTING, differences, rebuild
 from exmesh_graph.graph.plan import plan
 from exmesh_graph.graph.ports import signature
+from exmesh_graph.types import Mesh
 
 GRAPH = """
 nodes:
@@ -179,6 +180,27 @@ def test_union_of_components(bench: Any) -> None:
     text = GRAPH + "  none: {type: noise.none}\n"
     assert bench.check(text, "end.extra=@none").nodes["end"].components["extra"].definition.type == "noise.none"
     assert set(bench.check(text, "end.extra=null").nodes["end"].components) == {"curve"}
+
+
+def test_a_mixed_port_takes_an_artifact_or_a_component(bench: Any, states: Any) -> None:
+    text = GRAPH + '  mixed: {type: toy.mixed, item: "@two.number", inner: "@one.number"}\n'
+    text += "  one: {type: toy.const}\n  none: {type: noise.none}\n"
+    record = bench.run(text)
+    assert bench.value(record, "mixed") == 2
+    record = bench.run(text, "mixed.item=@line")
+    assert bench.value(record, "mixed") == 3 * 1
+    assert record["resolved"]["nodes"]["mixed"]["components"] == {"item": "@line"}
+    assert record["resolved"]["nodes"]["mixed"]["inputs"] == {"inner": "@one.number"}
+    assert only(bench.problems(text, "mixed.item=@none")).expected == "Number | Curve"
+    assert only(bench.problems(text, "mixed.item=@two")).nearest == ("@two.number",)
+
+
+def test_a_component_holds_no_artifact() -> None:
+    class Holding(Component):
+        item: Component | Mesh
+
+    with pytest.raises(TypeError, match="components only"):
+        signature(NodeDef("t", Holding, "1"))
 
 
 def test_in_repeat_blocks(bench: Any) -> None:

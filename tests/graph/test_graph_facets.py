@@ -118,12 +118,16 @@ def test_declarations_of_unions() -> None:
 
     def mixed(ctx: Context, a: Views | _Loss) -> _Out: ...
 
+    def number(ctx: Context, a: Views | int) -> _Out: ...
+
     def two(ctx: Context) -> _Two: ...
 
     found = signature(NodeDef("t", good, "1")).inputs
     assert (str(found["a"]), found["a"].optional) == ("Views | Mesh[up='y']", True)
     assert found["b"].types == (Mesh, Carrier)
-    for function, word in ((mixed, "not an Artifact type"), (two, "must be one Artifact type")):
+    both = signature(NodeDef("t", mixed, "1")).inputs["a"]
+    assert (both.mixed, both.plugged, both.types) == (True, False, (Views, _Loss))
+    for function, word in ((number, "not an Artifact type"), (two, "must be one Artifact type")):
         with pytest.raises(TypeError, match=word):
             signature(NodeDef("t", function, "1"))
 

@@ -184,9 +184,25 @@ def test_bounces_are_the_neumann_series():
     assert float(dense.sum(1).max()) <= math.pi * 1.05
 
 
-def test_adjoints_match_finite_differences():
+def test_without_secondary_material_the_receivers_own_colour_stands_in():
     vertices, faces = _corner()
-    operators = LightTransport(with_bounces(trace_transport(vertices, faces, 32), 3))
+    traced = trace_transport(vertices, faces, 64)
+    own, stand_in = (LightTransport(with_bounces(traced, 1, material)) for material in (True, False))
+    generator = torch.Generator().manual_seed(0)
+    radiance = torch.rand(64, 3, generator=generator)
+    rho = torch.rand(len(traced.points), 3, generator=generator)
+    direct = own.transfer @ radiance
+    gather = own.gather.to_dense()
+    torch.testing.assert_close(own.irradiance(radiance, rho, 0.7), direct + 0.7 * gather @ (rho * direct))
+    torch.testing.assert_close(stand_in.irradiance(radiance, rho, 0.7), direct + 0.7 * rho * (gather @ direct))
+    one = torch.full_like(rho, 0.2)  # of one colour everywhere: the same light
+    torch.testing.assert_close(own.irradiance(radiance, one), stand_in.irradiance(radiance, one))
+
+
+@pytest.mark.parametrize("secondary_material", [True, False])
+def test_adjoints_match_finite_differences(secondary_material):
+    vertices, faces = _corner()
+    operators = LightTransport(with_bounces(trace_transport(vertices, faces, 32), 3, secondary_material))
     operators.transfer = operators.transfer.double()
     operators.gather, operators.gather_transposed = operators.gather.double(), operators.gather_transposed.double()
     assert operators.gather.values().numel() > 0

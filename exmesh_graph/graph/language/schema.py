@@ -81,8 +81,8 @@ def _node(definition: NodeDef) -> dict[str, Any]:
 
 
 def _port(port: Port) -> dict[str, Any]:
-    link = {"type": "string", "pattern": _COMPONENT if port.plugged else _LINK}
-    words = "component" if port.plugged else "link to"
+    link = {"type": "string", "pattern": _COMPONENT if port.plugged or port.mixed else _LINK}
+    words = "component" if port.plugged else "component or link to" if port.mixed else "link to"
     return {"description": f"{words} {port}", "anyOf": [link, _ref("reference"), *([{"type": "null"}] * port.optional)]}
 
 

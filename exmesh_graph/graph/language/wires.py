@@ -91,7 +91,7 @@ class Wiring:
     def judge(self, link: Link, source: Port, port: Port, name: str, where: Where, user: str) -> None:
         """Types, presence and facets of one wire; `name` is its near end, `user` the node that it feeds."""
         if not issubclass(source.type, port.types):
-            if source.plugged != port.plugged:
+            if source.plugged != port.plugged and not port.mixed:
                 words = ("an artifact", "a component") if port.plugged else ("a component", "an artifact")
                 what = f"{link} is {words[0]}, but {name} takes {words[1]}"
             else:
@@ -131,12 +131,7 @@ class Wiring:
             return []
         for name, found in self.signatures.items():
             far = not name.startswith(prefix)
-            if (
-                name != user
-                and port.plugged
-                and found.component is not None
-                and issubclass(found.component, port.types)
-            ):
+            if name != user and found.component is not None and issubclass(found.component, port.types):
                 fits[f"@{name}"] = (False, far)
             for output in found.outputs.values() if name != user else ():
                 if port.takes(output):

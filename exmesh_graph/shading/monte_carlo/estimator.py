@@ -76,17 +76,19 @@ class MonteCarloLight:
         sampler: EnvSampler,
         seed: int,
         coarse: Coarse | None = None,
+        turning: bool = False,
     ) -> Drawn:
         """Draw and trace all samples. The same seed gives the same samples.
 
-        query   attributes at secondary hits; None leaves the bounce out
-        coarse  points that carry the bounce (`upsample.coarse_points`), None: every point
+        query    attributes at secondary hits; None leaves the bounce out
+        coarse   points that carry the bounce (`upsample.coarse_points`), None: every point
+        turning  primary normals will change before the samples are shaded: trace to the surface's own horizon
         """
         s = self.settings
         # the streams of one estimate: far apart, so that seeds 0, 1, 2... of a caller do not meet each other's
         first = 8 * seed
         pool = make_pool(sampler, s.sampler, s.direct_samples, first)
-        direct = draw_light(points, material, pool, self.tracer, s.memory_mib)
+        direct = draw_light(points, material, pool, self.tracer, s.memory_mib, turning)
         hits = None
         if query is not None and s.secondary_rays:
             hits = draw_bounce(
@@ -150,8 +152,9 @@ class SampleCache:
     """The samples of `slots` estimates of one set of points: step t reuses the rays of slot t mod `slots`.
 
     What is reused is directions, densities and visibility; radiance and material are read afresh, so the estimate
-    stays unbiased while both change, with densities of the time when the slot was drawn. A normal that turns loses the
-    light between its old horizon and the new one, where no ray went: draw again once normals have moved much.
+    stays unbiased while both change, with densities of the time when the slot was drawn. Where shading normals will
+    turn, draw with `turning`, else the light between the old horizon and the new one is lost; samplers without
+    environment samples (brdf, cosine) lose it all the same.
     """
 
     def __init__(self, slots: int) -> None:

@@ -169,6 +169,7 @@ def draw_light(
     own_samples: int,
     blocks: int,
     seed: int,
+    turning: int,
     block: wp.array(dtype=int),
     own_direction: wp.array(dtype=wp.vec3),
     own_uv: wp.array(dtype=wp.vec2),
@@ -198,7 +199,9 @@ def draw_light(
             d = _sample_lobe(n, v, a, q, wp.vec2(p[0] - wp.floor(p[0]), p[1] - wp.floor(p[1])))
             own_direction[k] = d
         w = 0.0
-        if wp.dot(n, d) > COSINE_MIN and wp.dot(g, d) > 0.0:
+        # a normal that will turn may find light under its present horizon: the pool has samples there
+        lit = wp.dot(n, d) > COSINE_MIN or (turning != 0 and s < pool_samples)
+        if lit and wp.dot(g, d) > 0.0:
             mixed = 0.0
             if s < pool_samples:
                 mixed = float(pool_samples) * pool_pdf[k]

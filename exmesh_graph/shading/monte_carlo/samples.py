@@ -105,10 +105,18 @@ def make_pool(sampler: EnvSampler, kind: Sampler, count: int, seed: int, blocks:
 
 @torch.no_grad()
 def draw_light(
-    points: Points, material: Material, pool: LightPool, tracer: RayTracer, memory_mib: float = 64
+    points: Points,
+    material: Material,
+    pool: LightPool,
+    tracer: RayTracer,
+    memory_mib: float = 64,
+    turning: bool = False,
 ) -> LightSamples:
-    """Draw the samples of `points` and trace them, as many rays at a time as fit into `memory_mib`. float32."""
-    drawn = draw_directions(points.normal, points, material, pool)
+    """Draw the samples of `points` and trace them, as many rays at a time as fit into `memory_mib`. float32.
+
+    turning    keep environment samples under the horizons of the shading normals, for normals that will turn
+    """
+    drawn = draw_directions(points.normal, points, material, pool, turning)
     rows = rows_within(memory_mib, drawn.weight.shape[1])
     origins = ray_origins(points, tracer)
     for start in range(0, len(points), rows):
@@ -117,9 +125,11 @@ def draw_light(
 
 
 @torch.no_grad()
-def draw_directions(normal: torch.Tensor, points: Points, material: Material, pool: LightPool) -> LightSamples:
-    """The samples of `points` around `normal` [N, 3], untraced: weights are 0 only under the horizons of `normal` and
-    of the surface itself."""
+def draw_directions(
+    normal: torch.Tensor, points: Points, material: Material, pool: LightPool, turning: bool = False
+) -> LightSamples:
+    """The samples of `points` around `normal` [N, 3], untraced: weights are 0 only under the horizons of `normal`
+    (with `turning` not those of environment samples) and of the surface itself."""
     count, device = len(points), points.position.device
     samples = pool.pool_samples + pool.own_samples
     if count * samples >= 2**31:
@@ -151,6 +161,7 @@ def draw_directions(normal: torch.Tensor, points: Points, material: Material, po
             pool.own_samples,
             max(len(pool.direction) // max(pool.pool_samples, 1), 1),
             pool.seed & 0x7FFFFFFF,
+            int(turning),
             block,
             own if len(own) else weight.new_empty(1, 3),
             own_uv if len(own) else weight.new_empty(1, 2),

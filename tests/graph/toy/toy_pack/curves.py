@@ -93,3 +93,11 @@ class CountedParams(Params):
 def counted(ctx: Context, judge: Number | None = None, *, p: CountedParams) -> NumberOut:
     """The count, or what the judge says."""
     return NumberOut(judge if judge is not None and str(p.count) == "auto" else Number(float(p.count)))
+
+
+@node("toy.mixed", version="1")
+def mixed(ctx: Context, item: Number | Curve, inner: Number | None = None, *, p: NoParams) -> NumberOut:
+    """A number as it is, or a curve at another number."""
+    if isinstance(item, Curve):
+        return NumberOut(Number(item.value(0.0 if inner is None else inner.value)))
+    return NumberOut(item)

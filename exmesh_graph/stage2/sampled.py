@@ -1,0 +1,186 @@
+"""The sampled light: the paper's Monte Carlo estimators (eq. 17 to 20), drawn anew in every step or kept for a while.
+
+    L = L_dir(x) + lambda_ind f_d(x) I_ind(x)          shading.monte_carlo
+
+Noise in value and gradient; no bias from directions, lattices or split sums. Samples of step t follow the environment
+and the materials of step t and depend on nothing else but the fit's seed, so a resumed fit draws the same ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from exmesh_graph.rays import RayTracer
+from exmesh_graph.shading import monte_carlo
+from exmesh_graph.shading.env_sampling import EnvSampler
+from exmesh_graph.shading.monte_carlo import Coarse, LightSettings, MonteCarloLight, Points, SampleCache, coarse_points
+from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.uv.raster import rasterize_atlas
+
+#: Texels around the charts that a bilinear lookup inside them may read.
+_MARGIN = 1.5
+
+
+@dataclass(frozen=True)
+class SampledSettings:
+    """Sample counts and choices of the sampled light; the defaults are the paper's.
+
+    technique           where direct samples go: environment, brdf, mis or cosine
+    samples             N_d, direct samples per pixel
+    bounces             0: direct light only; 1: one diffuse bounce
+    secondary_rays      N_b, secondary_samples  N_s
+    half_resolution     secondary rays for one pixel of each 2 x 2 block, upsampled
+    secondary_material  hits read the maps; else the primary point's material stands in
+    kept                estimates per view whose rays are kept between two measurements; 0: fresh samples every step
+    """
+
+    technique: monte_carlo.Sampler = "environment"
+    samples: int = 8
+    bounces: int = 1
+    secondary_rays: int = 16
+    secondary_samples: int = 4
+    half_resolution: bool = True
+    secondary_material: bool = True
+    kept: int = 0
+
+
+@dataclass
+class SampledLit:
+    """A step's light: the environment, how to draw from it, and what secondary hits read."""
+
+    maps: MaterialMaps
+    environment: torch.Tensor
+    sampler: EnvSampler
+    query: monte_carlo.Query | None
+    strength: float
+    step: int
+
+
+@dataclass(frozen=True)
+class SampledView:
+    """What the sampled light keeps of a view: its flat pixels in an image `width` wide."""
+
+    pixel: torch.Tensor
+    width: int
+
+
+class SampledLight:
+    """A stage2.light.LightModel over shading.monte_carlo.
+
+    Kept rays follow the maps and the environment of the last measurement, which are part of `state`; they are drawn
+    when first asked for, so that a resumed fit draws them again.
+    """
+
+    def __init__(self, settings: SampledSettings, geometry: CarrierGeometry, tracer: RayTracer, seed: int) -> None:
+        self.settings, self.geometry, self.seed = settings, geometry, seed
+        counts = LightSettings(
+            sampler=settings.technique,
+            direct_samples=settings.samples,
+            secondary_rays=settings.secondary_rays if settings.bounces else 0,
+            secondary_samples=settings.secondary_samples,
+            secondary_material=settings.secondary_material,
+        )
+        self.light = MonteCarloLight(geometry, tracer, counts)
+        self.frozen: tuple[torch.Tensor, torch.Tensor] | None = None
+        self.caches: dict[int, SampleCache] = {}
+
+    def texels(self, size: int) -> torch.Tensor:
+        if not (self.settings.bounces and self.settings.secondary_material):
+            return torch.zeros(0, dtype=torch.int64, device=self.geometry.device)
+        geometry = self.geometry
+        face, _ = rasterize_atlas(geometry.uvs.cpu().numpy(), geometry.uv_faces.cpu().numpy(), size, _MARGIN)
+        return torch.from_numpy(np.flatnonzero(face >= 0)).to(geometry.device)
+
+    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int, number: int) -> SampledView:
+        return SampledView(pixel, width)
+
+    def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
+        """Nothing to measure; rays are kept from the first measurement on."""
+
+    def prepare(
+        self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
+    ) -> SampledLit:
+        query = self._query(maps, values) if self.settings.bounces and strength > 0 else None
+        return SampledLit(maps, environment, EnvSampler(environment), query, strength, step)
+
+    def radiance(self, buffer: ViewBuffer, material: Material, lit: SampledLit) -> torch.Tensor:
+        points = self._points(buffer)
+        here = _material(material)
+        if self.frozen is None:
+            number = self.seed * 1_000_003 + lit.step
+            coarse = self._coarse(buffer.light, points, lit.step)
+            drawn = self.light.draw(points, here, lit.query, lit.sampler, number, coarse)
+        else:
+            cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
+            drawn = cache.get(lit.step, self._keeping(buffer, points, lit))
+        return self.light.shade(drawn, points, here, lit.query, lit.environment, lit.strength)
+
+    def measure(
+        self,
+        maps: MaterialMaps,
+        values: torch.Tensor,
+        environment: torch.Tensor,
+        strength: float,
+        buffers: Iterable[ViewBuffer],
+        generator: torch.Generator,
+    ) -> None:
+        """Draw kept rays anew from here on, for these maps and this environment."""
+        if self.settings.kept:
+            self.frozen, self.caches = (values.clone(), environment.clone()), {}
+
+    def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
+        return {"frozen": None if self.frozen is None else list(self.frozen)}
+
+    def restore(self, buffers: Iterable[ViewBuffer], kept: Mapping[str, Any]) -> None:
+        frozen, device = kept["frozen"], self.geometry.device
+        self.frozen = None if frozen is None else (frozen[0].to(device), frozen[1].to(device))
+        self.caches = {}
+
+    def _keeping(self, buffer: ViewBuffer, points: Points, lit: SampledLit) -> Callable[[int], monte_carlo.Drawn]:
+        """How a slot of the view's kept rays is drawn: from the frozen maps and environment, by a seed of its own."""
+        assert self.frozen is not None
+        values, environment = self.frozen
+
+        def draw(slot: int) -> monte_carlo.Drawn:
+            material = _material(lit.maps.read(values, buffer.texel, buffer.texel_weight))
+            query = None if lit.query is None else self._query(lit.maps, values)
+            number = self.seed * 1_000_003 + buffer.number * self.settings.kept + slot
+            coarse = self._coarse(buffer.light, points, slot)
+            return self.light.draw(points, material, query, EnvSampler(environment), number, coarse, turning=True)
+
+        return draw
+
+    def _points(self, buffer: ViewBuffer) -> Points:
+        surface = buffer.samples(self.geometry)
+        return Points(surface.position, surface.flat, surface.normal, surface.view)
+
+    def _coarse(self, view: SampledView, points: Points, step: int) -> Coarse | None:
+        if not (self.settings.bounces and self.settings.half_resolution):
+            return None
+        return coarse_points(points, view.pixel, view.width, step % 4)
+
+    def _query(self, maps: MaterialMaps, values: torch.Tensor) -> monte_carlo.Query:
+        """Smooth normal and material at secondary hits."""
+        geometry = self.geometry
+
+        def at(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, monte_carlo.Material]:
+            normal = (geometry.vertex_normals[geometry.faces[face]] * bary[..., None]).sum(1)
+            normal = torch.nn.functional.normalize(normal, dim=-1)
+            if not self.settings.secondary_material:
+                return normal, monte_carlo.Material(torch.zeros_like(normal))
+            uv = (geometry.uvs[geometry.uv_faces[face]] * bary[..., None]).sum(1)
+            index, weight = texel_footprint(uv, maps.size)
+            return normal, _material(maps.read(values, maps.rows(index), weight))
+
+        return at
+
+
+def _material(material: Material) -> monte_carlo.Material:
+    return monte_carlo.Material(material.base_color, material.roughness, material.metallic)

@@ -1,0 +1,158 @@
+"""The fit under Monte Carlo light: the same light as the precomputed one up to noise, and resumable."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from exmesh_nodes import stage2
+from exmesh_nodes import transport as light_nodes
+
+from exmesh_graph.shading import envmap
+from exmesh_graph.shading.env_sampling import EnvSampler
+from exmesh_graph.shading.monte_carlo import Material, MonteCarloLight
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.sampled import SampledSettings
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.types.state import load_state, save_state
+from tests.fake_context import FakeContext
+
+SETTINGS = FitSettings(
+    environment_height=16, iterations=12, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=2,
+    correction_samples=64, metallic=True, texture_size=64,
+)  # fmt: skip
+#: Few samples: these tests compare bytes, not light.
+FEW = SampledSettings(samples=2, secondary_rays=2, secondary_samples=1)
+
+
+def _model(carrier, views, light, **changes):
+    """A model with uneven maps under a sky with a bright side."""
+    model = Model(carrier, views, light, replace(SETTINGS, **changes), "cpu")
+    with torch.no_grad():
+        texels = model.maps.texels
+        u, v = (texels % 64).float() / 64, (texels // 64).float() / 64
+        model.maps.parameter[:] = torch.stack([2 * u - 1, 1 - v, 0 * u, 0.3 - u, v - 2], 1)
+        direction = torch.from_numpy(envmap.texel_directions(16, 32)).float()
+        bright = (direction @ torch.tensor([0.6, 0.6, 0.5])).clamp_min(0)[..., None] ** 4
+        model.environment.copy_(envmap.parameter_of(0.4 + 2 * bright * torch.tensor([1.3, 1.0, 0.7])))
+    return model
+
+
+@pytest.mark.parametrize("strength", [0.0, 1.0])
+def test_many_samples_converge_to_the_precomputed_light(carrier, train_views, transport, strength):
+    """Two ways to the same integral: 1024 + 256 x 16 samples, and K directions with measured specular. (The latter
+    also mirrors the mesh in itself, a hundredth of the light here.)"""
+    many = SampledSettings("mis", 1024, 1, 256, 16, half_resolution=False)
+    one, other = (_model(carrier, train_views, light) for light in (many, transport))
+    other.measure(strength, torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        found, expected = (m.shade(m.buffers[1], m.lit(strength, 0))[0] for m in (one, other))
+    error = (found - expected).abs()
+    assert float(error.mean() / expected.mean()) < 0.03
+    assert float(error.quantile(0.95) / expected.mean()) < 0.1
+    assert float(abs(found.mean() / expected.mean() - 1)) < 0.02
+
+
+def test_the_bounce_is_there_and_its_choices_change_it(carrier, train_views):
+    base = SampledSettings("mis", 256, 1, 64, 8, half_resolution=False)
+    shades = {}
+    for name, changes in {
+        "one": {}, "none": {"bounces": 0}, "half": {"half_resolution": True}, "own": {"secondary_material": False},
+    }.items():  # fmt: skip
+        model = _model(carrier, train_views, replace(base, **changes))
+        with torch.no_grad():
+            shades[name] = model.shade(model.buffers[1], model.lit(1.0, 0))[0]
+    bounce = shades["one"] - shades["none"]
+    assert float(bounce.mean() / shades["one"].mean()) > 0.02
+    difference = (shades["half"] - shades["one"]).abs().mean()
+    assert float(difference / bounce.mean()) < 0.25
+    assert float((shades["own"] - shades["one"]).abs().mean() / bounce.mean()) > 0.05
+
+
+def test_gradients_reach_maps_and_sky(carrier, train_views):
+    model = _model(carrier, train_views, SampledSettings())
+    model.shade(model.buffers[1], model.lit(1.0, 0))[0].sum().backward()
+    pixels = torch.unique(model.buffers[1].texel)
+    gradient = model.maps.parameter.grad
+    assert float((gradient[pixels].abs().sum(1) > 0).float().mean()) > 0.9
+    elsewhere = torch.ones(len(gradient), dtype=torch.bool)
+    elsewhere[pixels] = False
+    assert int((gradient[elsewhere, :3].abs().sum(1) > 0).sum()) > 50  # what secondary rays met
+    assert float((model.environment.grad.abs().sum(-1) > 0).float().mean()) > 0.5
+
+
+@pytest.mark.parametrize("light", [FEW, replace(FEW, kept=2), replace(FEW, bounces=0)])
+def test_a_cut_off_fit_goes_on_to_the_same_bytes(carrier, train_views, light, tmp_path):
+    kept = {}
+
+    def checkpoint(now, state):
+        if now == 7:  # corrections, at which kept rays are drawn anew, come at 4 and 8
+            save_state(tmp_path, state)
+            kept.update(load_state(tmp_path))
+
+    whole, curves = fit(carrier, train_views, light, SETTINGS, seed=3, checkpoint=checkpoint)
+    resumed, same = fit(carrier, train_views, light, SETTINGS, seed=3, resumed=(7, kept))
+    other, _ = fit(carrier, train_views, light, SETTINGS, seed=4)
+    assert same == curves
+    for field in fields(whole):
+        expected = np.asarray(getattr(whole, field.name)).tobytes()
+        assert np.asarray(getattr(resumed, field.name)).tobytes() == expected
+    assert other.base_color.tobytes() != whole.base_color.tobytes()
+
+
+def test_kept_rays_are_traced_once_between_measurements(carrier, train_views, monkeypatch):
+    drawn = []
+    draw = MonteCarloLight.draw
+    monkeypatch.setattr(MonteCarloLight, "draw", lambda self, *a, **k: drawn.append(0) or draw(self, *a, **k))
+    model = _model(carrier, train_views, replace(FEW, kept=2))
+
+    def shades():
+        with torch.no_grad():
+            return [model.shade(model.buffers[1], model.lit(1.0, step))[0] for step in range(4)]
+
+    shades()
+    assert len(drawn) == 4  # fresh ones before the first measurement
+    model.measure(1.0, torch.Generator())
+    first = shades()
+    assert len(drawn) == 6
+    assert not torch.equal(first[0], first[1])
+    assert torch.equal(first[0], first[2])
+    with torch.no_grad():
+        model.environment += 0.5
+    brighter = shades()[0] - first[0]
+    assert float(brighter.min()) >= 0
+    assert float(brighter.median()) > 0  # the rays are old, the light is the current one
+    assert len(drawn) == 6
+    model.measure(1.0, torch.Generator())
+    shades()
+    assert len(drawn) == 8
+
+
+@pytest.mark.parametrize("technique", ["environment", "mis"])
+def test_kept_rays_light_what_a_turned_normal_newly_faces(carrier, train_views, technique):
+    """Normals turn back to the surface's own after the rays were drawn: with `turning` they see what fresh rays see."""
+    model = _model(carrier, train_views, SampledSettings(technique, 512, 0))
+    buffer, light = model.buffers[1], model.light
+    points = light._points(buffer)
+    away = torch.nn.functional.normalize(points.normal - 1.2 * torch.tensor([0.6, 0.6, 0.5]), dim=1)
+    with torch.no_grad():
+        lit = model.lit(0.0, 0)
+        material = Material(model.maps.read(lit.values, buffer.texel, buffer.texel_weight).base_color)
+        before = replace(points, normal=away)
+        shaded = {}
+        for name, there, turning in (("fresh", points, False), ("kept", before, True), ("lost", before, False)):
+            drawn = light.light.draw(there, material, None, EnvSampler(lit.environment), 5, turning=turning)
+            shaded[name] = light.light.shade(drawn, points, material, None, lit.environment).mean()
+    assert float(shaded["kept"] / shaded["fresh"]) == pytest.approx(1, abs=0.01)
+    assert float(shaded["lost"] / shaded["fresh"]) < 0.97
+
+
+def test_the_component_plugs_into_the_node(carrier, train_views):
+    component = light_nodes.MonteCarlo(samples=2, secondary_rays=2, secondary_samples=1)
+    assert component.made() == FEW
+    assert light_nodes.MonteCarlo().made() == SampledSettings()
+    p = stage2.FitParams(iterations=3, environment_height=16, corrections=1)
+    asset, _ = stage2.fit(FakeContext(seed=5), carrier, train_views, component, p=p)
+    direct, _ = fit(carrier, train_views, FEW, FitSettings(iterations=3, environment_height=16, corrections=1), seed=5)
+    assert asset.base_color.tobytes() == direct.base_color.tobytes()
