@@ -128,6 +128,15 @@ def next_halfedge(h: np.ndarray) -> np.ndarray:
     return h - h % 3 + (h + 1) % 3
 
 
+def opposite_halfedges(edges: Edges) -> np.ndarray:
+    """int64 [3 F], the other half-edge of each half-edge's edge; -1 on a boundary and on non-manifold edges."""
+    first, second = edges.halfedges.T
+    partner = np.full(edges.face_edges.size, -1, np.int64)
+    partner[first[edges.interior]] = second[edges.interior]
+    partner[second[edges.interior]] = first[edges.interior]
+    return partner
+
+
 def boundary_edges(faces: np.ndarray, edges: Edges | None = None) -> np.ndarray:
     """int64 [B, 2], the directed half-edges (start, end) that have no partner."""
     edges = edges_of(faces) if edges is None else edges
@@ -188,10 +197,19 @@ def components(faces: np.ndarray, edges: Edges | None = None, keep: np.ndarray |
     return rank[inverse]
 
 
+def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Cross products [N, 3]: the same numbers as numpy's, which takes twice as long on rows of three."""
+    out = np.empty_like(u)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, i] = u[:, j] * v[:, k] - u[:, k] * v[:, j]
+    return out
+
+
 def area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """float64 [F, 3], the face normals times twice the face areas."""
-    a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
-    return np.cross(b - a, c - a)
+    points = vertices.astype(np.float64)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    return cross(b - a, c - a)
 
 
 def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
-    Edges,
     area_vectors,
+    cross,
     edges_of,
     next_halfedge,
+    opposite_halfedges,
     signed_areas_2d,
     vertex_degrees,
 )
@@ -53,96 +55,118 @@ def flip(
     """Flip edges, round after round, while that evens the mesh out.
 
     vertices  float [V, 3]; faces int [F, 3]; uvs float [T, 2]; uv_faces int [F, 3]
-    Vertices and UVs stay as they are; seams, boundaries and non-manifold edges are never flipped.
+    Vertices and UVs stay as they are; seams, boundaries and non-manifold edges are never flipped. A round is a pass
+    over the edges by gain, which skips one when a flip has changed the degree of one of its four vertices.
     """
-    settings = settings or FlipSettings()
-    state = Topology(vertices, faces, uvs, uv_faces, VertexMap(), np.arange(len(faces)), 0)
+    work = _Work(vertices, faces, uvs, uv_faces, settings or FlipSettings())
+    candidates = np.flatnonzero(np.arange(faces.size) < work.partner)
+    count = 0
     for _ in range(max_rounds):
-        halfedge = plan_flips(state, settings)
-        if len(halfedge) == 0:
+        chosen = work.plan(candidates)
+        if len(chosen) == 0:
             break
-        state = apply_flips(state, halfedge)
-    return state
+        candidates = work.carry_out(chosen)
+        count += len(chosen)
+    return Topology(vertices, work.faces, uvs, work.corners, VertexMap(), np.arange(len(faces)), count)
 
 
-def plan_flips(state: Topology, settings: FlipSettings) -> np.ndarray:
-    """One round: int64 [N], a half-edge of each edge to flip, in the order of the sequential pass.
+class _Work:
+    """A mesh that changes by flips, with the half-edges' partners and the degrees kept up to date."""
 
-    That pass takes edges by gain and skips one when another flip has changed the degree of one of its four vertices.
-    """
-    vertices, faces = state.vertices, state.faces
-    edges = edges_of(faces)
-    here, there, corner, uv_corner = _quads(state, edges)
-    gain = _gain(vertices, faces, edges, corner, settings.criterion)
-    able = np.flatnonzero(gain > 0)
-    here, there, corner, uv_corner, gain = (x[able] for x in (here, there, corner, uv_corner, gain))
-    a, b, c, d = corner.T
-    degree = vertex_degrees(faces, len(vertices), edges)
-    on_boundary = np.zeros(len(vertices), bool)
-    on_boundary[edges.vertices[edges.count != 2].reshape(-1)] = True
-    least = np.where(on_boundary, 2, 3)
-    key = np.minimum(c, d) * len(vertices) + np.maximum(c, d)
-    known = edges.vertices[:, 0] * len(vertices) + edges.vertices[:, 1]  # ascending
-    exists = known[np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))] == key
-    fair = (c != d) & ~exists & (degree[a] > least[a]) & (degree[b] > least[b])
-    fair[fair] = _keeps_surface(vertices, corner[fair], settings)
-    fair[fair] = _keeps_texture(vertices, state.uvs, corner[fair], uv_corner[fair], settings)
+    def __init__(
+        self, vertices: np.ndarray, faces: np.ndarray, uvs: np.ndarray, uv_faces: np.ndarray, settings: FlipSettings
+    ) -> None:
+        edges = edges_of(faces)
+        self.vertices, self.uvs, self.settings = vertices.astype(np.float64), uvs.astype(np.float64), settings
+        self.faces, self.corners = faces.copy(), uv_faces.copy()
+        self.partner = opposite_halfedges(edges)
+        self.degree = vertex_degrees(faces, len(vertices), edges)
+        self.on_boundary = np.zeros(len(vertices), bool)
+        self.on_boundary[edges.vertices[edges.count != 2].reshape(-1)] = True
 
-    here, corner, gain = here[fair], corner[fair], gain[fair]
-    order = np.lexsort((here, -gain))
-    n = len(order)
-    touched = corner[order].reshape(-1)
-    return here[order][greedy_disjoint(np.arange(n), 4 * np.arange(n + 1), touched, len(vertices))]
+    def plan(self, halfedge: np.ndarray) -> np.ndarray:
+        """Those of the half-edges int64 [N] that one round flips, in its order."""
+        there = self.partner[halfedge]
+        quad, uv_quad = _four(self.faces, halfedge, there), _four(self.corners, halfedge, there)
+        flat, uv_flat = self.faces.reshape(-1), self.corners.reshape(-1)
+        gain = self._gain(quad)
+        fair = (gain > 0) & (quad[:, 2] != quad[:, 3])
+        for table, four in ((flat, quad), (uv_flat, uv_quad)):  # the twin runs back along it, in the same chart
+            fair &= (table[there] == four[:, 1]) & (table[next_halfedge(there)] == four[:, 0])
+        fair &= (self.degree[quad[:, :2]] > np.where(self.on_boundary[quad[:, :2]], 2, 3)).all(axis=1)
+        fair[fair] = _keeps_surface(self.vertices, quad[fair], self.settings)
+        fair[fair] = _keeps_texture(self.vertices, self.uvs, quad[fair], uv_quad[fair], self.settings)
+        fair[fair] = ~self._joined(quad[fair, 2], quad[fair, 3])
+        halfedge, quad, gain = halfedge[fair], quad[fair], gain[fair]
+        order = np.lexsort((halfedge, -gain))
+        n = len(order)
+        go = greedy_disjoint(np.arange(n), 4 * np.arange(n + 1), quad[order].reshape(-1), len(self.vertices))
+        return halfedge[order][go]
 
+    def carry_out(self, here: np.ndarray) -> np.ndarray:
+        """(a, b, c) and (b, a, d) become (a, d, c) and (d, b, c). Returns the half-edges worth judging again."""
+        there = self.partner[here]
+        sides = (next_halfedge(next_halfedge(here)), next_halfedge(here), next_halfedge(there),
+                 next_halfedge(next_halfedge(there)))  # fmt: skip
+        ca, bc, ad, db = (self.partner[side] for side in sides)
+        quad = _four(self.faces, here, there)
+        for table in (self.faces, self.corners):
+            a, b, c, d = _four(table, here, there).T
+            table[here // 3], table[there // 3] = np.stack([a, d, c], axis=1), np.stack([d, b, c], axis=1)
+        f, g = here - here % 3, there - there % 3
+        for new, other in ((f, ad), (f + 1, g + 2), (f + 2, ca), (g, db), (g + 1, bc), (g + 2, f + 1)):
+            self.partner[new] = other
+            self.partner[other[other >= 0]] = new[other >= 0]
+        np.subtract.at(self.degree, quad[:, :2], 1)
+        np.add.at(self.degree, quad[:, 2:], 1)
+        changed = np.zeros(len(self.vertices), bool)
+        changed[quad] = True
+        near = (3 * np.flatnonzero(changed[self.faces].any(axis=1))[:, None] + np.arange(3)).reshape(-1)
+        again = np.zeros(self.faces.size, bool)
+        again[np.minimum(near, self.partner[near])[self.partner[near] >= 0]] = True
+        return np.flatnonzero(again)
 
-def apply_flips(state: Topology, halfedge: np.ndarray) -> Topology:
-    """Carry out flips of disjoint pairs of faces: (a, b, c) and (b, a, d) become (a, d, c) and (d, b, c)."""
-    faces, corners = state.faces.copy(), state.uv_faces.copy()
-    sides = edges_of(state.faces)
-    pair = sides.halfedges[sides.face_edges.reshape(-1)[halfedge]]
-    there = np.where(pair[:, 0] == halfedge, pair[:, 1], pair[:, 0])
-    for table in (faces, corners):
-        a, b, c, d = _four(table, halfedge, there).T
-        table[halfedge // 3] = np.stack([a, d, c], axis=1)
-        table[there // 3] = np.stack([d, b, c], axis=1)
-    return Topology(
-        state.vertices, faces, state.uvs, corners, state.map, state.face_source, state.count + len(halfedge)
-    )
+    def _gain(self, quad: np.ndarray) -> np.ndarray:
+        a, b, c, d = quad.T
+        if self.settings.criterion == "valence":
+            excess = self.degree - np.where(self.on_boundary, 4, 6)
+            return excess[a] + excess[b] - excess[c] - excess[d] - 2  # half the drop of the sum of squares
+        if self.settings.criterion != "delaunay":
+            raise GeometryError(f"unknown flip criterion {self.settings.criterion!r}", expected="delaunay or valence")
+        # sin(c + d) < 0 when the angles opposite to the edge exceed half a turn: cheap, and most edges end here
+        cos_c, sin_c = _angle_parts(self.vertices, c, a, b)
+        cos_d, sin_d = _angle_parts(self.vertices, d, a, b)
+        gain = np.zeros(len(quad))
+        wide = np.flatnonzero(sin_c * cos_d + cos_c * sin_d < 0)
+        angle = np.arctan2(sin_c, cos_c)[wide] + np.arctan2(sin_d, cos_d)[wide]
+        other = sum(np.arctan2(*_angle_parts(self.vertices, x[wide], c[wide], d[wide])[::-1]) for x in (a, b))
+        gain[wide] = np.round(np.minimum(angle - np.pi, angle - other), 6)
+        return gain
 
-
-def _quads(state: Topology, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Edges inside charts: (half-edge [N], its twin [N], vertices a, b, c, d [N, 4], their UVs [N, 4])."""
-    here, there = edges.halfedges[edges.interior].T
-    flat, uv_flat = state.faces.reshape(-1), state.uv_faces.reshape(-1)
-    inside = (flat[here] == flat[next_halfedge(there)]) & (flat[there] == flat[next_halfedge(here)])
-    inside &= (uv_flat[here] == uv_flat[next_halfedge(there)]) & (uv_flat[there] == uv_flat[next_halfedge(here)])
-    here, there = here[inside], there[inside]
-    return here, there, _four(state.faces, here, there), _four(state.uv_faces, here, there)
+    def _joined(self, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """bool [N], whether an edge joins c and d."""
+        n = len(self.vertices)
+        asked = np.zeros(n, bool)
+        asked[c] = True
+        face, k = np.nonzero(asked[self.faces])
+        start = self.faces[face, k].astype(np.int64) * n
+        known = np.concatenate([start + self.faces[face, (k + turn) % 3] for turn in (1, 2)])
+        return np.isin(c * n + d, known)
 
 
 def _four(table: np.ndarray, here: np.ndarray, there: np.ndarray) -> np.ndarray:
     """int64 [N, 4]: start a and end b of the half-edge, the corner c opposite to it and d opposite to its twin."""
     flat = table.reshape(-1)
     after = next_halfedge(here)
-    return np.stack([flat[here], flat[after], flat[next_halfedge(after)], flat[next_halfedge(next_halfedge(there))]],
-                    axis=1).astype(np.int64)  # fmt: skip
+    last = next_halfedge(next_halfedge(there))
+    return np.stack([flat[here], flat[after], flat[next_halfedge(after)], flat[last]], axis=1).astype(np.int64)
 
 
-def _gain(vertices: np.ndarray, faces: np.ndarray, edges: Edges, corner: np.ndarray, criterion: str) -> np.ndarray:
-    a, b, c, d = corner.T
-    if criterion == "delaunay":
-        angle = _angle(vertices, c, a, b) + _angle(vertices, d, a, b)
-        other = _angle(vertices, a, c, d) + _angle(vertices, b, c, d)
-        return np.round(np.minimum(angle - np.pi, angle - other), 6)
-    on_boundary = np.zeros(len(vertices), bool)
-    on_boundary[edges.vertices[edges.count != 2].reshape(-1)] = True
-    excess = vertex_degrees(faces, len(vertices), edges) - np.where(on_boundary, 4, 6)
-    return excess[a] + excess[b] - excess[c] - excess[d] - 2  # half the drop of the sum of squares
-
-
-def _angle(vertices: np.ndarray, at: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    u, v = (vertices[x].astype(np.float64) - vertices[at] for x in (one, two))
-    return np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
+def _angle_parts(points: np.ndarray, at: np.ndarray, one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(cosine, sine) of the angle at `at` between `one` and `two`, times the product of the sides."""
+    origin = points[at]
+    u, v = points[one] - origin, points[two] - origin
+    return np.einsum("ij,ij->i", u, v), np.linalg.norm(cross(u, v), axis=1)
 
 
 def _keeps_surface(vertices: np.ndarray, corner: np.ndarray, settings: FlipSettings) -> np.ndarray:

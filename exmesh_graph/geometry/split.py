@@ -17,6 +17,7 @@ from exmesh_graph.geometry.adjacency import (
     edges_of,
     face_areas,
     next_halfedge,
+    opposite_halfedges,
     vertex_degrees,
 )
 from exmesh_graph.geometry.maps import Step, VertexMap
@@ -217,15 +218,6 @@ def face_curvature(vertices: np.ndarray, faces: np.ndarray, edges: Edges | None 
     total = np.bincount(both, weights=np.tile(angle * counts, 2), minlength=len(faces))
     number = np.bincount(both, weights=np.tile(counts, 2), minlength=len(faces))
     return total / np.maximum(number, 1.0)
-
-
-def opposite_halfedges(edges: Edges) -> np.ndarray:
-    """int64 [3 F], the other half-edge of each half-edge's edge; -1 on a boundary and on non-manifold edges."""
-    first, second = edges.halfedges.T
-    partner = np.full(edges.face_edges.size, -1, np.int64)
-    partner[first[edges.interior]] = second[edges.interior]
-    partner[second[edges.interior]] = first[edges.interior]
-    return partner
 
 
 def _select(

@@ -10,27 +10,23 @@ from hypothesis import strategies as st
 from topology_meshes import SHAPES, canonical, check_topology, meshes, same_sharing, unwrapped
 
 from exmesh_graph.geometry.adjacency import boundary_edges
-from exmesh_graph.geometry.flip import FlipSettings, apply_flips, flip, plan_flips
-from exmesh_graph.geometry.maps import VertexMap
+from exmesh_graph.geometry.flip import FlipSettings, flip
 from exmesh_graph.geometry.quality import mesh_quality
 from exmesh_graph.geometry.shapes import grid
-from exmesh_graph.geometry.split import Topology, split
+from exmesh_graph.geometry.split import split
 
 BOLD = FlipSettings(max_bend=1.2, max_shift=0.5, min_shape=0.02)
 CHOICES = [FlipSettings(), BOLD, FlipSettings(criterion="valence"), FlipSettings("valence", 1.2, 0.5, 0.02)]
 
 
-def state_of(mesh):
-    return Topology(*mesh, VertexMap(), np.arange(len(mesh[1])), 0)
-
-
 @settings(max_examples=25, deadline=None)
-@given(meshes(), st.sampled_from(CHOICES))
-def test_round_equals_the_sequential_pass(mesh, choice):
+@given(meshes(), st.sampled_from(CHOICES), st.integers(1, 3))
+def test_rounds_equal_the_sequential_pass(mesh, choice, rounds):
     vertices, faces, uvs, uv_faces, _ = mesh
-    start = state_of(mesh[:4])
-    done = apply_flips(start, plan_flips(start, choice))
-    want_faces, want_corners = flip_round(vertices, faces, uvs, uv_faces, choice)
+    done = flip(vertices, faces, uvs, uv_faces, choice, max_rounds=rounds)
+    want_faces, want_corners = faces, uv_faces
+    for _ in range(rounds):
+        want_faces, want_corners = flip_round(vertices, want_faces, uvs, want_corners, choice)
     got, want = canonical(done.faces, uvs, done.uv_faces), canonical(want_faces, uvs, want_corners)
     assert got[0] == want[0]
     np.testing.assert_array_equal(got[1], want[1])
