@@ -44,6 +44,7 @@ class FlipParams(Params):
         0.1, ge=0.0, unit="diagonals", doc="How far the texture may move under the new edge; 0 allows rounding only."
     )
     max_rounds: int = param(8, ge=1, le=64, doc="Passes over the mesh; it ends early when no edge is left to flip.")
+    relax: int = param(0, ge=0, le=20, unit="steps", doc="Then glide vertices, with their UVs, towards even spacing.")
 
 
 class StateOut(NamedTuple):
@@ -124,14 +125,21 @@ def merge(
 
 @node("mesh.flip", version="1", libraries=("scipy",))
 def flip(ctx: Context, state: Stage1State, *, p: FlipParams) -> StateOut:
-    """Flip edges inside charts to even out the triangles that splits and merges leave; no vertex and no UV moves."""
+    """Flip edges inside charts to even out the triangles that splits and merges leave, then space vertices evenly."""
+    from dataclasses import replace
+
     from exmesh_graph.geometry.flip import FlipSettings
     from exmesh_graph.geometry.flip import flip as flip_mesh
+    from exmesh_graph.geometry.relax import relax
 
     settings = FlipSettings(criterion=p.method, max_bend=p.max_bend, max_shift=p.max_shift)
     done = flip_mesh(state.vertices, state.faces, state.uvs, state.uv_faces, settings, max_rounds=p.max_rounds)
     ctx.log(f"{done.count} edges flipped of {3 * len(state.faces) // 2}")
-    return StateOut(_carry(state, done))
+    state = _carry(state, done)
+    if p.relax:
+        vertices, uvs = relax(done.vertices, done.faces, done.uvs, done.uv_faces, steps=p.relax, max_bend=p.max_bend)
+        state = replace(state, vertices=vertices, uvs=uvs)
+    return StateOut(state)
 
 
 def _carry(state, done):  # type: ignore[no-untyped-def]

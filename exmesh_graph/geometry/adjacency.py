@@ -46,15 +46,15 @@ def edges_of(faces: np.ndarray) -> Edges:
     end = np.roll(faces.astype(np.int64, copy=False), -1, axis=1).reshape(-1)
     low, high = np.minimum(start, end), np.maximum(start, end)
     stride = int(high.max()) + 1 if len(high) else 1
-    key = low * stride + high
-    order = np.argsort(key, kind="stable")
-    sorted_key = key[order]
-    first = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]]) if len(key) else np.zeros(0, np.int64)
-    count = np.diff(np.r_[first, len(key)])
+    order = counting_argsort(high, stride)
+    order = order[counting_argsort(low[order], stride)]
+    sorted_key = (low * stride + high)[order]
+    first = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]]) if len(low) else np.zeros(0, np.int64)
+    count = np.diff(np.r_[first, len(low)])
     edge_of_sorted = np.repeat(np.arange(len(first)), count)
-    face_edges = np.empty(len(key), np.int64)
+    face_edges = np.empty(len(low), np.int64)
     face_edges[order] = edge_of_sorted
-    second = np.where(count >= 2, order[np.minimum(first + 1, len(key) - 1)], -1) if len(key) else first
+    second = np.where(count >= 2, order[np.minimum(first + 1, len(low) - 1)], -1) if len(low) else first
     lead = order[first]
     return Edges(
         vertices=np.stack([low[lead], high[lead]], axis=1),
@@ -62,6 +62,18 @@ def edges_of(faces: np.ndarray) -> Edges:
         count=count,
         face_edges=face_edges.reshape(-1, 3),
     )
+
+
+def counting_argsort(keys: np.ndarray, n: int) -> np.ndarray:
+    """int64 [N], the stable order of integer keys in [0, n): linear in N, half the time of sorting them.
+
+    A sparse matrix with one entry per row, at the column of its key: by columns, its rows come in that order.
+    """
+    from scipy.sparse import csr_matrix
+
+    rows = np.arange(len(keys) + 1, dtype=np.int32)
+    table = csr_matrix((np.ones(len(keys), np.int8), keys.astype(np.int32), rows), shape=(len(keys), n))
+    return table.tocsc().indices.astype(np.int64)
 
 
 def is_edge_manifold(faces: np.ndarray) -> bool:
@@ -156,7 +168,7 @@ def neighbours(faces: np.ndarray, n_vertices: int, edges: Edges | None = None) -
     edges = edges_of(faces) if edges is None else edges
     low, high = edges.vertices.T
     start, end = np.concatenate([high, low]), np.concatenate([low, high])
-    order = np.argsort(start, kind="stable")  # the edge table is sorted: lower neighbours, then higher ones, ascending
+    order = counting_argsort(start, n_vertices)  # the edge table is sorted: lower neighbours, then higher, ascending
     offsets = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=n_vertices))])
     return offsets, end[order]
 
@@ -164,9 +176,8 @@ def neighbours(faces: np.ndarray, n_vertices: int, edges: Edges | None = None) -
 def incident_faces(faces: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:
     """(offsets int64 [V + 1], indices): the faces at v, ascending, are indices[offsets[v]:offsets[v + 1]]."""
     flat = faces.reshape(-1)
-    order = np.argsort(flat, kind="stable")
     offsets = np.concatenate([[0], np.cumsum(np.bincount(flat, minlength=n_vertices))])
-    return offsets, order // 3
+    return offsets, counting_argsort(flat, n_vertices) // 3
 
 
 def euler_characteristic(faces: np.ndarray) -> int:
@@ -197,6 +208,11 @@ def components(faces: np.ndarray, edges: Edges | None = None, keep: np.ndarray |
     return rank[inverse]
 
 
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """The lengths [N] of vectors [N, D]."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+
+
 def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Cross products [N, 3]: the same numbers as numpy's, which takes twice as long on rows of three."""
     out = np.empty_like(u)
@@ -214,7 +230,7 @@ def area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """float64 [F]."""
-    return 0.5 * np.linalg.norm(area_vectors(vertices, faces), axis=1)
+    return 0.5 * lengths(area_vectors(vertices, faces))
 
 
 def signed_areas_2d(points: np.ndarray, faces: np.ndarray) -> np.ndarray:

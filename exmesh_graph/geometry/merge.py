@@ -14,18 +14,19 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
     Edges,
     area_vectors,
-    boundary_edges,
     edges_of,
     face_areas,
     incident_faces,
-    neighbours,
+    lengths,
     next_halfedge,
+    opposite_halfedges,
     signed_areas_2d,
     vertex_degrees,
 )
+from exmesh_graph.geometry.link import link_condition
 from exmesh_graph.geometry.maps import Step, VertexMap
 from exmesh_graph.geometry.quality import corner_edge_lengths, degeneracy
-from exmesh_graph.geometry.rounds import greedy_disjoint, rounded
+from exmesh_graph.geometry.rounds import greedy_disjoint, ranges, rounded
 from exmesh_graph.geometry.split import Topology
 
 
@@ -116,21 +117,24 @@ def plan_merges(
     order = np.lexsort((candidate, score))
     halfedge = (3 * candidate[:, None] + options)[order]
     removed, survivor, legal = _orient(state, edges, halfedge.reshape(-1), settings)
-    legal &= _links_meet_properly(faces, edges, halfedge.reshape(-1), removed, survivor, len(vertices))
-    legal[legal] = _shape_is_kept(state, removed[legal], survivor[legal], settings)
+    legal &= link_condition(faces, edges, edges.face_edges.reshape(-1)[halfedge.reshape(-1)], len(vertices))
+    start, around = incident_faces(faces, len(vertices))
     # Of each face the first edge that may collapse; several faces may ask for the same collapse: the first one counts.
-    legal = legal.reshape(halfedge.shape)
-    choice = np.arange(len(halfedge)) * halfedge.shape[1] + legal.argmax(axis=1)
-    choice = choice[legal.any(axis=1)]
+    choice = np.full(len(halfedge), -1)
+    for option in range(halfedge.shape[1]):
+        at = np.arange(len(halfedge)) * halfedge.shape[1] + option
+        at = at[(choice < 0) & legal[at]]
+        at = at[_shape_is_kept(state, removed[at], survivor[at], settings, start, around)]
+        choice[at // halfedge.shape[1]] = at
+    choice = choice[choice >= 0]
     removed, survivor = removed[choice], survivor[choice]
     _, first = np.unique(removed * len(vertices) + survivor, return_index=True)
     first.sort()
     removed, survivor = removed[first], survivor[first]
 
-    start, around = incident_faces(faces, len(vertices))
     pair = np.stack([removed, survivor], axis=1).reshape(-1)
     size = (start[pair + 1] - start[pair]).reshape(-1, 2)
-    touched = around[_ranges(start[pair], size.reshape(-1))]
+    touched = around[ranges(start[pair], size.reshape(-1))]
     offsets = np.concatenate([[0], np.cumsum(size.sum(axis=1))])
     go = greedy_disjoint(np.arange(len(removed)), offsets, touched, len(faces))
     return Collapses(removed[go], survivor[go])
@@ -145,18 +149,25 @@ def apply_merges(state: Topology, plan: Collapses) -> Topology:
     a, b, c = faces.T
     alive = (a != b) & (b != c) & (c != a)
     faces, corners = faces[alive], corners[alive]
-    kept, new_faces = np.unique(faces, return_inverse=True)
-    kept_uvs, new_corners = np.unique(corners, return_inverse=True)
-    step = Step(kept.astype(np.int64))
+    kept, new_faces = _compact(faces, len(state.vertices))
+    kept_uvs, new_corners = _compact(corners, len(state.uvs))
+    step = Step(kept)
     return Topology(
         step.carry(state.vertices),
-        new_faces.reshape(-1, 3).astype(state.faces.dtype),
+        new_faces.astype(state.faces.dtype),
         state.uvs[kept_uvs],
-        new_corners.reshape(-1, 3).astype(state.uv_faces.dtype),
+        new_corners.astype(state.uv_faces.dtype),
         state.map.then(step),
         state.face_source[alive],
         len(plan.removed),
     )
+
+
+def _compact(index: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(the numbers below n that `index` uses, ascending; `index` in terms of their places)."""
+    used = np.zeros(n, bool)
+    used[index] = True
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[index]
 
 
 def _candidates(
@@ -173,18 +184,20 @@ def _candidates(
     """
     area = rounded(face_areas(vertices, faces))
     small = area <= np.quantile(area, settings.area_quantile)
-    length = corner_edge_lengths(vertices, faces)
     if settings.criterion == "random":
         rng = rng or np.random.default_rng(0)
         face = np.flatnonzero(small & (rng.random(len(faces)) < 0.1))
         return rng.random(len(face)), face, rng.integers(0, 3, (len(face), 1))
     if settings.criterion != "degenerate":
         raise GeometryError(f"unknown merge criterion {settings.criterion!r}", expected="degenerate or random")
-    shape = np.round(degeneracy(vertices, faces), 6)
-    face = np.flatnonzero(small & (~seen | (shape < settings.degenerate)))
+    face = np.flatnonzero(small)
+    shape = np.round(degeneracy(vertices, faces[face]), 6)
+    wanted = ~seen[face] | (shape < settings.degenerate)
+    face, shape = face[wanted], shape[wanted]
     boundary = edges.count[edges.face_edges[face]] == 1
-    relative = np.round(length[face] / np.maximum(length[face].max(axis=1, keepdims=True), 1e-300), 5)
-    return shape[face], face, np.argsort(relative - 2.0 * boundary, axis=1, kind="stable")
+    length = corner_edge_lengths(vertices, faces[face])
+    relative = np.round(length / np.maximum(length.max(axis=1, keepdims=True), 1e-300), 5)
+    return shape, face, np.argsort(relative - 2.0 * boundary, axis=1, kind="stable")
 
 
 def _orient(
@@ -215,17 +228,22 @@ def _orient(
     legal = edges.count[edge] <= 2
     legal &= ~((edges.count[edge] == 2) & on_boundary[i] & on_boundary[j])
     removed = np.where(i_goes, i, j)
-    bend = _outline_cosine(state.vertices, faces, edges)
-    uv_bend = _outline_cosine(state.uvs, state.uv_faces, edges_of(state.uv_faces))
+    partner = opposite_halfedges(edges)
+    border = np.flatnonzero(edges.count[edges.face_edges.reshape(-1)] == 1)
+    bend = _outline_cosine(state.vertices, faces, border)
+    # the borders of charts: one UV belongs to one vertex, so only the partner can share both ends
+    mark, after = state.uv_faces.reshape(-1), next_halfedge(partner)
+    half = np.arange(faces.size)
+    border = np.flatnonzero((partner < 0) | (mark[after] != mark) | (mark[partner] != mark[next_halfedge(half)]))
+    uv_bend = _outline_cosine(state.uvs, state.uv_faces, border)
     np.minimum.at(bend, owner[used], uv_bend[used])
     legal &= np.round(bend[removed], 6) >= settings.outline_cosine
     return removed, np.where(i_goes, j, i), legal
 
 
-def _outline_cosine(points: np.ndarray, faces: np.ndarray, edges: Edges) -> np.ndarray:
-    """float64 [V]: cosine of the turn that the border makes at each vertex; 1 inside, -1 where borders meet."""
-    border = boundary_edges(faces, edges)
-    start, end = border.T
+def _outline_cosine(points: np.ndarray, faces: np.ndarray, border: np.ndarray) -> np.ndarray:
+    """float64 [V]: cosine of the turn that half-edges `border` make at each vertex; 1 inside, -1 where they meet."""
+    start, end = faces.reshape(-1)[border], faces.reshape(-1)[next_halfedge(border)]
     n = len(points)
     arrives, leaves = np.full((2, n, points.shape[1]), np.nan)
     step = points[end].astype(np.float64) - points[start].astype(np.float64)
@@ -236,44 +254,20 @@ def _outline_cosine(points: np.ndarray, faces: np.ndarray, edges: Edges) -> np.n
     return np.where(number == 0, 1.0, np.where((number == 1) & np.isfinite(cosine), cosine, -1.0))
 
 
-def _links_meet_properly(
-    faces: np.ndarray,
-    edges: Edges,
-    halfedge: np.ndarray,
+def _shape_is_kept(
+    state: Topology,
     removed: np.ndarray,
     survivor: np.ndarray,
-    n_vertices: int,
+    settings: MergeSettings,
+    start: np.ndarray,
+    around: np.ndarray,
 ) -> np.ndarray:
-    """The link condition: the ends have no common neighbour but the vertices opposite to the edge.
-
-    Those must have more than three neighbours (more than two on a boundary), else two faces would fall together.
-    """
-    start, near = neighbours(faces, n_vertices, edges)
-    degree = np.diff(start)
-    size = degree[removed]
-    owner = np.repeat(np.arange(len(removed)), size)
-    key = survivor[owner] * n_vertices + near[_ranges(start[removed], size)]
-    known = np.repeat(np.arange(n_vertices), degree) * n_vertices + near  # ascending
-    found = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
-    common = np.bincount(owner, weights=known[found] == key, minlength=len(removed))
-
-    edge = edges.face_edges.reshape(-1)[halfedge]
-    sides = edges.halfedges[edge]
-    on_boundary = np.zeros(n_vertices, bool)
-    on_boundary[edges.vertices[edges.count == 1].reshape(-1)] = True
-    opposite = faces.reshape(-1)[next_halfedge(next_halfedge(np.maximum(sides, 0)))]
-    enough = (degree[opposite] > np.where(on_boundary[opposite], 2, 3)) | (sides < 0)
-    return (common == edges.count[edge]) & enough.all(axis=1)
-
-
-def _shape_is_kept(state: Topology, removed: np.ndarray, survivor: np.ndarray, settings: MergeSettings) -> np.ndarray:
     """bool [N]: no remaining face turns over, folds in the atlas or becomes a sliver, and every corner finds its UV."""
     vertices, faces, corners = state.vertices, state.faces, state.uv_faces
     n = len(removed)
-    start, around = incident_faces(faces, len(vertices))
     size = start[removed + 1] - start[removed]
     owner = np.repeat(np.arange(n), size)
-    face = around[_ranges(start[removed], size)]
+    face = around[ranges(start[removed], size)]
     stays = (faces[face] != survivor[owner, None]).all(axis=1)
     owner, face = owner[stays], face[stays]
 
@@ -282,9 +276,9 @@ def _shape_is_kept(state: Topology, removed: np.ndarray, survivor: np.ndarray, s
     after = np.where(is_removed, survivor[owner, None], before)
     old, new = area_vectors(vertices, before), area_vectors(vertices, after)
     cosine = np.einsum("ij,ij->i", old, new)
-    lengths = np.linalg.norm(old, axis=1) * np.linalg.norm(new, axis=1)
+    size2 = lengths(old) * lengths(new)
     shape_old, shape_new = degeneracy(vertices, before), degeneracy(vertices, after)
-    bad = (cosine <= settings.min_cosine * lengths) & (shape_old > 1e-6)
+    bad = (cosine <= settings.min_cosine * size2) & (shape_old > 1e-6)
     bad |= shape_new < np.minimum(shape_old, settings.degenerate) * (1.0 - 1e-5)
     bad |= shape_new < 1e-6
 
@@ -317,7 +311,7 @@ def _uv_target(
     """
     size = start[removed + 1] - start[removed]
     own = np.repeat(np.arange(len(removed)), size)
-    star = around[_ranges(start[removed], size)]
+    star = around[ranges(start[removed], size)]
     dies = (faces[star] == survivor[own, None]).any(axis=1)
     own, star = own[dies], star[dies]
     rows = np.arange(len(star))
@@ -341,7 +335,7 @@ def _moved_corners(
     start, around = incident_faces(faces, n_vertices)
     size = start[plan.removed + 1] - start[plan.removed]
     owner = np.repeat(np.arange(len(plan.removed)), size)
-    face = around[_ranges(start[plan.removed], size)]
+    face = around[ranges(start[plan.removed], size)]
     stays = (faces[face] != plan.survivor[owner, None]).all(axis=1)
     owner, face = owner[stays], face[stays]
     moved = corners.astype(np.int64)
@@ -350,8 +344,3 @@ def _moved_corners(
         target, _ = _uv_target(faces, corners, plan.removed, plan.survivor, owner, face, is_removed, start, around)
         moved[face, is_removed.argmax(axis=1)] = target
     return moved, face
-
-
-def _ranges(first: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """first[0], first[0] + 1, ... (size[0] of them), first[1], ..."""
-    return np.arange(int(size.sum())) + np.repeat(first - (np.cumsum(size) - size), size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edge_lengths, edges_of, face_areas, vertex_degrees
+from exmesh_graph.geometry.adjacency import edge_lengths, edges_of, face_areas, lengths, vertex_degrees
 
 
 def degeneracy(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -16,8 +16,9 @@ def degeneracy(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def corner_edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """float64 [F, 3], the length of half-edge 3 f + k."""
-    p = vertices[faces].astype(np.float64)
-    return np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
+    points = vertices.astype(np.float64)
+    corner = [points[faces[:, k]] for k in range(3)]
+    return np.stack([lengths(corner[(k + 1) % 3] - corner[k]) for k in range(3)], axis=1)
 
 
 def corner_angles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

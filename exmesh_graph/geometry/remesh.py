@@ -23,7 +23,8 @@ from exmesh_graph.geometry.adjacency import (
     next_halfedge,
     vertex_degrees,
 )
-from exmesh_graph.geometry.rounds import greedy_disjoint
+from exmesh_graph.geometry.link import link_condition
+from exmesh_graph.geometry.rounds import greedy_disjoint, ranges
 
 _ROUNDS = 40
 _MIN_COSINE = 0.3
@@ -103,10 +104,7 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
             first = np.full(len(v), len(short), np.int64)
             np.minimum.at(first, edges.vertices[short].T.reshape(-1), np.tile(np.arange(len(short)), 2))
             short = short[(first[edges.vertices[short]] == np.arange(len(short))[:, None]).all(1)]
-        a, b = edges.vertices[short].T
-        opposite = f.reshape(-1)[next_halfedge(next_halfedge(edges.halfedges[short]))]
-        good = _link_condition(len(v), edges, a, b) & (vertex_degrees(f, len(v), edges)[opposite] > 3).all(1)
-        a, b = a[good], b[good]
+        a, b = edges.vertices[short[link_condition(f, edges, short, len(v))]].T
         middle = (v[a] + v[b]) / 2
         offsets, ring, owner = _rings(f, len(v), a, b)
         allowed = _keeps_shape(v, f, a, b, middle, ring, owner, longest)
@@ -129,23 +127,14 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
     return v, f
 
 
-def _link_condition(count: int, edges: Edges, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Whether the ends of each edge have exactly two neighbours in common, so that collapsing keeps the topology."""
-    ends = edges.vertices
-    ones = np.ones(2 * len(ends), np.int32)
-    near = csr_matrix((ones, (ends.T.reshape(-1), ends[:, ::-1].T.reshape(-1))), shape=(count, count))
-    return np.asarray(near[a].multiply(near[b]).sum(1)).reshape(-1) == 2
-
-
 def _rings(f: np.ndarray, count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(offsets, faces, edge of each): the faces around either end of each edge, those of both ends listed twice."""
     start, faces = incident_faces(f, count)
     ends = np.stack([a, b], axis=1).reshape(-1)
     sizes = start[ends + 1] - start[ends]
     first = np.concatenate([[0], np.cumsum(sizes)])
-    at = np.arange(first[-1]) - np.repeat(first[:-1], sizes) + np.repeat(start[ends], sizes)
     offsets = first[::2] if len(a) else np.zeros(1, np.int64)
-    return offsets, faces[at], np.repeat(np.arange(len(a)), np.diff(offsets))
+    return offsets, faces[ranges(start[ends], sizes)], np.repeat(np.arange(len(a)), np.diff(offsets))
 
 
 def _keeps_shape(

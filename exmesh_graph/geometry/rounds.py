@@ -45,3 +45,8 @@ def rank01(values: np.ndarray) -> np.ndarray:
     end = np.cumsum(count)
     mean_rank = end - 0.5 * (count + 1)
     return (mean_rank / max(len(values) - 1, 1))[inverse]
+
+
+def ranges(first: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """first[0], first[0] + 1, ... (size[0] of them), first[1], ..."""
+    return np.arange(int(size.sum())) + np.repeat(first - (np.cumsum(size) - size), size)

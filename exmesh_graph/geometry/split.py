@@ -14,8 +14,10 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
     Edges,
     area_vectors,
+    cross,
     edges_of,
     face_areas,
+    lengths,
     next_halfedge,
     opposite_halfedges,
     vertex_degrees,
@@ -105,12 +107,13 @@ def split(
         if budget <= 0:
             break
         usable = None if allowed is None else allowed[source]
+        edges = edges_of(state.faces)
         halfedge, mu = plan_splits(
-            state.vertices, state.faces, state.map.carry(gradient), budget, settings, usable, rng
+            state.vertices, state.faces, state.map.carry(gradient), budget, settings, usable, rng, edges
         )
         if len(halfedge) == 0:
             break
-        state, parent = apply_splits(state, halfedge, mu)
+        state, parent = apply_splits(state, halfedge, mu, edges)
         source, total = source[parent], total + len(halfedge)
     return Topology(state.vertices, state.faces, state.uvs, state.uv_faces, state.map, source, total)
 
@@ -123,18 +126,20 @@ def plan_splits(
     settings: SplitSettings,
     allowed: np.ndarray | None = None,
     rng: np.random.Generator | None = None,
+    edges: Edges | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """One round: (half-edge to split int64 [N], place mu on it float64 [N]), in the order of the paper's pass.
 
     Adds at most `budget` faces (2 for an interior edge, 1 on a boundary): stops at the first that does not fit.
     """
-    edges = edges_of(faces)
+    edges = edges_of(faces) if edges is None else edges
     score, candidate = _select(vertices, faces, edges, gradient, settings, rng)
     if allowed is not None:
         candidate &= allowed
-    chosen = _choose_edges(vertices, faces, edges, settings)
-    partner = opposite_halfedges(edges)[chosen]
-    mu, valid = _place(vertices, faces, edges, chosen, partner, settings, rng)
+    degree, every = vertex_degrees(faces, len(vertices), edges), opposite_halfedges(edges)
+    chosen = _choose_edges(vertices, faces, degree, every, settings)
+    partner = every[chosen]
+    mu, valid = _place(vertices, faces, edges, degree, chosen, partner, settings, rng)
     selected = np.flatnonzero(candidate & valid)
 
     order = np.lexsort((selected, -score[selected]))
@@ -152,7 +157,9 @@ def plan_splits(
     return chosen[selected[go]], mu[selected[go]]
 
 
-def apply_splits(state: Topology, halfedge: np.ndarray, mu: np.ndarray) -> tuple[Topology, np.ndarray]:
+def apply_splits(
+    state: Topology, halfedge: np.ndarray, mu: np.ndarray, edges: Edges | None = None
+) -> tuple[Topology, np.ndarray]:
     """Carry out splits of disjoint faces. Returns the new state and the old face that each face is a part of.
 
     Face (i, j, o) with new vertex s on (i, j) becomes (i, s, o), in its place, and (s, j, o), at the end of the list.
@@ -160,7 +167,8 @@ def apply_splits(state: Topology, halfedge: np.ndarray, mu: np.ndarray) -> tuple
     faces, corners = state.faces, state.uv_faces
     n_vertices, n_faces, n = len(state.vertices), len(faces), len(halfedge)
     flat, uv_flat = faces.reshape(-1), corners.reshape(-1)
-    partner = opposite_halfedges(edges_of(faces))[halfedge]
+    edges = edges_of(faces) if edges is None else edges
+    partner = opposite_halfedges(edges)[halfedge]
     i, j = flat[halfedge].astype(np.int64), flat[next_halfedge(halfedge)].astype(np.int64)
     step = Step(np.arange(n_vertices), i, j, mu)
 
@@ -210,8 +218,8 @@ def face_curvature(vertices: np.ndarray, faces: np.ndarray, edges: Edges | None 
     edges = edges_of(faces) if edges is None else edges
     normal = area_vectors(vertices, faces)
     f, g = edges.faces[edges.interior].T
-    sine = np.linalg.norm(np.cross(normal[f], normal[g]), axis=1)
-    angle = np.arctan2(sine, np.einsum("ij,ij->i", normal[f], normal[g]))
+    one, other = normal[f], normal[g]
+    angle = np.arctan2(lengths(cross(one, other)), np.einsum("ij,ij->i", one, other))
     has_area = (np.abs(normal) > 0).any(axis=1)
     counts = (has_area[f] & has_area[g]).astype(np.float64)
     both = np.concatenate([f, g])
@@ -248,14 +256,15 @@ def _select(
     return np.round(score, 9), candidate
 
 
-def _choose_edges(vertices: np.ndarray, faces: np.ndarray, edges: Edges, settings: SplitSettings) -> np.ndarray:
+def _choose_edges(
+    vertices: np.ndarray, faces: np.ndarray, degree: np.ndarray, partner: np.ndarray, settings: SplitSettings
+) -> np.ndarray:
     """int64 [F], the half-edge of each face with the highest S_e = length / mean degree; the first of equals."""
-    degree = vertex_degrees(faces, len(vertices), edges).astype(np.float64)
     if settings.edge_degrees == "endpoints":
         mean_degree = 0.5 * (degree[faces] + degree[np.roll(faces, -1, axis=1)])
     elif settings.edge_degrees == "opposite":
         across = np.roll(degree[faces], -2, axis=1)  # of the corner opposite to half-edge k
-        partner = opposite_halfedges(edges).reshape(-1, 3)
+        partner = partner.reshape(-1, 3)
         beyond = degree[faces.reshape(-1)[next_halfedge(next_halfedge(np.maximum(partner, 0)))]]
         mean_degree = np.where(partner >= 0, 0.5 * (across + beyond), across)
     else:
@@ -269,6 +278,7 @@ def _place(
     vertices: np.ndarray,
     faces: np.ndarray,
     edges: Edges,
+    degree: np.ndarray,
     halfedge: np.ndarray,
     partner: np.ndarray,
     settings: SplitSettings,
@@ -277,7 +287,6 @@ def _place(
     """(mu float64 [F], valid bool [F]) of the new vertex on the chosen half-edge (i, j) of every face."""
     flat = faces.reshape(-1)
     points = vertices.astype(np.float64)
-    degree = vertex_degrees(faces, len(vertices), edges)
     i, j = flat[halfedge], flat[next_halfedge(halfedge)]
     c = flat[next_halfedge(next_halfedge(halfedge))]
     inner = partner >= 0
