@@ -44,7 +44,7 @@ class FlipParams(Params):
         0.1, ge=0.0, unit="diagonals", doc="How far the texture may move under the new edge; 0 allows rounding only."
     )
     max_rounds: int = param(8, ge=1, le=64, doc="Passes over the mesh; it ends early when no edge is left to flip.")
-    relax: int = param(0, ge=0, le=20, unit="steps", doc="Then glide vertices, with their UVs, towards even spacing.")
+    relax: int = param(2, ge=0, le=20, unit="steps", doc="Then glide vertices, with their UVs, towards even spacing.")
 
 
 class StateOut(NamedTuple):
@@ -137,8 +137,18 @@ def flip(ctx: Context, state: Stage1State, *, p: FlipParams) -> StateOut:
     ctx.log(f"{done.count} edges flipped of {3 * len(state.faces) // 2}")
     state = _carry(state, done)
     if p.relax:
-        vertices, uvs = relax(done.vertices, done.faces, done.uvs, done.uv_faces, steps=p.relax, max_bend=p.max_bend)
-        state = replace(state, vertices=vertices, uvs=uvs)
+        colours = state.model if state.appearance == "per_vertex" else {}
+        vertices, uvs, moved = relax(
+            done.vertices,
+            done.faces,
+            done.uvs,
+            done.uv_faces,
+            steps=p.relax,
+            max_bend=p.max_bend,
+            colours=tuple(colours.values()),
+        )
+        model = {**state.model, **dict(zip(colours, moved, strict=True))}
+        state = replace(state, vertices=vertices, uvs=uvs, model=model)
     return StateOut(state)
 
 

@@ -129,10 +129,8 @@ def corner_fans(
     n = flat.size
     graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(n, n))
     _, label = connected_components(graph, directed=False)
-    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first, kind="stable")] = np.arange(len(first))
-    return rank[inverse].reshape(faces.shape), flat[np.sort(first)].astype(np.int64)
+    rank, first = _by_appearance(label)
+    return rank.reshape(faces.shape), flat[first].astype(np.int64)
 
 
 def next_halfedge(h: np.ndarray) -> np.ndarray:
@@ -202,10 +200,7 @@ def components(faces: np.ndarray, edges: Edges | None = None, keep: np.ndarray |
         lead, face = lead[crossing], face[crossing]
     graph = coo_matrix((np.ones(len(face), np.int8), (face, lead)), shape=(len(faces), len(faces)))
     _, label = connected_components(graph, directed=False)
-    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first, kind="stable")] = np.arange(len(first))
-    return rank[inverse]
+    return _by_appearance(label)[0]
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
@@ -291,3 +286,13 @@ def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     centred = vertices.astype(np.float64) - vertices[faces.reshape(-1)].astype(np.float64).mean(axis=0)
     a, b, c = (centred[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def _by_appearance(label: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(labels 0 .. n - 1 numbered anew by first appearance int64 [N], where each first appears int64 [n])."""
+    first = np.empty(int(label.max(initial=-1)) + 1, np.int64)
+    first[label[::-1]] = np.arange(len(label))[::-1]
+    order = np.argsort(first, kind="stable")
+    rank = np.empty(len(first), np.int64)
+    rank[order] = np.arange(len(first))
+    return rank[label], first[order]

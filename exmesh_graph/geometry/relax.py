@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from exmesh_graph.geometry.adjacency import (
     area_vectors,
     area_weighted_normals,
+    cross,
     edges_of,
     incident_faces,
+    lengths,
     signed_areas_2d,
 )
 from exmesh_graph.geometry.quality import degeneracy
@@ -25,13 +29,15 @@ def relax(
     steps: int = 1,
     strength: float = 0.5,
     max_bend: float = 0.5,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(vertices float32 [V, 3], uvs float32 [T, 2]) after `steps` of tangential smoothing; indices stay.
+    colours: Sequence[np.ndarray] = (),
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """(vertices float32 [V, 3], uvs float32 [T, 2], colours) after `steps` of tangential smoothing; indices stay.
 
     A vertex moves by `strength` of the way to the mean of its neighbours, along its tangent plane, then to the nearest
     point of the old faces around it, and takes the UV of that point: at the new vertex the texture is what it was.
     Vertices on boundaries and seams stay, and those where the surface bends by more than `max_bend` radians; a move
-    that turns a face by more than that, folds it in the atlas or makes it thinner is taken back.
+    that turns a face by more than that, folds it in the atlas or makes it thinner is taken back. `colours` are arrays
+    [V, ...] of what is painted on the surface: a vertex takes what lies at its new place.
     """
     edges = edges_of(faces)
     count = len(vertices)
@@ -44,7 +50,7 @@ def relax(
     low, high = edges.vertices.T
     degree = np.maximum(np.bincount(edges.vertices.reshape(-1), minlength=count), 1)
     start, around = incident_faces(faces, count)
-    points, marked = vertices.astype(np.float64), uvs.astype(np.float64)
+    points, marked, colours = vertices.astype(np.float64), uvs.astype(np.float64), list(colours)
     for _ in range(steps):
         movable = free & _is_flat(points, faces, count, max_bend)
         mean = np.stack([
@@ -55,17 +61,20 @@ def relax(
         move = mean - points
         move -= normal * np.einsum("ij,ij->i", move, normal)[:, None]
         which = np.flatnonzero(movable)
-        place, place_uv = _on_old_faces(
-            points, faces, marked, uv_faces, which, points[which] + strength * move[which], start, around
-        )
-        points, marked = _accept(points, marked, faces, uv_faces, which, mark[which], place, place_uv, max_bend)
-    return points.astype(vertices.dtype), marked.astype(uvs.dtype)
+        aim = points[which] + strength * move[which]
+        place, face, weights = _on_old_faces(points, faces, which, aim, start, around)
+        place_uv = np.einsum("nk,nkc->nc", weights, marked[uv_faces[face]])
+        points, marked, went = _accept(points, marked, faces, uv_faces, which, mark[which], place, place_uv, max_bend)
+        for i, values in enumerate(colours):
+            colours[i] = values.copy()
+            colours[i][which[went]] = np.einsum("nk,nk...->n...", weights[went], values[faces[face[went]]])
+    return points.astype(vertices.dtype), marked.astype(uvs.dtype), colours
 
 
 def _is_flat(points: np.ndarray, faces: np.ndarray, count: int, max_bend: float) -> np.ndarray:
     """bool [V], whether all faces around a vertex lie within `max_bend` of its normal."""
     vector = area_vectors(points, faces)
-    size = np.linalg.norm(vector, axis=1)
+    size = lengths(vector)
     normal = area_weighted_normals(points, faces)
     cosine = np.einsum("fi,fki->fk", vector, normal[faces]) / np.maximum(size, 1e-300)[:, None]
     flat = np.ones(count, bool)
@@ -76,14 +85,13 @@ def _is_flat(points: np.ndarray, faces: np.ndarray, count: int, max_bend: float)
 def _on_old_faces(
     points: np.ndarray,
     faces: np.ndarray,
-    uvs: np.ndarray,
-    uv_faces: np.ndarray,
     which: np.ndarray,
     aim: np.ndarray,
     start: np.ndarray,
     around: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The point [N, 3] of the faces around each vertex `which` that is nearest to `aim`, and its UV [N, 2]."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The point [N, 3] of the faces around each vertex `which` that is nearest to `aim`, its face [N] and its weights
+    [N, 3] in it."""
     size = start[which + 1] - start[which]
     owner = np.repeat(np.arange(len(which)), size)
     face = around[ranges(start[which], size)]
@@ -96,10 +104,10 @@ def _on_old_faces(
     whole = area_vectors(points, faces[face])
     scale = np.maximum(np.einsum("ij,ij->i", whole, whole), 1e-300)
     weights = np.stack([
-        np.einsum("ij,ij->i", np.cross(corner[:, (k + 1) % 3] - near, corner[:, (k + 2) % 3] - near), whole) / scale
+        np.einsum("ij,ij->i", cross(corner[:, (k + 1) % 3] - near, corner[:, (k + 2) % 3] - near), whole) / scale
         for k in range(3)
     ], axis=1)  # fmt: skip
-    return near, np.einsum("nk,nkc->nc", weights, uvs[uv_faces[face]])
+    return near, face, weights
 
 
 def _accept(
@@ -112,8 +120,10 @@ def _accept(
     place: np.ndarray,
     place_uv: np.ndarray,
     max_bend: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Move, then take back the moves of all corners of faces that came out badly, until none is left."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Move, then take back the moves of all corners of faces that came out badly, until none is left.
+
+    Returns (points, uvs, which moves were made bool [N])."""
     old, old_uv, old_shape = area_vectors(points, faces), signed_areas_2d(uvs, uv_faces), degeneracy(points, faces)
     moving = np.ones(len(which), bool)
     while True:
@@ -121,7 +131,7 @@ def _accept(
         new_points[which[moving]], new_uvs[mark[moving]] = place[moving], place_uv[moving]
         new = area_vectors(new_points, faces)
         turned = np.einsum("ij,ij->i", new, old)
-        bad = turned < np.cos(max_bend) * np.linalg.norm(new, axis=1) * np.linalg.norm(old, axis=1)
+        bad = turned < np.cos(max_bend) * lengths(new) * lengths(old)
         bad |= (old_uv > 0) & (signed_areas_2d(new_uvs, uv_faces) < 0.1 * old_uv)
         bad |= degeneracy(new_points, faces) < np.minimum(old_shape, 0.2) * (1 - 1e-5)
         moved = np.zeros(len(points), bool)
@@ -129,5 +139,5 @@ def _accept(
         stop = np.zeros(len(points), bool)
         stop[faces[bad & moved[faces].any(axis=1)]] = True
         if not stop[which[moving]].any():
-            return new_points, new_uvs
+            return new_points, new_uvs, moving
         moving &= ~stop[which]

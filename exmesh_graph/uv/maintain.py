@@ -35,8 +35,9 @@ class AtlasReport:
 
 def compact(uvs: np.ndarray, uv_faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Drop UVs that no corner uses and renumber Phi; no coordinate moves and none are joined."""
-    used, index = np.unique(uv_faces, return_inverse=True)
-    return uvs[used], index.reshape(uv_faces.shape).astype(uv_faces.dtype)
+    used = np.zeros(len(uvs), bool)
+    used[uv_faces] = True
+    return uvs[used], (np.cumsum(used) - 1)[uv_faces].astype(uv_faces.dtype)
 
 
 def check_atlas(
@@ -48,10 +49,12 @@ def check_atlas(
     if len(uv_faces) and (uv_faces.min() < 0 or uv_faces.max() >= len(uvs)):
         bad = int(((uv_faces < 0) | (uv_faces >= len(uvs))).sum())
         raise GeometryError(f"{bad} face corners name no UV coordinate", expected=f"indices in [0, {len(uvs)})")
-    used = uvs[np.unique(uv_faces)]
+    used = uvs[uv_faces.reshape(-1)]
     if not np.isfinite(used).all() or used.min(initial=0.0) < 0.0 or used.max(initial=0.0) > 1.0:
         raise GeometryError("UV coordinates outside [0, 1] or not finite", expected="an atlas in the unit square")
-    pairs = np.unique(np.stack([uv_faces.reshape(-1), faces.reshape(-1)], axis=1), axis=0)
+    owner = np.zeros(len(uvs), np.int64)
+    owner[uv_faces.reshape(-1)] = faces.reshape(-1)
+    strays = owner[uv_faces] != faces
     uv_area = signed_areas_2d(uvs, uv_faces)
     area = face_areas(vertices, faces)
     real = area > 1e-6 * max(float(area.mean()), 1e-300)
@@ -60,7 +63,7 @@ def check_atlas(
     covered = layers > 0
     return AtlasReport(
         charts=int(components(uv_faces).max(initial=-1)) + 1,
-        welded=len(pairs) - len(np.unique(pairs[:, 0])),
+        welded=len(set(zip(uv_faces[strays].tolist(), faces[strays].tolist(), strict=True))),
         flipped=int((real & (uv_area <= 0)).sum()),
         overlap=float((layers > 1).sum() / max(int(covered.sum()), 1)),
         covered=float(covered.mean()),
