@@ -63,6 +63,14 @@ def asset_gallery(
         error = error_map(ours[..., None], true[..., None])
         writer.add("roughness", "Roughness", f"Ours, truth (white is 1), error at the scale of {ERROR_TOP:g}.",
                    [ours, true, error])  # fmt: skip
+    if scores.indirect is not None:
+        view, whole, alone = scores.indirect
+        writer.add(
+            "indirect",
+            "Interreflected light",
+            f"View {views.names[view]} as rendered; of it, the light that met the surface more than once.",
+            [whole, alone],
+        )
     _add_light(writer, asset, truth)
     _add_atlas(writer, asset)
     _add_geometry(writer, asset, views, scores.views)

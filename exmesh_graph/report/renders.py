@@ -48,9 +48,14 @@ class Renderer:
         self._transport: Transport | None = None
 
     def render(
-        self, chosen: Sequence[int], *, environment: np.ndarray | None = None, scale: np.ndarray | None = None
+        self,
+        chosen: Sequence[int],
+        *,
+        environment: np.ndarray | None = None,
+        scale: np.ndarray | None = None,
+        direct: bool = False,
     ) -> Any:
-        """`stage2.render.Rendered` of the chosen views; `scale` [3] multiplies the albedo."""
+        """`stage2.render.Rendered` of the chosen views; `scale` [3] multiplies the albedo; `direct`: no bounces."""
         from exmesh_graph.stage2.render import render_transport, render_views
 
         if self._transport is None:
@@ -66,7 +71,7 @@ class Renderer:
             self.views.height,
             self.views.width,
             environment=environment,
-            transport=self._transport,
+            transport=replace(self._transport, bounces=0) if direct else self._transport,
             bounces=self.quality.bounces,
             supersampling=self.quality.supersampling,
             specular_samples=self.quality.specular_samples,

@@ -39,6 +39,7 @@ class AssetScores:
     values  the content of the Metrics artifact
     views   indices of the scored views;  held_out, relit[light]: (ours, truth) per view
     albedo, roughness: (ours, truth) per view, albedo scaled and sRGB-encoded
+    indirect  (view, the view as rendered, its interreflected light alone), None where no bounces are rendered
     """
 
     values: dict[str, Any]
@@ -47,6 +48,7 @@ class AssetScores:
     relit: dict[str, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
     albedo: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
     roughness: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    indirect: tuple[int, np.ndarray, np.ndarray] | None = None
 
 
 def score_asset(
@@ -69,7 +71,8 @@ def score_asset(
     known = {name: index for index, name in enumerate(truth.names)} if truth is not None else {}
     paired = [(i, known[views.names[i]]) for i in chosen if views.names[i] in known]
     lights = sorted(truth.relit) if truth is not None and paired else []
-    steps = Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired))
+    extra = 2 if quality.bounces else 0
+    steps = Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired) + extra)
     ours = Renderer(asset, views, quality, steps)
     # The guess scores about 20 dB: neither its silhouette nor its rough highlights need many samples.
     coarse = replace(quality, supersampling=1, specular_samples=max(1, quality.specular_samples // 2))
@@ -77,6 +80,8 @@ def score_asset(
     scores = AssetScores({"headline": [], "floor": {}}, chosen)
 
     rendered = ours.render(chosen)
+    if quality.bounces:
+        scores.indirect = _indirect(ours, chosen[len(chosen) // 2])
     floor = _score_held_out(scores, rendered, guess, views, chosen, train)
     headline: list[dict[str, Any]] = scores.values["headline"]
     headline.append(_headline("Held-out PSNR", scores.values["held_out"]["psnr"], "dB", floor, "held-out PSNR"))
@@ -105,6 +110,13 @@ def spread(count: int, at_most: int) -> list[int]:
     if at_most <= 0 or at_most >= count:
         return list(range(count))
     return [int((k + 0.5) * count / at_most) for k in range(at_most)]
+
+
+def _indirect(ours: Renderer, view: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """The view twice with the same random rays, with all bounces and with none: their difference."""
+    whole, direct = ours.render([view]), ours.render([view], direct=True)
+    alone = np.maximum(whole.images[0] - direct.images[0], 0)
+    return view, shown(whole)[0], display(alone, whole.alpha[0])
 
 
 def _score_held_out(

@@ -53,14 +53,24 @@ def test_means_are_means_over_the_views_and_progress_ends_full(perfect):
     values, context = perfect[0].metrics.values, perfect[1]
     assert np.isclose(values["held_out"]["psnr"], np.mean(list(values["held_out"]["psnr_per_view"].values())))
     assert set(values["held_out"]["psnr_per_view"]) == {"test_a", "test_b", "test_c"}
-    assert context.steps[-1][0] == context.steps[-1][1] == 15  # 2 x 3 held-out, 3 x 3 relit
+    assert (
+        context.steps[-1][0] == context.steps[-1][1] == 17
+    )  # 2 x 3 held-out, 3 x 3 relit, 2 for the interreflected light
 
 
 def test_the_gallery_shows_ours_truth_and_error(perfect):
     root = perfect[0].gallery.root
     entries = json.loads((root / "captions.json").read_text())
     files = {entry["file"] for entry in entries}
-    assert {"relit_other.png", "albedo.png", "roughness.png", "environment.png", "atlas.png", "geometry.png"} < files
+    assert {
+        "relit_other.png",
+        "albedo.png",
+        "roughness.png",
+        "environment.png",
+        "atlas.png",
+        "geometry.png",
+        "indirect.png",
+    } < files
     assert len([f for f in files if f.startswith("held_out")]) == 2
     assert all(entry["title"] and entry["caption"] for entry in entries)
     picture = read_image(root / "held_out_002.png")
@@ -95,7 +105,9 @@ def test_without_truth_only_held_out_views_are_scored(scene, context):
     out = evaluate.asset(context, scene.asset, scene.test, p=PARAMS)
     assert set(out.metrics.values) == {"headline", "floor", "held_out"}
     files = {e["file"] for e in json.loads((out.gallery.root / "captions.json").read_text())}
-    assert files == {"held_out_000.png", "held_out_002.png", "environment.png", "atlas.png", "geometry.png"}
+    assert files == {
+        "held_out_000.png", "held_out_002.png", "indirect.png", "environment.png", "atlas.png", "geometry.png",
+    }  # fmt: skip
 
 
 def test_views_without_masks_are_scored_inside_our_silhouette(scene, context):
