@@ -70,6 +70,7 @@ class PrecomputedLight:
         corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(transport.point_face.astype(np.int64)).to(device)]]
         bary = tensor_of(transport.point_bary).to(device)
         self._point_uv = (corners * bary[..., None]).sum(1)
+        self._point_texel: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def texels(self, size: int) -> torch.Tensor:
         return texel_footprint(self._point_uv, size)[0].reshape(-1)
@@ -120,8 +121,10 @@ class PrecomputedLight:
 
     def lattice_diffuse(self, maps: MaterialMaps, values: torch.Tensor) -> torch.Tensor:
         """f_d [P, 3] at the points of the transport."""
-        index, weight = texel_footprint(self._point_uv, maps.size)
-        at_points = maps.read(values, maps.rows(index), weight)
+        if self._point_texel is None:  # a search of a few milliseconds, for the one table of the fit
+            index, weight = texel_footprint(self._point_uv, maps.size)
+            self._point_texel = (maps.rows(index), weight)
+        at_points = maps.read(values, *self._point_texel)
         return brdf.diffuse(at_points.base_color, at_points.metallic)
 
     @torch.no_grad()
