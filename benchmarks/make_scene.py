@@ -84,7 +84,7 @@ def distance(p: np.ndarray) -> np.ndarray:
     around = np.hypot(np.hypot(x + 0.85, z - 0.12) - 0.25, y) - 0.05  # the ring
     fin = np.maximum(np.abs(y) - 0.03, ball((0.85, 0, 0.72), (0.3, 0.6, 0.3)))
     body = blend(blend(body, around, 0.03), fin, 0.04)
-    near = np.exp(-np.square((p - RELIEF) / np.float32((0.3, 0.4, 0.24))).sum(-1) ** 2)
+    near = np.exp(-(np.square((p - RELIEF) / np.float32((0.3, 0.4, 0.24))).sum(-1) ** 2))
     return body - 0.016 * near * np.sin(30 * x) * np.sin(30 * z)
 
 

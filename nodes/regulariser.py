@@ -40,3 +40,15 @@ class Bilaplacian(Smoothness):
         from exmesh_graph.stage1.regularise import Bilaplacian
 
         return Bilaplacian(self.weight)
+
+
+@component("regulariser.large_steps", version="1", libraries=("torch", "scipy"))
+class LargeSteps(Smoothness):
+    """Preconditioned steps (Nicolet et al. 2021): smooth motions are fast, noise is damped, no term in the loss."""
+
+    strength: float = param(19.0, ge=0, doc="lambda of the paper; the filter reaches about its root, in edges.")
+
+    def made(self) -> regularise.Smoothness:
+        from exmesh_graph.stage1.large_steps import LargeSteps
+
+        return LargeSteps(self.strength)

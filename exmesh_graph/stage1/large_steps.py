@@ -1,9 +1,10 @@
 """Large steps (Nicolet, Jacobson, Jakob 2021, "Large Steps in Inverse Rendering of Geometry"): vertices x are optimised
 through u = (I + lambda L) x, with L the combinatorial Laplacian (degree on the diagonal, -1 per edge).
 
-A gradient g in x is (I + lambda L)^-1 g in u, and a step d in u moves x by (I + lambda L)^-1 d: the filter acts twice, and
-smooth motions are fast while noise is damped. Adam's second moment is the largest over all vertices ("uniform"), so that
-the direction of the filtered gradient is kept. There is no term in the loss: a surface at rest is not pulled to be smooth.
+A gradient g in x is (I + lambda L)^-1 g in u, and a step d in u moves x by (I + lambda L)^-1 d: the filter acts twice,
+and smooth motions are fast while noise is damped. Adam's second moment is the largest over all vertices ("uniform"), so
+that the direction of the filtered gradient is kept. There is no term in the loss: a surface at rest is not pulled to be
+smooth.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ _MOST_STEPS = 400
 
 @dataclass(frozen=True)
 class LargeSteps:
-    """The filter of strength `lambda_`, which reaches about sqrt(lambda_) edges far."""
+    """The filter with lambda = `strength`, which reaches about sqrt(strength) edges far."""
 
-    lambda_: float = 19.0
+    strength: float = 19.0
 
     def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
-        return Prepared(None, implicit_filter(len(vertices), edges, self.lambda_, vertices.device), uniform=True)
+        return Prepared(None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True)
 
 
 def implicit_filter(
@@ -92,7 +93,7 @@ def _conjugate_gradients(count: int, edges: torch.Tensor, strength: float) -> Ca
         raise NumericsError(
             f"{_MOST_STEPS} steps of conjugate gradients did not solve (I + {strength} L) u = x",
             where="regulariser.large_steps",
-            fix="lower `lambda`",
+            fix="lower `strength`",
         )
 
     return solve

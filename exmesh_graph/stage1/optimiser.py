@@ -19,16 +19,20 @@ def vertex_step(
     step: int,
     rate: float,
     betas: tuple[float, float] = VERTEX_BETAS,
+    *,
+    uniform: bool = False,
 ) -> None:
     """Adam on vertices [V, 3] with one second moment per vertex [V], the mean of |g|^2: in place.
 
     Sharing it over x, y, z makes the step turn with the object, and points it along the gradient. `step` counts from
-    1; `rate` is the length of a step under a steady gradient, in world units.
+    1; `rate` is the length of a step under a steady gradient, in world units. `uniform`: every vertex is divided by
+    the largest of the second moments (AdamUniform of "Large Steps").
     """
     b1, b2 = betas
     first.lerp_(gradient, 1 - b1)
     second.lerp_(gradient.square().sum(1), 1 - b2)
-    scale = (second / (1 - b2**step)).sqrt_().add_(EPSILON)
+    known = second.amax().expand_as(second) if uniform and len(second) else second
+    scale = (known / (1 - b2**step)).sqrt_().add_(EPSILON)
     vertices.addcdiv_(first, scale[:, None], value=-rate / (1 - b1**step))
 
 

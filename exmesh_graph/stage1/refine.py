@@ -12,7 +12,7 @@ import torch
 
 from exmesh_graph.errors import GeometryError, NumericsError
 from exmesh_graph.stage1.optimiser import vertex_areas, vertex_step
-from exmesh_graph.stage1.regularise import mean_edge
+from exmesh_graph.stage1.regularise import Prepared, mean_edge
 from exmesh_graph.stage1.render import Surface, draw, surface_of
 from exmesh_graph.stage1.schedule import decayed, view_at
 from exmesh_graph.stage1.settings import RefineSettings
@@ -160,15 +160,19 @@ class _Loop:
 
     def move(self, gradient: torch.Tensor, k: int, rate: float) -> None:
         """Step the vertices, through the smoothness's filter where it has one."""
-        prepared = self.terms.smoothness
-        smooth = None if prepared is None else prepared.filter
+        prepared = self.terms.smoothness or Prepared(None)
+        smooth = prepared.filter
         count = self.state.vertex_steps + k + 1
         if smooth is None:
             vertex_step(self.surface.vertices, gradient * self.per_area, self.vertex_m, self.vertex_v, count, rate)
             return
         with torch.no_grad():
             step = torch.zeros_like(gradient)
-            vertex_step(step, smooth(gradient * self.per_area), self.vertex_m, self.vertex_v, count, rate)
+            # one factor for all vertices keeps a symmetric filter's steps downhill
+            per_area = self.per_area.reciprocal().mean().reciprocal() if prepared.uniform else self.per_area
+            vertex_step(
+                step, smooth(gradient * per_area), self.vertex_m, self.vertex_v, count, rate, uniform=prepared.uniform
+            )
             self.surface.vertices.add_(smooth(step))
 
     def broken(self, iteration: int, view: int, what: str) -> NumericsError:

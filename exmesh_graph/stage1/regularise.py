@@ -35,10 +35,13 @@ class Prepared(NamedTuple):
     loss    the weighted term of the vertices [V, 3], or None
     filter  symmetric positive map of [V, 3] that gradients pass before Adam and its steps after it (Adam then works
             on the filter's preimage of the vertices), or None
+    uniform whether Adam's second moment is one for all vertices, the largest; then filtered gradients keep their
+            direction
     """
 
     loss: Callable[[torch.Tensor], torch.Tensor] | None
     filter: Callable[[torch.Tensor], torch.Tensor] | None = None
+    uniform: bool = False
 
 
 @dataclass(frozen=True)
