@@ -22,7 +22,7 @@ SIZE = 256
 def atlases():
     """A mesh and two different atlases of it."""
     vertices, faces = icosphere(3)
-    return vertices, faces, unwrap(vertices, faces, SIZE), unwrap(vertices, faces, SIZE, max_cost=0.7, padding=3)
+    return vertices, faces, unwrap(vertices, faces, SIZE), unwrap(vertices, faces, SIZE, bend=0.1, padding=3)
 
 
 def paint(function, uvs, uv_faces, size=SIZE):
@@ -124,7 +124,7 @@ def test_moments_move_with_their_texels():
     v, _ = paint(lambda p: p[:, 0] ** 2, *one)
     m, v = np.repeat(m, 3, axis=2), np.repeat(v, 3, axis=2)
     for size in (SIZE, 2 * SIZE):
-        new = regenerate(vertices, faces, *one, np.clip(m, 0, 1), m, v, size, max_cost=0.7)
+        new = regenerate(vertices, faces, *one, np.clip(m, 0, 1), m, v, size, bend=0.1)
         assert new.second_moment.min() >= 0
         assert new.texture.shape == new.first_moment.shape == (size, size, 3)
         x, _ = paint(lambda p: p[:, 0], new.uvs, new.uv_faces, size)
