@@ -52,7 +52,7 @@ def main() -> None:
     began = time.perf_counter()
     mesh = init.visual_hull(ctx, scene.train, p=init.HullParams(resolution=96, dissent=options.dissent)).mesh
     mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=options.faces[0])).mesh
-    carrier = uv.xatlas_unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=options.texels)).carrier
+    carrier = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=options.texels)).carrier
     hull_seconds = time.perf_counter() - began
     began = time.perf_counter()
     state = stage1.init(ctx, carrier, scene.train, p=stage1.InitParams(texture=options.start)).state
@@ -74,7 +74,7 @@ def main() -> None:
         elif k:
             state = topology.split(ctx, state, p=topology.SplitParams(target_faces=faces)).state
         if k in options.regen:
-            state = uv.xatlas_regen(ctx, state, p=uv.RegenParams()).state
+            state = uv.regenerate(ctx, state, p=uv.RegenerateParams()).state
         params = stage1.RefineParams(iterations=iterations, total_iterations=total, **fixed)
         state, history = stage1.refine(Quiet(options.seed + k), state, scene.train, smoothness=smoothness, p=params)
         seconds += time.perf_counter() - began

@@ -98,7 +98,7 @@ def true_carrier(ctx: Quiet, scene: data.BlenderOut) -> Carrier:
     vertices, inverse = np.unique(np.round(scene.truth.mesh_vertices, 6), axis=0, return_inverse=True)
     faces = inverse.reshape(-1)[scene.truth.mesh_faces].astype(np.int32)
     mesh = Mesh(vertices.astype(np.float32), faces)
-    atlas = uv.xatlas_unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=512)).carrier
+    atlas = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=512)).carrier
     return stage1.init(ctx, atlas, scene.train, p=stage1.InitParams()).state
 
 

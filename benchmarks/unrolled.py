@@ -29,7 +29,7 @@ nodes:
   views: {{type: data.blender, path: "${{scene}}", downscale: "${{downscale}}"}}
   hull: {{type: init.visual_hull, views: "@views.train", resolution: "${{resolution}}"}}
   clean: {{type: init.clean, mesh: "@hull.mesh", faces: {start_faces}}}
-  atlas: {{type: uv.xatlas_unwrap, mesh: "@clean.mesh", texture_size: "${{texels}}"}}
+  atlas: {{type: uv.unwrap, mesh: "@clean.mesh", texture_size: "${{texels}}"}}
   start: {{type: stage1.init, carrier: "@atlas.carrier", views: "@views.train"}}
   rounds:
     repeat: {rounds}

@@ -1,6 +1,6 @@
 """The UV atlas: made, kept valid, made anew (paper section 4.3)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from exmesh_graph.graph.node import Context, Params, node, param
 from exmesh_graph.types import Carrier, Mesh, Stage1State
@@ -8,18 +8,48 @@ from exmesh_graph.types import Carrier, Mesh, Stage1State
 
 class AtlasParams(Params):
     padding: int = param(4, ge=0, le=64, unit="texels", doc="Space kept free between charts.")
+    cut_nonmanifold: bool = param(
+        True, doc="Cut a non-manifold mesh open where it is, with a warning, instead of refusing it."
+    )
+
+
+class DiscParams(AtlasParams):
+    bend: float = param(
+        0.3, gt=0.0, lt=1.0, doc="How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts."
+    )
+
+
+class XatlasParams(AtlasParams):
     max_cost: float = param(2.0, gt=0.0, le=64.0, doc="xatlas: larger gives fewer and more stretched charts.")
     chart_iterations: int = param(1, ge=1, le=8, doc="xatlas: rounds of chart growing.")
-    cut_nonmanifold: bool = param(False, doc="Cut a non-manifold mesh open where it is, instead of refusing it.")
+    max_seconds: float = param(
+        120.0, gt=0.0, unit="s", doc="When xatlas is not done by then, uv.unwrap's charts take its place, with a warning."
+    )
 
 
-class UnwrapParams(AtlasParams):
+class NewTexture(Params):
     texture_size: int = param(1024, ge=16, le=8192, unit="texels", doc="Side of the square texture.")
     fill: float = param(0.5, ge=0.0, le=1.0, doc="Grey that the sRGB texture starts with.")
 
 
-class RegenParams(AtlasParams):
+class MovedTexture(Params):
     texture_size: int = param(0, ge=0, le=8192, unit="texels", doc="Side of the new texture; 0 keeps the old one's.")
+
+
+class UnwrapParams(DiscParams, NewTexture):
+    pass
+
+
+class RegenerateParams(DiscParams, MovedTexture):
+    pass
+
+
+class XatlasUnwrapParams(XatlasParams, NewTexture):
+    pass
+
+
+class XatlasRegenParams(XatlasParams, MovedTexture):
+    pass
 
 
 class MaintainParams(Params):
@@ -36,16 +66,16 @@ class StateOut(NamedTuple):
     state: Stage1State
 
 
-@node("uv.xatlas_unwrap", version="1", libraries=("xatlas", "torch", "warp-lang", "scipy"))
-def xatlas_unwrap(ctx: Context, mesh: Mesh, *, p: UnwrapParams) -> CarrierOut:
-    """Unwrap a mesh into an atlas and give it a grey texture."""
-    import numpy as np
+@node("uv.unwrap", version="1", libraries=("torch", "warp-lang", "scipy"))
+def unwrap(ctx: Context, mesh: Mesh, *, p: UnwrapParams) -> CarrierOut:
+    """Unwrap a mesh into an atlas of nearly flat discs, laid out as rigidly as possible; give it a grey texture."""
+    return _unwrapped(ctx, mesh, p, {"bend": p.bend})
 
-    from exmesh_graph.uv.unwrap import unwrap
 
-    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, p.texture_size, **_settings(p))
-    texture = np.full((p.texture_size, p.texture_size, 3), p.fill, np.float32)
-    return CarrierOut(Carrier(mesh.vertices, mesh.faces, uvs, uv_faces, texture))
+@node("uv.xatlas_unwrap", version="2", libraries=("xatlas", "torch", "warp-lang", "scipy"))
+def xatlas_unwrap(ctx: Context, mesh: Mesh, *, p: XatlasUnwrapParams) -> CarrierOut:
+    """Unwrap a mesh into an atlas with the charts of xatlas (slow on large or rough meshes); give it a grey texture."""
+    return _unwrapped(ctx, mesh, p, _xatlas(p))
 
 
 @node("uv.maintain", version="1", libraries=("scipy",))
@@ -62,7 +92,7 @@ def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut
             f"{report.welded} UV coordinates are shared by different vertices",
             where=f"node {ctx.node}",
             expected="UV islands that stay apart",
-            fix="regenerate the atlas (uv.xatlas_regen) and report the operation that did this",
+            fix="regenerate the atlas (uv.regenerate) and report the operation that did this",
         )
     if report.flipped > p.max_flipped * len(state.faces):
         ctx.warn(f"{report.flipped} of {len(state.faces)} faces are folded over in the atlas: regenerate it")
@@ -77,9 +107,29 @@ def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut
     return StateOut(replace(state, uvs=uvs, uv_faces=uv_faces, texture=texture))
 
 
-@node("uv.xatlas_regen", version="1", libraries=("xatlas", "torch", "warp-lang", "scipy"))
-def xatlas_regen(ctx: Context, state: Stage1State, *, p: RegenParams) -> StateOut:
+@node("uv.regenerate", version="1", libraries=("torch", "warp-lang", "scipy"))
+def regenerate(ctx: Context, state: Stage1State, *, p: RegenerateParams) -> StateOut:
     """Make a new atlas and move texture and texture moments over, texel by texel."""
+    return _regenerated(ctx, state, p, {"bend": p.bend})
+
+
+@node("uv.xatlas_regen", version="2", libraries=("xatlas", "torch", "warp-lang", "scipy"))
+def xatlas_regen(ctx: Context, state: Stage1State, *, p: XatlasRegenParams) -> StateOut:
+    """Make a new atlas with the charts of xatlas and move texture and texture moments over, texel by texel."""
+    return _regenerated(ctx, state, p, _xatlas(p))
+
+
+def _unwrapped(ctx: Context, mesh: Mesh, p: Any, settings: dict[str, Any]) -> CarrierOut:
+    import numpy as np
+
+    from exmesh_graph.uv.unwrap import unwrap
+
+    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, p.texture_size, **_common(ctx, p), **settings)
+    texture = np.full((p.texture_size, p.texture_size, 3), p.fill, np.float32)
+    return CarrierOut(Carrier(mesh.vertices, mesh.faces, uvs, uv_faces, texture))
+
+
+def _regenerated(ctx: Context, state: Stage1State, p: Any, settings: dict[str, Any]) -> StateOut:
     from dataclasses import replace
 
     from exmesh_graph.uv.regen import regenerate
@@ -93,7 +143,8 @@ def xatlas_regen(ctx: Context, state: Stage1State, *, p: RegenParams) -> StateOu
         state.texture_m,
         state.texture_v,
         p.texture_size or state.texture.shape[0],
-        **_settings(p),
+        **_common(ctx, p),
+        **settings,
     )
     return StateOut(
         replace(
@@ -107,10 +158,14 @@ def xatlas_regen(ctx: Context, state: Stage1State, *, p: RegenParams) -> StateOu
     )
 
 
-def _settings(p: AtlasParams) -> dict:
+def _common(ctx: Context, p: AtlasParams) -> dict[str, Any]:
+    return {"padding": p.padding, "cut_nonmanifold": p.cut_nonmanifold, "warn": ctx.warn}
+
+
+def _xatlas(p: XatlasParams) -> dict[str, Any]:
     return {
-        "padding": p.padding,
+        "method": "xatlas",
         "max_cost": p.max_cost,
         "max_iterations": p.chart_iterations,
-        "cut_nonmanifold": p.cut_nonmanifold,
+        "max_seconds": p.max_seconds,
     }

@@ -71,7 +71,7 @@ def _check_uvs(asset: Asset) -> None:
     _shape("uv_faces", asset.uv_faces, (len(asset.faces), 3))
     if len(asset.uvs) == 0:
         raise GeometryError(
-            "the mesh has no texture coordinates", where="asset.uvs", fix="unwrap it (uv.xatlas_unwrap)"
+            "the mesh has no texture coordinates", where="asset.uvs", fix="unwrap it (uv.unwrap)"
         )
     _finite("uvs", asset.uvs)
     _index_range("uv_faces", asset.uv_faces, len(asset.uvs), "uvs")

@@ -86,6 +86,11 @@ def partition(points: np.ndarray, faces: np.ndarray, edges: Edges, bend: float) 
 
 
 def _smooth_normals(vectors: np.ndarray, here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Unit normals [F, 3], each a mean over the faces around.
+
+    Means over faces of a similar direction only would keep creases to the face, but fail on a rough surface: 117 charts
+    in place of 14 on a sphere of 5 120 faces with noise of 0.3 edge lengths.
+    """
     from scipy.sparse import csr_matrix
 
     n = len(vectors)

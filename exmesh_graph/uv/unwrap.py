@@ -13,7 +13,7 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas
-from exmesh_graph.uv.cut import cut_open
+from exmesh_graph.uv.cut import cut_open, defects
 from exmesh_graph.uv.layout import lay_out
 from exmesh_graph.uv.mend import adopt, mend
 from exmesh_graph.uv.pack import pack
@@ -50,6 +50,8 @@ def unwrap(
     """
     points = _scaled(vertices, faces)
     sheets = cut_open(points, faces, cut_nonmanifold)
+    if cut_nonmanifold and warn is not None and (wrong := defects(faces)):
+        warn(f"the mesh is not manifold and was cut open for its atlas: {wrong}")
     own = sheets.faces
     space = points[sheets.vertex]
     uncharted = np.zeros(len(own), bool)

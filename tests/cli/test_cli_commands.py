@@ -285,7 +285,7 @@ def test_the_graph_in_the_docs(folder: Path) -> None:
     (folder / "base.yaml").write_text("nodes: {}\n")
     (folder / "doc.yaml").write_text(text)
     graph = check_file(folder / "doc.yaml", [f"scene={ROOT}/graphs/samples/spot"], load_packs())
-    assert graph.nodes["rounds[4].uv"].definition.type == "uv.xatlas_regen"
+    assert graph.nodes["rounds[4].uv"].definition.type == "uv.regenerate"
     assert str(graph.nodes["light"].inputs["mesh"]) == "@rounds[4].uv.state"
 
 

@@ -47,7 +47,7 @@ def digests(folder: Path) -> dict[str, str]:
 @pytest.mark.slow
 def test_refinement_killed_at_random_times_ends_with_the_same_bytes(tmp_path: Path) -> None:
     graph = GRAPH.replace("@hull.mesh", "@atlas.carrier").replace(
-        "  start:", '  atlas: {type: uv.xatlas_unwrap, mesh: "@hull.mesh", texture_size: 256}\n  start:'
+        "  start:", '  atlas: {type: uv.unwrap, mesh: "@hull.mesh", texture_size: 256}\n  start:'
     )
     kills = 0
     for name in ("whole", "cut"):

@@ -15,7 +15,7 @@ from tests.fake_context import FakeContext
 
 def state_of(mesh, size=128):
     vertices, faces = mesh
-    carrier = uv.xatlas_unwrap(FakeContext(), Mesh(vertices, faces), p=uv.UnwrapParams(texture_size=size)).carrier
+    carrier = uv.unwrap(FakeContext(), Mesh(vertices, faces), p=uv.UnwrapParams(texture_size=size)).carrier
     rng = np.random.default_rng(0)
     plane = rng.random((size, size, 3)).astype(np.float32)
     return Stage1State(
@@ -79,7 +79,7 @@ def ring_of_views(n=6, size=48):
 
 def test_unwrap_gives_a_grey_carrier():
     vertices, faces = torus(20, 10)
-    got = uv.xatlas_unwrap(FakeContext(), Mesh(vertices, faces), p=uv.UnwrapParams(texture_size=64)).carrier
+    got = uv.unwrap(FakeContext(), Mesh(vertices, faces), p=uv.UnwrapParams(texture_size=64)).carrier
     assert got.texture.shape == (64, 64, 3)
     assert (got.texture == 0.5).all()
     assert got.facets() == {"manifold": True, "closed": True, "uv": True, "units": "normalised"}
@@ -133,7 +133,7 @@ def test_rounds_of_all_nodes_stay_sound():
         state = topology.split(context, state, p=topology.SplitParams(max_faces=1500)).state
         state = topology.merge(context, state, views, p=topology.MergeParams()).state
         if turn % 2:
-            state = uv.xatlas_regen(context, state, p=uv.RegenParams()).state
+            state = uv.regenerate(context, state, p=uv.RegenerateParams()).state
         else:
             state = uv.maintain(context, state, p=uv.MaintainParams()).state
         check_state(state)

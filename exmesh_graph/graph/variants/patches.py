@@ -1,7 +1,7 @@
 """The eight operations on a merged graph file. Each is refused, with place and fix, where its precondition fails.
 
     {set: pbr.chroma_weight, to: 0}               a parameter of a node or of the graph, `seed`, `rounds.repeat`
-    {replace: rounds.uv, type: uv.xatlas_regen}   another type; ports: {old: new} where names differ; more parameters
+    {replace: rounds.uv, type: uv.regenerate}   another type; ports: {old: new} where names differ; more parameters
     {insert: {name: n, type: t}, on: pbr.carrier} a new node on the wire into a port, or behind "@settle.state"
     {bypass: rounds.merge}                        what used its output gets its input; via: the input's name
     {remove: usd}                                 a node or block, or a list, that nothing links to
