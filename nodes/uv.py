@@ -23,7 +23,10 @@ class XatlasParams(AtlasParams):
     max_cost: float = param(2.0, gt=0.0, le=64.0, doc="xatlas: larger gives fewer and more stretched charts.")
     chart_iterations: int = param(1, ge=1, le=8, doc="xatlas: rounds of chart growing.")
     max_seconds: float = param(
-        120.0, gt=0.0, unit="s", doc="When xatlas is not done by then, uv.unwrap's charts take its place, with a warning."
+        120.0,
+        gt=0.0,
+        unit="s",
+        doc="When xatlas is not done by then, uv.unwrap's charts take its place, with a warning.",
     )
 
 

@@ -70,9 +70,7 @@ def _check_uvs(asset: Asset) -> None:
     _shape("uvs", asset.uvs, (None, 2))
     _shape("uv_faces", asset.uv_faces, (len(asset.faces), 3))
     if len(asset.uvs) == 0:
-        raise GeometryError(
-            "the mesh has no texture coordinates", where="asset.uvs", fix="unwrap it (uv.unwrap)"
-        )
+        raise GeometryError("the mesh has no texture coordinates", where="asset.uvs", fix="unwrap it (uv.unwrap)")
     _finite("uvs", asset.uvs)
     _index_range("uv_faces", asset.uv_faces, len(asset.uvs), "uvs")
     _in_range("uvs", asset.uvs, -_UV_TOLERANCE, 1.0 + _UV_TOLERANCE)

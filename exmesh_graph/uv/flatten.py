@@ -12,9 +12,7 @@ _ROUNDS = 6
 _LEAST, _MOST = 0.05, 20.0  # of a cotangent: negative ones would break the system, huge ones its condition
 
 
-def flatten(
-    corners: np.ndarray, faces: np.ndarray, count: int, start: np.ndarray, rounds: int = _ROUNDS
-) -> np.ndarray:
+def flatten(corners: np.ndarray, faces: np.ndarray, count: int, start: np.ndarray, rounds: int = _ROUNDS) -> np.ndarray:
     """Lay charts flat; each keeps the sizes that it has in space.
 
     corners  complex [F, 3], every face laid flat by itself (`flat_corners`); area > 0

@@ -13,7 +13,9 @@ from exmesh_graph.uv.charts import partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches
 from exmesh_graph.uv.outline import winding
 
-_MOST_STRETCH = 1.5  # of the texels of a patch against those of its chart: single faces of a rough surface vary more ...
+_MOST_STRETCH = (
+    1.5  # of the texels of a patch against those of its chart: single faces of a rough surface vary more ...
+)
 _STRETCHED = 0.05  # ... for at most this part of the chart's area
 _FOLDED = 0.01  # part of a chart's faces that may be left folded: they get islands of their own
 _CELLS = 512  # along the side of a square as large as the mesh: what overlaps are looked for with

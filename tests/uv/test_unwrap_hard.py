@@ -55,7 +55,9 @@ def broken(kind):
     if kind == "holes":
         return vertices, faces[rng.random(len(faces)) < 0.9]
     if kind == "soup":
-        return rng.normal(size=(60, 3)).astype(np.float32), np.array(list(combinations(range(60), 3)))[rng.choice(34220, 300, replace=False)]
+        return rng.normal(size=(60, 3)).astype(np.float32), np.array(list(combinations(range(60), 3)))[
+            rng.choice(34220, 300, replace=False)
+        ]
     assert kind == "crumpled"
     return rng.normal(size=(162, 3)).astype(np.float32), icosphere(2)[1]
 
