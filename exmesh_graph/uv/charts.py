@@ -1,7 +1,7 @@
 """A mesh cut into few, nearly flat discs: small patches grown from even seeds, then merged, flattest pair first.
 
-The measure of a region is 1 - |mean normal|^2, normals weighted by area: 0 on a plane, 0.6 on half a cylinder, 0.75 on a
-hemisphere. Merging by it is hierarchical face clustering (Garland, Willmott and Heckbert 2001) with the measure of
+The measure of a region is 1 - |mean normal|^2, normals weighted by area: 0 on a plane, 0.6 on half a cylinder, 0.75 on
+a hemisphere. Merging by it is hierarchical face clustering (Garland, Willmott and Heckbert 2001) with the measure of
 variational shape approximation (Cohen-Steiner, Alliez and Desbrun 2004): cuts come to lie on creases. The tree of the
 merges stays, so that a chart that cannot be laid flat can be taken apart again where its last two regions met.
 """
@@ -184,7 +184,7 @@ def _merge(
     rim: list[float],
     bend: float,
 ) -> Partition:
-    """Join the pair that costs least, over and over. Regions get new numbers, so an entry of the heap cannot go stale."""
+    """Join the pair that costs least, over and over. Joint regions get new numbers: no entry of the heap goes stale."""
     result = Partition(patch)
     count = len(area)
     around: dict[int, dict[int, _Border]] = {i: borders[i] if i < len(borders) else {} for i in range(count)}

@@ -1,4 +1,4 @@
-"""Any triangle soup made ready for charting: cut open where it is not a surface, without what has no place of its own."""
+"""Any triangle soup made ready for charting: cut open where it is not a surface, less what has no place of its own."""
 
 from __future__ import annotations
 

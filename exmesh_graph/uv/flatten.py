@@ -31,7 +31,7 @@ def flatten(corners: np.ndarray, faces: np.ndarray, count: int, start: np.ndarra
     w = weight.reshape(-1)
     rows, columns = np.concatenate([tail, head, tail, head]), np.concatenate([head, tail, tail, head])
     matrix = coo_matrix((np.concatenate([-w, -w, w, w]), (rows, columns)), shape=(count, count)).tocsc()
-    pieces, label = connected_components(matrix, directed=False)
+    label = connected_components(matrix, directed=False)[1]
     held = np.unique(label, return_index=True)[1]
     free = np.ones(count, bool)
     free[held] = False
@@ -54,7 +54,7 @@ def flatten(corners: np.ndarray, faces: np.ndarray, count: int, start: np.ndarra
 
 
 def flat_corners(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """complex128 [F, 3]: every face of `points` [V, 3] laid into the plane, corner 0 at 0, corner 1 on the real axis."""
+    """complex128 [F, 3]: every face of `points` [V, 3] laid flat, corner 0 at 0, corner 1 on the real axis."""
     a, b, c = (points[faces[:, k]].astype(np.float64) for k in range(3))
     along = np.linalg.norm(b - a, axis=1)
     safe = np.where(along > 0, along, 1.0)

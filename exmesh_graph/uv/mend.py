@@ -13,7 +13,7 @@ _NO_AREA = 1e-7  # of a mean face
 def mend(
     points: np.ndarray, faces: np.ndarray, flat: np.ndarray, corners: np.ndarray, uncharted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Turn mirrored charts over and give every face that is folded over inside its chart an island of its own.
+    """Turn mirrored charts over; give every face that is folded over inside its chart an island of its own.
 
     points float64 [V, 3] with a mean face area of 1; flat [T, 2], corners [F, 3]; uncharted bool [F]: in no chart.
     Returns (flat, corners, orphans): orphans bool [F] are the faces without area, which no chart can hold; their corners

@@ -8,8 +8,8 @@ import numpy as np
 def winding(x0: np.ndarray, y0: np.ndarray, x1: np.ndarray, y1: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """int [H, W], how often the directed edges [E] go around each cell centre (row i, column j at x = j, y = i).
 
-    1 inside one chart, 2 or more where a chart lies over itself; the sign is the sense of rotation. By a half-open rule:
-    a centre on a common edge counts once.
+    1 inside one chart, 2 or more where a chart lies over itself; the sign is the sense of rotation. By a half-open
+    rule: a centre on a common edge counts once.
     """
     height, width = shape
     down = y1 >= y0

@@ -1,4 +1,4 @@
-"""xatlas in a process of its own, ended when its time is up: on some meshes it takes minutes, on some it never returns."""
+"""xatlas in a process of its own, ended when its time is up: some meshes take it minutes, some for ever."""
 
 from __future__ import annotations
 
