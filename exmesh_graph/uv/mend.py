@@ -16,8 +16,8 @@ def mend(
     """Turn mirrored charts over; give every face that is folded over inside its chart an island of its own.
 
     points float64 [V, 3] with a mean face area of 1; flat [T, 2], corners [F, 3]; uncharted bool [F]: in no chart.
-    Returns (flat, corners, orphans): orphans bool [F] are the faces without area, which no chart can hold; their corners
-    mean nothing.
+    Returns (flat, corners, orphans): orphans bool [F] are the faces without area, which no chart can hold; their
+    corners mean nothing.
     """
     chart = components(corners)
     size = signed_areas_2d(flat, corners)
