@@ -50,6 +50,31 @@ def stage1(ctx: Context, carrier: Carrier, views: TestViews, *, p: Stage1Params)
     return ScoredOut(Metrics(scores.values), gallery)
 
 
+class RoundParams(Params):
+    samples: int = param(10_000, ge=100, doc="Points on each surface for the Chamfer distance.")
+    max_views: int = param(8, ge=1, doc="Held-out views that the PSNR is taken on, evenly spread.")
+
+
+@node(
+    "evaluate.round",
+    version="1",
+    libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
+    resources={"cpu": 0, "gpu?": 1},
+)
+def round_(
+    ctx: Context, state: Carrier, views: TestViews | None = None, truth: SceneTruth | None = None, *, p: RoundParams
+) -> ScoredOut:
+    """What a round of Stage I has reached: turntable, edges, atlas; error against seconds and vertices."""
+    from exmesh_graph.report.rounds import round_gallery
+    from exmesh_graph.report.scores_mesh import score_stage
+    from exmesh_graph.torch_setup import torch_threads
+
+    with torch_threads(1):
+        gallery = round_gallery(ctx.scratch / "gallery", state, ctx.node.rpartition(".")[0] or ctx.node)
+        values = score_stage(state, views, truth, samples=p.samples, max_views=p.max_views, seed=ctx.seed)
+    return ScoredOut(Metrics(values), gallery)
+
+
 class AssetParams(Params):
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
     pictures: int = param(3, ge=0, doc="Held-out views shown in the report.")

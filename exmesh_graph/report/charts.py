@@ -77,7 +77,9 @@ def line_chart(
         parts.append(f'<polyline class="curve c{index % 4}" points="{path}"><title>{escape(name)}</title></polyline>')
         if points:
             for (px, py), x, y in zip(placed, x_values, y_values, strict=True):
-                tip = f"{name}: {number(float(y))} after {seconds(x)}"
+                tip = f"{name}: {number(float(y))} " + (
+                    f"after {seconds(x)}" if x_label.startswith("seconds") else f"at {number(x)} {x_label}"
+                )
                 parts.append(
                     f'<circle class="point c{index % 4}" cx="{px:.1f}" cy="{py:.1f}" r="4">'
                     f"<title>{escape(tip)}</title></circle>"

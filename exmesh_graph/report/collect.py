@@ -34,7 +34,8 @@ class Node:
 class Figure:
     """One headline figure. `floor` is the score of an uninformed guess, `goal` what was aimed at.
 
-    `series` groups figures of one measure over stages; `after` is the time spent until the scored value was there.
+    `series` groups figures of one measure over stages; `after` is the time spent until the scored value was there;
+    `over` holds other quantities that the value may be drawn against, by name.
     """
 
     label: str
@@ -46,6 +47,7 @@ class Figure:
     node: str = ""
     series: str = ""
     after: float | None = None
+    over: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ class Report:
     nodes: list[Node]
     edges: list[tuple[str, str]]
     headline: list[Figure]
+    stages: list[Figure]
     metrics: dict[str, dict[str, Any]]
     curves: list[Curve]
     pictures: list[Picture]
@@ -128,6 +131,18 @@ class Report:
                 }
                 for figure in self.headline
             },
+            "stages": [
+                {
+                    "label": figure.label,
+                    "value": figure.value,
+                    "unit": figure.unit,
+                    "node": figure.node,
+                    "series": figure.series,
+                    "after_seconds": figure.after,
+                    "over": dict(figure.over),
+                }
+                for figure in self.stages
+            ],
             "metrics": self.metrics,
             "nodes": [
                 {
@@ -158,6 +173,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
     spent = cumulative_seconds([(node.name, node.seconds) for node in nodes], edges)
     metrics: dict[str, dict[str, Any]] = {}
     figures: list[Figure] = []
+    stages: list[Figure] = []
     curves: list[Curve] = []
     pictures: list[Picture] = []
     for entry in record["nodes"]:
@@ -165,7 +181,8 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
             if output["type"] == "Metrics":
                 values = load_artifact(output["digest"]).values
                 metrics[f"{entry['name']}.{port}"] = values
-                figures += _figures(values, entry["name"], spent[entry["name"]])
+                figures += _figures(values.get("headline"), entry["name"], spent[entry["name"]])
+                stages += _figures(values.get("stages"), entry["name"], spent[entry["name"]])
                 curves += _curves(values, entry["name"])
             elif output["type"] == "Gallery":
                 pictures += _pictures(Path(load_artifact(output["digest"]).root), entry["name"])
@@ -178,6 +195,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         nodes=nodes,
         edges=edges,
         headline=_unique_labels(figures),
+        stages=[*stages, *(figure for figure in figures if figure.series)],
         metrics=metrics,
         curves=curves,
         pictures=pictures,
@@ -204,9 +222,9 @@ def _node(entry: Mapping[str, Any]) -> Node:
     )
 
 
-def _figures(values: Mapping[str, Any], node: str, after: float) -> Iterator[Figure]:
-    """The entries of `values["headline"]`: {label, value, unit?, floor?, goal?, better?, series?}."""
-    for entry in values.get("headline") or ():
+def _figures(entries: Any, node: str, after: float) -> Iterator[Figure]:
+    """Entries {label, value, unit?, floor?, goal?, better?, series?, over?} of a headline or of stages."""
+    for entry in entries or ():
         yield Figure(
             label=str(entry["label"]),
             value=entry["value"],
@@ -217,6 +235,7 @@ def _figures(values: Mapping[str, Any], node: str, after: float) -> Iterator[Fig
             node=node,
             series=str(entry.get("series") or ""),
             after=after,
+            over={str(name): float(x) for name, x in (entry.get("over") or {}).items()},
         )
 
 

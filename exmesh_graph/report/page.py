@@ -29,7 +29,7 @@ def render_page(report: Report) -> str:
         style=Markup((here / "style.css").read_text(encoding="utf-8")),
         tiles=[_tile(figure) for figure in _last_stages(report.headline)],
         bars=Markup(bar_chart([(_label(box), box.seconds or 0.0, box.state) for box in boxes])),
-        error_charts=[Markup(chart) for chart in _error_charts(report.headline)],
+        error_charts=[Markup(chart) for chart in _error_charts(report.stages)],
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
         graph=Markup(graph_picture(boxes, fold_edges(report.edges), fold_loops(report.edges))),
         galleries=_galleries(report),
@@ -85,33 +85,31 @@ def _tile(figure: Figure) -> dict[str, Any]:
 
 
 def _error_charts(figures: list[Figure]) -> list[str]:
-    """For each measure its value at every scored stage over the time spent until then, from the floor at 0 s."""
+    """For each measure its value at every scored stage, over the time spent until then (from the floor at 0 s) and over
+    each other quantity that the stages name."""
     charts = []
     for series in dict.fromkeys(figure.series for figure in figures if figure.series):
         members = [f for f in figures if f.series == series and f.after is not None]
         members = [f for f in members if isinstance(f.value, int | float) and not isinstance(f.value, bool)]
-        members.sort(key=lambda f: f.after or 0.0)
         if not members:
             continue
-        floor = next((f.floor for f in members if f.floor is not None), None)
-        xs = [float(f.after or 0.0) for f in members]
-        ys = [float(f.value) for f in members]
-        if floor is not None:
-            xs, ys = [0.0, *xs], [floor, *ys]
-        elif len(members) < 2:
-            continue
         title = f"{series}, {members[0].unit}" if members[0].unit else series
-        charts.append(
-            line_chart(
-                [(series, xs, ys)],
-                title=title,
-                x_label="seconds spent",
-                floor=floor,
-                points=True,
-                width=250,
-                height=176,
+        floor = next((f.floor for f in members if f.floor is not None), None)
+        timed = sorted((float(f.after or 0.0), float(f.value)) for f in members)
+        if floor is not None:
+            timed = [(0.0, floor), *timed]
+        drawn = [(timed, "seconds spent", floor)]
+        for name in dict.fromkeys(name for f in members for name in f.over):
+            drawn.append((sorted((f.over[name], float(f.value)) for f in members if name in f.over), name, None))
+        for points, x_label, line in drawn:
+            if len(points) < 2:
+                continue
+            xs, ys = zip(*points, strict=True)
+            charts.append(
+                line_chart(
+                    [(series, xs, ys)], title=title, x_label=x_label, floor=line, points=True, width=250, height=176
+                )
             )
-        )
     return charts
 
 

@@ -54,6 +54,16 @@ def strip(panels: Sequence[np.ndarray]) -> np.ndarray:
     return np.clip(np.concatenate(parts[:-1], axis=1), 0.0, 1.0)
 
 
+def stack(rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Pictures [H, W, 3] above each other [H, W, 3] on white, with the same gap."""
+    width = max(row.shape[1] for row in rows)
+    parts: list[np.ndarray] = []
+    for row in rows:
+        parts += [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=1.0)]
+        parts += [np.ones((_GAP, width, 3))]
+    return np.concatenate(parts[:-1])
+
+
 def error_map(ours: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Mean absolute error over the channels of two display images, in false colours, full at `ERROR_TOP`."""
     error = np.clip(np.abs(ours - truth).mean(axis=-1) / ERROR_TOP, 0.0, 1.0)

@@ -31,6 +31,7 @@ def score_mesh(mesh: Mesh, truth: SceneTruth | None = None, *, samples: int = 40
                 "unit": "‰ of radius",
                 "better": "lower",
                 "series": "Chamfer",
+                "over": {"vertices": int(sound["vertices"])},
             }
         )
     headline.append({"label": "Closed", "value": bool(sound["closed"])})
@@ -73,6 +74,7 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> Carr
                 "unit": "dB",
                 "better": "higher",
                 "series": "held-out PSNR",
+                "over": {"vertices": len(carrier.vertices)},
             }
         ],
         "held_out": {
@@ -89,6 +91,26 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> Carr
         db, _ = compare(list(baked), [image for _, image in pairs])
         values["held_out"]["psnr_baked"] = float(np.mean(db))
     return CarrierScores(values, chosen, pairs)
+
+
+def score_stage(
+    carrier: Carrier,
+    views: Views | None,
+    truth: SceneTruth | None,
+    *,
+    samples: int = 10_000,
+    max_views: int = 8,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """`stages`: Chamfer (with a truth) and held-out PSNR (with views), as points of the report's charts only."""
+    values: dict[str, Any] = {"faces": len(carrier.faces), "vertices": len(carrier.vertices)}
+    stages: list[dict[str, Any]] = []
+    if truth is not None:
+        stages += score_mesh(carrier, truth, samples=samples, seed=seed)["headline"]
+    if views is not None:
+        stages += score_carrier(carrier, views, max_views=max_views).values["headline"]
+    values["stages"] = [stage for stage in stages if stage.get("series")]
+    return values
 
 
 def _subset(views: Views, chosen: list[int]) -> Views:
