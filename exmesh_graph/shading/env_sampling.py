@@ -72,9 +72,9 @@ class EnvSampler:
         row, inside_row = _draw(self._rows, height, torch.zeros_like(first, dtype=torch.int64), first)
         column, inside_column = _draw(self._columns, width, row, second)
         # the lookup stops half a texel before the poles: what a tent throws over the edge folds back
-        y = row + 0.5 + _tent(inside_row)
+        y = row + 0.5 + tent(inside_row)
         y = torch.where(y < 0, -y, torch.where(y > height, 2 * height - y, y))
-        u = ((column + 0.5 + _tent(inside_column)) / width) % 1
+        u = ((column + 0.5 + tent(inside_column)) / width) % 1
         v = y / height
         direction = envmap.direction_of(u, v)
         return direction.to(self.dtype), self._density(u.to(self.dtype), v.to(self.dtype), (math.pi * v).sin())
@@ -111,7 +111,7 @@ def _draw(
     return flat - row * count, share.clamp(0, 1)
 
 
-def _tent(uniform: torch.Tensor) -> torch.Tensor:
+def tent(uniform: torch.Tensor) -> torch.Tensor:
     """A number in [-1, 1] with density 1 - |x|, from one in [0, 1]; increasing."""
     low = (2 * uniform).clamp_min(0).sqrt() - 1
     high = 1 - (2 * (1 - uniform)).clamp_min(0).sqrt()

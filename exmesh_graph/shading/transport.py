@@ -14,6 +14,7 @@ own rho stands in for that of the hits: I_i = I_0 + s rho * M I_(i-1). Both oper
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Callable
@@ -62,7 +63,7 @@ def trace_transport(
         raise GeometryError(f"{directions} directions", expected="at most 65535")
     sky = fibonacci_sphere(directions)
     flat = face_normals(vertices, faces)
-    origins = _origins(lattice, np.asarray(vertices, np.float64), faces, flat, tracer.radius)
+    origins = lattice_origins(lattice, vertices, faces, tracer.radius)
     visible, hits = [], []
     chunk = max(1, (1 << 20) // directions)
     for start in range(0, len(origins), chunk):
@@ -89,11 +90,11 @@ def trace_transport(
     )
 
 
-def _origins(lattice: Lattice, vertices: np.ndarray, faces: np.ndarray, flat: np.ndarray, radius: float) -> np.ndarray:
-    carrying = lattice.point_face
-    centres = vertices[faces[carrying]].mean(axis=1)
-    inner = lattice.points + INWARD * (centres - lattice.points)
-    return offset_origins(inner, flat[carrying], radius)
+def lattice_origins(light: Lattice | Transport, vertices: np.ndarray, faces: np.ndarray, radius: float) -> np.ndarray:
+    """Where the rays of the lattice points start, float64 [P, 3]; `radius` is the tracer's."""
+    carrying, corners = light.point_face, np.asarray(vertices, np.float64)[faces]
+    inner = light.points + INWARD * (corners[carrying].mean(axis=1) - light.points)
+    return offset_origins(inner, face_normals(vertices, faces)[carrying], radius)
 
 
 def _trace_points(
@@ -204,6 +205,12 @@ class LightTransport:
         if diffuse is None or self.gather is None or strength == 0:
             return _Direct.apply(radiance, self)
         return _Bounces.apply(radiance, diffuse, self, strength)
+
+    def with_columns(self, transfer: torch.Tensor) -> LightTransport:
+        """The same operators with further lights: T grows by the columns `transfer` [P, S], L by as many rows."""
+        result = copy.copy(self)
+        result.transfer = torch.cat([self.transfer.t(), transfer.t()]).t()
+        return result
 
     def direct(self, radiance: torch.Tensor) -> torch.Tensor:
         """T L, [P, C] from [K, C]; no gradient."""

@@ -27,12 +27,13 @@ def traced_specular(
     samples: int,
     generator: torch.Generator,
     chunk: int = 1 << 15,
+    extra: tuple[Pyramid, torch.Tensor] | None = None,
 ) -> torch.Tensor:
     """Specular radiance [N, 3]: the mean over `samples` visible-normal samples of F G/G1 times what their ray meets.
 
     Free rays read the environment averaged over the solid angle they stand for (Krivanek and Colbert 2008); rays that
     meet a front face (by `face_normals` [F, 3]) read its diffuse radiance; back faces are black.
-    roughness [N], f0 [N, 3].
+    roughness [N], f0 [N, 3]. `extra`: light that only the samples of some points (bool [N]) meet.
     The samples are one Hammersley set, shifted per point (Cranley and Patterson).
     """
     grid = hammersley(samples, roughness.device)
@@ -55,6 +56,9 @@ def traced_specular(
         free = face == MISS
         solid_angle = 1 / (samples * pdf[row, column][free])
         radiance[free] = pyramid.lookup(directions[free], solid_angle)
+        if extra is not None:
+            meets = extra[1][part][row][free]
+            radiance[torch.nonzero(free)[meets, 0]] += extra[0].lookup(directions[free][meets], solid_angle[meets])
         if not bool(free.all()):
             front = ~free & ((face_normals[face.clamp_min(0)] * directions).sum(-1) < 0)
             radiance[front] = hit_radiance(face[front], hits.bary[front])

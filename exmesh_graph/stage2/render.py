@@ -15,8 +15,17 @@ from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.sampling import Pyramid
-from exmesh_graph.shading.transport import LightTransport, check_fits, choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.shading.suns import find_suns, sun_transfer
+from exmesh_graph.shading.transport import (
+    LightTransport,
+    check_fits,
+    choose_subdivision,
+    lattice_origins,
+    trace_transport,
+    with_bounces,
+)
 from exmesh_graph.stage2.reflect import traced_specular
+from exmesh_graph.stage2.sunlight import narrow_lobes, sun_radiance
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
 from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Asset, Transport
@@ -24,6 +33,9 @@ from exmesh_graph.types import Asset, Transport
 #: Lattice points and directions of the transport that `render_views` traces when it is given none.
 RENDER_POINTS = 30_000
 RENDER_DIRECTIONS = 256
+
+#: Rays of a pixel's sample to each small sun (shading.suns).
+SUN_SAMPLES = 4
 
 
 @dataclass(frozen=True)
@@ -107,26 +119,41 @@ class _Scene:
         self.maps = tensor_of(maps).reshape(-1, maps.shape[-1]).to(device)
         operators = LightTransport(light, device)
         radiance = tensor_of(np.asarray(environment, np.float32)).to(device)
-        binned = torch.sparse.mm(operators.bin_matrix(*radiance.shape[:2]), radiance.reshape(-1, 3))
+        self.suns = find_suns(radiance, len(light.directions))
+        rest, self.flux = self.suns.without(radiance), self.suns.flux(radiance)
+        binned = torch.sparse.mm(operators.bin_matrix(*radiance.shape[:2]), rest.reshape(-1, 3))
         face = torch.from_numpy(light.point_face.astype(np.int64)).to(device)
         corners = self.geometry.uvs[self.geometry.uv_faces[face]]
         material = self.read((corners * tensor_of(light.point_bary).to(device)[..., None]).sum(1))
         f_d = brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)
-        self.irradiance = operators.irradiance(binned, f_d)
-        self.pyramid = Pyramid(torch.from_numpy(_even(environment)).to(device))
+        # lattice points see the suns by rays of their own; pixels see them for themselves (`shade`)
+        self.irradiance, self.direct_sun = operators.irradiance(binned, f_d), torch.zeros_like(f_d)
+        self.extra = None
+        if len(self.suns):
+            origins = tensor_of(lattice_origins(light, asset.vertices, asset.faces, self.tracer.radius)).to(device)
+            normal, flat = tensor_of(light.normals).to(device), self.geometry.face_normals[face]
+            transfer = sun_transfer(self.suns, origins, normal, flat, self.tracer)
+            lit = operators.with_columns(transfer)
+            self.irradiance = lit.irradiance(torch.cat([binned, self.flux]), f_d)
+            self.direct_sun = transfer @ self.flux
+            self.extra = Pyramid(tensor_of(_even((radiance - rest).cpu().numpy())).to(device))
+        self.pyramid = Pyramid(tensor_of(_even(rest.cpu().numpy())).to(device))
 
     def read(self, uv: torch.Tensor) -> torch.Tensor:
         return gather_rows(self.maps, *texel_footprint(uv, self.size))
 
-    def diffuse(self, face: torch.Tensor, bary: torch.Tensor, material: torch.Tensor) -> torch.Tensor:
+    def arriving(self, table: torch.Tensor, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
+        """Irradiance [N, 3] of surface positions from that of the lattice points, `table` [P, 3]."""
         index, weight = locate(self.light.face_points, self.light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
-        rows = torch.from_numpy(index.astype(np.int64)).to(material.device)
-        irradiance = gather_rows(self.irradiance, rows, torch.from_numpy(weight).to(material))
-        return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None) * irradiance
+        rows = torch.from_numpy(index.astype(np.int64)).to(table.device)
+        return gather_rows(table, rows, torch.from_numpy(weight).to(table))
 
     def hit_radiance(self, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
         uv = (self.geometry.uvs[self.geometry.uv_faces[face]] * bary[..., None]).sum(1)
-        return self.diffuse(face, bary, self.read(uv))
+        return self.f_d(self.read(uv)) * self.arriving(self.irradiance, face, bary)
+
+    def f_d(self, material: torch.Tensor) -> torch.Tensor:
+        return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)
 
     def shade(
         self, surface: SurfaceSamples, material: torch.Tensor, samples: int, generator: torch.Generator
@@ -142,8 +169,15 @@ class _Scene:
             self.hit_radiance,
             samples,
             generator,
+            extra=None if self.extra is None else (self.extra, narrow_lobes(self.suns, material[:, 3])),
         )
-        return self.diffuse(surface.face, surface.bary, material) + specular
+        f_d = self.f_d(material)
+        shaded = f_d * self.arriving(self.irradiance - self.direct_sun, surface.face, surface.bary) + specular
+        if len(self.suns):
+            shaded += sun_radiance(
+                self.suns, self.flux, surface, f_d, material[:, 3], f0, self.tracer, SUN_SAMPLES, generator
+            )
+        return shaded
 
 
 @torch.no_grad()

@@ -1,0 +1,89 @@
+"""Renders under a sun of 10^5 times the mean radiance against Monte Carlo sums of thousands of samples."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from exmesh_graph.raster import rasterize
+from exmesh_graph.shading import envmap, monte_carlo
+from exmesh_graph.shading.suns import find_suns
+from exmesh_graph.stage2 import render
+
+
+def _sunny(asset, roughness, height=64, row=12, column=30):
+    sky = 0.3 * envmap.resample(asset.environment, height, 2 * height)
+    mean = float((sky.mean(-1) * envmap.solid_angles(height, 2 * height)[:, None]).sum() / (4 * np.pi))
+    sky[row, column] = 1e5 * mean
+    return dataclasses.replace(asset, roughness=np.full_like(asset.roughness, roughness), environment=sky)
+
+
+def _surface(scene, intrinsics, pose):
+    geometry = scene.geometry
+    seen = rasterize(
+        geometry.vertices,
+        geometry.faces.int(),
+        torch.from_numpy(intrinsics),
+        torch.from_numpy(np.linalg.inv(pose)),
+        40,
+        40,
+    )
+    face = seen.face_id.reshape(-1)
+    chosen = torch.nonzero(face >= 0)[:, 0]
+    eye = torch.from_numpy(pose[:3, 3].astype(np.float32))
+    return geometry.samples(face[chosen].long(), seen.bary.reshape(-1, 3)[chosen], eye)
+
+
+def _reference(scene, surface, environment):
+    """Direct light and one diffuse bounce by 1024 + 64 x 64 samples."""
+
+    def query(face, bary):
+        corners = scene.geometry.vertex_normals[scene.geometry.faces[face]]
+        normal = torch.nn.functional.normalize((corners * bary[..., None]).sum(1), dim=-1)
+        uv = (scene.geometry.uvs[scene.geometry.uv_faces[face]] * bary[..., None]).sum(1)
+        read = scene.read(uv)
+        return normal, monte_carlo.Material(read[:, :3], read[:, 3])
+
+    settings = monte_carlo.LightSettings("mis", 1024, 64, 64)
+    light = monte_carlo.MonteCarloLight(scene.geometry, scene.tracer, settings)
+    points = monte_carlo.Points(surface.position, surface.flat, surface.normal, surface.view)
+    read = scene.read(surface.uv)
+    return light.render(points, monte_carlo.Material(read[:, :3], read[:, 3]), query, torch.from_numpy(environment), 1)
+
+
+@pytest.mark.parametrize("roughness", [0.5, 0.2])
+def test_a_small_suns_light_and_shadow_lie_where_they_should(true_asset, cameras, roughness, monkeypatch):
+    """The ball's shadow on the slab and both their shading; mean error over mean radiance. Without the sharp term the
+    sun shines from the nearest of 256 directions."""
+    asset = _sunny(true_asset, roughness)
+    light = render.render_transport(asset, 1, directions=256, points=8000)
+    errors = {}
+    for sharp in (True, False):
+        if not sharp:
+            monkeypatch.setattr(render, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
+        scene = render._Scene(asset, light, asset.environment, "cpu")
+        assert len(scene.suns) == int(sharp)
+        surface = _surface(scene, cameras[0][0], cameras[1][0])
+        generator = torch.Generator().manual_seed(0)
+        shaded = torch.stack([scene.shade(surface, scene.read(surface.uv), 12, generator) for _ in range(2)]).mean(0)
+        expected = _reference(scene, surface, asset.environment)
+        errors[sharp] = float((shaded - expected).abs().mean() / expected.mean())
+    assert errors[True] < 0.04
+    assert errors[False] > 2.5 * errors[True]
+
+
+def test_a_sunny_render_keeps_its_energy_and_repeats(true_asset, cameras):
+    """Mean brightness under a sun spread over 3 x 3 texels equals that under one of the same flux in one texel."""
+    asset = _sunny(true_asset, 0.5)
+    one = [c[:1] for c in cameras]
+    wide = asset.environment.copy()
+    wide[11:14, 29:32] = asset.environment[12, 30] / 9
+    light = render.render_transport(asset, 1, directions=128, points=2000)
+    means = []
+    for sky in (asset.environment, asset.environment, wide):
+        views = render.render_views(asset, *one, 40, 40, environment=sky, transport=light)
+        means.append(views.images.mean())
+        assert np.isfinite(views.images).all()
+    assert means[0] == means[1]
+    assert means[2] == pytest.approx(means[0], rel=0.05)
