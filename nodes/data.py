@@ -166,13 +166,15 @@ class DepthFilesParams(Params):
     scale: float = param(
         1.0, gt=0, doc="File values times this give the stated units (0.001 for millimetres as integers)."
     )
-    units: Literal["normalised", "scene"] = param(
-        "scene", doc="Units after scaling: the normalised world's, or the scene's own (then wire `frame`)."
+    units: Literal["normalised", "scene", "relative"] = param(
+        "scene",
+        doc="After scaling: the normalised world's, the scene's own (then wire `frame`), or relative: right up to a "
+        "scale and a shift of each map, as networks give it (for the depth loss, or prior.align).",
     )
 
 
 class DepthOut(NamedTuple):
-    depths: DepthMaps
+    depths: Annotated[DepthMaps, facets(units=None)]
 
 
 def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
@@ -193,4 +195,5 @@ def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *,
             fix='wire `frame: "@<loader>.frame"`, or set units: normalised',
         )  # fmt: skip
     used = frame if p.units == "scene" else None
-    return DepthOut(load_depths(views, p.folder, pattern=p.pattern, scale=p.scale, frame=used))
+    relative = p.units == "relative"
+    return DepthOut(load_depths(views, p.folder, pattern=p.pattern, scale=p.scale, frame=used, relative=relative))

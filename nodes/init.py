@@ -59,6 +59,7 @@ class TsdfParams(Params):
     truncation: float = param(4.0, ge=1.5, le=32, unit="voxels", doc="Distance at which the field is cut off.")
     masked: bool = param(True, doc="Ignore depth where alpha < 1/2.")
     min_weight: float = param(1.0, ge=1, unit="views", doc="Views that must have seen a voxel.")
+    radius: float = param(0.0, ge=0, doc="Ignore depth of points farther than this from the origin; 0: none.")
 
 
 @node("init.tsdf", version="1", libraries=("open3d", "scipy"))
@@ -67,8 +68,9 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
     from exmesh_graph.geometry.tsdf import fuse
 
     vertices, faces = fuse(
-        views, depths, voxel=2.0 / p.resolution, truncation=p.truncation, masked=p.masked, min_weight=p.min_weight
-    )
+        views, depths, voxel=2.0 / p.resolution, truncation=p.truncation, masked=p.masked, min_weight=p.min_weight,
+        radius=p.radius,
+    )  # fmt: skip
     return MeshOut(Mesh(vertices, faces))
 
 

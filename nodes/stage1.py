@@ -8,7 +8,7 @@ from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
 
 from exmesh_graph.graph.node import Context, Params, facets, node, param
-from exmesh_graph.types import Carrier, DepthMaps, Metrics, Stage1State, Views
+from exmesh_graph.types import Carrier, DepthMaps, Mesh, Metrics, Stage1State, Views
 
 Train = Annotated[Views, facets(split="train")]
 Device = Literal["auto", "cpu", "cuda"]
@@ -59,6 +59,9 @@ class RefineParams(Params):
     ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
     silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
     silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")
+    coverage_weight: float = param(
+        1.0, ge=0, doc="Weight of what stays uncovered inside the region; used where one is wired."
+    )
     deviation_weight: float = param(0.0, ge=0, doc="Weight of L_b, neighbours moving alike, in its scale-free form.")
     depth_weight: float = param(0.01, ge=0, doc="Weight of the depth correlation L_d; used where depths are wired.")
     gradient_decay: float = param(0.95, ge=0, lt=1, doc="beta_g of the vertices' gradient average (eq. 1).")
@@ -80,8 +83,9 @@ def refine(
     ctx: Context,
     state: Stage1State,
     views: Train,
-    depths: DepthMaps | None = None,
+    depths: Annotated[DepthMaps, facets(units=None)] | None = None,
     smoothness: Smoothness | None = None,
+    region: Mesh | None = None,
     *,
     p: RefineParams,
 ) -> RefineOut:
@@ -92,8 +96,8 @@ def refine(
     from exmesh_graph.stage1.settings import RefineSettings
     from exmesh_graph.torch_setup import pick_device, torch_threads
 
-    if not views.has_masks:
-        ctx.warn("the views have no masks: the outline follows from colour alone")
+    if not views.has_masks and region is None:
+        ctx.warn("the views have no masks and no region is wired in: the outline follows from colour alone")
     settings = RefineSettings(**p.model_dump(exclude={"device", "threads"}))
     if smoothness is not None:
         settings = replace(settings, smoothness=smoothness.made())
@@ -104,6 +108,7 @@ def refine(
             settings,
             seed=ctx.seed,
             depths=depths,
+            region=region,
             progress=ctx.progress,
             where=ctx.node,
             device=pick_device(p.device),

@@ -21,12 +21,14 @@ def fuse(
     masked: bool = True,
     min_weight: float = 1.0,
     depth_max: float = 10.0,
+    radius: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) in the views' world; open where nothing was seen.
 
     voxel       edge length in normalised units;  truncation  in voxels
     masked      ignore depth where alpha < 1/2
     min_weight  views that must have seen a voxel
+    radius      ignore depth of points farther than this from the origin; 0: none
     Depth stays float32 from end to end. Faces are counter-clockwise from the side the cameras are on.
     Raises DataError where views and depth maps do not belong together, GeometryError where no surface results.
     """
@@ -48,6 +50,8 @@ def fuse(
         depth = depths.depth[view]
         if masked:
             depth = np.where(views.alpha[view] >= 0.5, depth, 0)
+        if radius > 0:
+            depth = np.where(_distances(depth, views.intrinsics[view], views.camera_to_world[view]) < radius, depth, 0)
         if not (depth > 0).any():
             continue
         image = o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(depth[..., None], np.float32)))
@@ -72,6 +76,14 @@ def fuse(
         )  # fmt: skip
     vertices, faces = mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()
     return canonical_order(vertices.astype(np.float32), faces.astype(np.int32))
+
+
+def _distances(depth: np.ndarray, intrinsics: np.ndarray, camera_to_world: np.ndarray) -> np.ndarray:
+    """Distance [H, W] from the origin of every pixel's point."""
+    rows, columns = np.indices(depth.shape) + 0.5
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(intrinsics).T
+    points = (depth[..., None] * rays) @ camera_to_world[:3, :3].T + camera_to_world[:3, 3]
+    return np.linalg.norm(points, axis=-1)
 
 
 def canonical_order(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -61,10 +61,18 @@ def read_depth(path: Path, scale: float = 1.0) -> np.ndarray:
 
 
 def load_depths(
-    views: Views, folder: Path, *, pattern: str = "{name}", scale: float = 1.0, frame: Frame | None = None
+    views: Views,
+    folder: Path,
+    *,
+    pattern: str = "{name}",
+    scale: float = 1.0,
+    frame: Frame | None = None,
+    relative: bool = False,
 ) -> DepthMaps:
     """Depth maps of all views in normalised units; with `frame` the files are in the scene's units.
 
+    relative  the files grow with depth, up to a scale and a shift of each: every value counts (0 too), and each map is
+              brought to [1, 2], so that a range kept beside the files is not needed
     Maps of a whole multiple of the views' size are reduced by taking the block's middle sample: a mean across an edge
     would be the depth of nothing. Raises DataError for missing maps and other sizes.
     """
@@ -74,8 +82,16 @@ def load_depths(
     maps = []
     for name in views.names:
         file = depth_file(Path(folder), pattern, name)
-        maps.append(_fit(read_depth(file, unit), views.height, views.width, file))
-    return DepthMaps(names=views.names, depth=np.stack(maps))
+        depth = read_depth(file, 1.0 if relative else unit)
+        maps.append(_fit(_unit_range(depth, file) if relative else depth, views.height, views.width, file))
+    return DepthMaps(views.names, np.stack(maps), "relative" if relative else "normalised")
+
+
+def _unit_range(depth: np.ndarray, file: Path) -> np.ndarray:
+    low, high = float(depth.min()), float(depth.max())
+    if low == high:
+        raise DataError("all depths are equal", where=str(file), expected="a depth map that tells near from far")
+    return (1 + (depth - low) / (high - low)).astype(np.float32)
 
 
 def depth_files(folder: Path) -> Sequence[Path]:

@@ -53,6 +53,11 @@ def import_pymeshlab() -> ModuleType:
     return _import("pymeshlab", "pymeshlab")
 
 
+def import_depth_anything() -> ModuleType:
+    """The module `depth_anything_3.api`. MissingLibraryError if the optional package is not there."""
+    return _import("depth_anything_3.api", "depth-anything-3", fix="pip install 'exmesh-graph[depth]'")
+
+
 def _preload_libusb() -> None:
     try:
         package = importlib.import_module("libusb_package")
@@ -63,12 +68,12 @@ def _preload_libusb() -> None:
         ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
 
 
-def _import(module: str, distribution: str) -> ModuleType:
+def _import(module: str, distribution: str, fix: str = "") -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
-            f"the Python package {distribution} is not installed ({error})", fix=f"pip install {distribution}"
+            f"the Python package {distribution} is not installed ({error})", fix=fix or f"pip install {distribution}"
         ) from error
     except (ImportError, OSError) as error:
         raise missing_system_library(str(error), module) from error

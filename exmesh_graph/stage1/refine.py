@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from exmesh_graph.errors import GeometryError, NumericsError
+from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.stage1.optimiser import vertex_areas, vertex_step
 from exmesh_graph.stage1.regularise import Prepared, mean_edge
 from exmesh_graph.stage1.render import Surface, draw, surface_of
@@ -18,7 +18,7 @@ from exmesh_graph.stage1.schedule import decayed, view_at
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.targets import Targets, prepare_targets
 from exmesh_graph.stage1.terms import Terms
-from exmesh_graph.types import DepthMaps, Stage1State, Views
+from exmesh_graph.types import DepthMaps, Mesh, Stage1State, Views
 
 Progress = Callable[..., None]
 Checkpoint = Callable[[int, dict[str, Any]], None]
@@ -40,6 +40,7 @@ def refine(
     *,
     seed: int = 0,
     depths: DepthMaps | None = None,
+    region: Mesh | None = None,
     progress: Progress | None = None,
     where: str = "stage1.refine",
     device: torch.device | str = "cpu",
@@ -48,14 +49,22 @@ def refine(
 ) -> tuple[Stage1State, dict[str, Any]]:
     """Optimise vertices and appearance of `state` against `views` for `settings.iterations` iterations.
 
+    `region` is a surface, the coarse start say: with views without masks, only pixels that show it count.
+
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
     name where they are fitted. Same inputs and seed give the same bytes on a CPU, also when a call was cut off and
     another one with the same arguments goes on from `resumed`, what `checkpoint(step, state)` was last given. Raises
-    NumericsError with step, view and term if anything is not finite, and GeometryError for a carrier without faces.
+    NumericsError with step, view and term if anything is not finite, GeometryError for a carrier without faces, and
+    DataError for a region where there are masks.
     """
     if len(state.faces) == 0:
         raise GeometryError("the carrier has no faces", where=where, fix="look at the node that made its mesh")
-    targets = prepare_targets(views, downscale=settings.downscale, depths=depths, device=device)
+    if region is not None and views.has_masks:
+        raise DataError(
+            "a region was given for views that have masks", where=where, expected="views without masks",
+            fix="take the wire to `region` away: the masks say what counts",
+        )  # fmt: skip
+    targets = prepare_targets(views, downscale=settings.downscale, depths=depths, region=region, device=device)
     return _Loop(state, targets, settings, seed, where, device).run(progress, checkpoint, resumed)
 
 

@@ -20,6 +20,7 @@ class RefineSettings:
     ssim_weight: float = 0.2
     silhouette: Literal["l1", "bce"] = "l1"
     silhouette_weight: float = 5.0
+    coverage_weight: float = 1.0
     smoothness: Smoothness = field(default_factory=Bilaplacian)
     deviation_weight: float = 0.0
     depth_weight: float = 0.0

@@ -9,8 +9,9 @@ import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.losses import Box, SsimTarget, display, mask_box, ssim_target
+from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.torch_setup import tensor_of
-from exmesh_graph.types import DepthMaps, Views
+from exmesh_graph.types import DepthMaps, Mesh, Views
 
 _CACHE_BYTES = 1 << 30
 
@@ -23,6 +24,8 @@ class Targets:
     alpha            float32 [N, H, W]
     intrinsics       float64 [N, 3, 3], world_to_camera float64 [N, 4, 4]
     names, has_masks as in Views
+    depth            float32 [N, H, W] or None, the reference of L_d; 0 where unknown
+    inside           bool [N, H, W] or None, the pixels that count where there are no masks
     """
 
     images: torch.Tensor
@@ -32,6 +35,7 @@ class Targets:
     names: tuple[str, ...]
     has_masks: bool
     depth: torch.Tensor | None = None
+    inside: torch.Tensor | None = None
     _boxes: dict[int, Box] = field(default_factory=dict)
     _ssim: dict[int, SsimTarget] = field(default_factory=dict)
 
@@ -49,7 +53,7 @@ class Targets:
     def box(self, view: int) -> Box:
         """The box around the view's mask, grown by SSIM's half window."""
         if view not in self._boxes:
-            self._boxes[view] = mask_box(self.alpha[view] > 0)
+            self._boxes[view] = mask_box(self.alpha[view] > 0 if self.inside is None else self.inside[view])
         return self._boxes[view]
 
     def ssim_target(self, view: int) -> SsimTarget:
@@ -64,9 +68,16 @@ class Targets:
 
 
 def prepare_targets(
-    views: Views, *, downscale: int = 1, depths: DepthMaps | None = None, device: torch.device | str = "cpu"
+    views: Views,
+    *,
+    downscale: int = 1,
+    depths: DepthMaps | None = None,
+    region: Mesh | None = None,
+    device: torch.device | str = "cpu",
 ) -> Targets:
     """Bring `views` to display colour at 1 / `downscale` of their size (exact area means in linear light).
+
+    region  a surface for views without masks: only pixels that show it count (`Targets.inside`)
 
     Sizes that `downscale` does not divide lose their last rows or columns. Raises DataError for views without
     pixels, and for depth maps that belong to other views or have another size.
@@ -87,15 +98,35 @@ def prepare_targets(
     # pixel centres lie at +0.5, so a smaller image of the same view is a plain scaling of K's first two rows
     intrinsics = torch.from_numpy(np.array(views.intrinsics, np.float64))
     intrinsics[:, :2] /= downscale
+    world_to_camera = torch.from_numpy(views.world_to_camera)
     return Targets(
         images=torch.stack([display(c, a) for c, a in zip(rgb, alpha, strict=True)]),
         alpha=alpha.contiguous(),
         intrinsics=intrinsics,
-        world_to_camera=torch.from_numpy(views.world_to_camera),
+        world_to_camera=world_to_camera,
         names=views.names,
         has_masks=views.has_masks,
         depth=None if depths is None else _depth(depths, views, downscale, height, width).to(device),
+        inside=None if region is None else _covered(region, intrinsics, world_to_camera, height, width, device),
     )
+
+
+def _covered(
+    mesh: Mesh,
+    intrinsics: torch.Tensor,
+    world_to_camera: torch.Tensor,
+    height: int,
+    width: int,
+    device: torch.device | str,
+) -> torch.Tensor:
+    """bool [N, H, W], where each view shows the mesh."""
+    vertices = tensor_of(np.asarray(mesh.vertices, np.float32)).to(device)
+    faces = tensor_of(np.asarray(mesh.faces, np.int32)).to(device)
+    shown = [
+        rasterize_projected(project(vertices, k, pose), faces, height, width).face_id >= 0
+        for k, pose in zip(intrinsics, world_to_camera, strict=True)
+    ]
+    return torch.stack(shown)
 
 
 def _depth(depths: DepthMaps, views: Views, downscale: int, height: int, width: int) -> torch.Tensor:

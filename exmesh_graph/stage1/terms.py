@@ -3,7 +3,8 @@
     L = (1 - l_ssim) L1(I) + l_ssim D-SSIM(I) + w_a L_m(alpha) + w_d L_d + L_s + w_b L_b
 
 with I the display image over black. Image terms are means over all pixels of the view; no term depends on the scene's
-scale.
+scale. Without masks the photograph itself is the background, and with a region (the projection of a coarse surface)
+pixels outside it have no say and the coverage term w_c mean (1 - alpha) inside it keeps the surface from giving way.
 """
 
 from __future__ import annotations
@@ -53,6 +54,9 @@ class Terms:
         if self.targets.has_masks and settings.silhouette_weight > 0:
             of = losses.silhouette_l1 if settings.silhouette == "l1" else losses.silhouette_bce
             terms["silhouette"] = settings.silhouette_weight * of(picture.alpha, mask)
+        if self.targets.inside is not None and settings.coverage_weight > 0:
+            uncovered = torch.where(self.targets.inside[view], 1 - picture.alpha, 0.0).clamp(min=0)
+            terms["coverage"] = settings.coverage_weight * uncovered.mean()
         if self.targets.depth is not None and settings.depth_weight > 0:
             terms["depth"] = settings.depth_weight * self._depth(view, picture)
         if self.smoothness is not None and self.smoothness.loss is not None:
@@ -83,6 +87,8 @@ class Terms:
         if not self.targets.has_masks:
             # nothing is known of the background: let the photograph itself stand there
             image = image + (1 - picture.alpha[..., None]) * target
+        if self.targets.inside is not None:
+            image = torch.where(self.targets.inside[view][..., None], image, target)
         return image
 
     def _depth(self, view: int, picture: Picture) -> torch.Tensor:

@@ -117,20 +117,25 @@ class DepthMaps(Artifact):
     """Depth along the camera's z axis, in normalised units, for the views of the same names.
 
     depth  float32 [N, H, W]; 0 = no measurement
+    units  "normalised", or "relative": right up to a scale and a shift of each map, as networks give it
     """
 
     type_name: ClassVar[str] = "DepthMaps"
     conventions: ClassVar[Mapping[str, Any]] = {"depth": "z", "units": "normalised"}
     names: tuple[str, ...]
     depth: np.ndarray
+    units: str = "normalised"
+
+    def facets(self) -> dict[str, Any]:
+        return {"units": self.units}
 
     def save(self, folder: Path) -> None:
-        save_arrays(folder, {"depth": self.depth}, {"names": list(self.names)})
+        save_arrays(folder, {"depth": self.depth}, {"names": list(self.names), "units": self.units})
 
     @classmethod
     def load(cls, folder: Path) -> Self:
         arrays, meta = load_arrays(folder)
-        return cls(names=tuple(meta["names"]), depth=arrays["depth"])
+        return cls(names=tuple(meta["names"]), depth=arrays["depth"], units=meta["units"])
 
 
 @dataclass(frozen=True, eq=False)

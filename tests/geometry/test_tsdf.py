@@ -53,6 +53,16 @@ def sphere():
     return sphere_views()
 
 
+def test_points_beyond_the_radius_are_ignored(sphere):
+    """A wall behind the sphere, 2 from the origin on every side."""
+    views, depths = sphere
+    walled = DepthMaps(depths.names, np.where(depths.depth > 0, depths.depth, np.float32(5.5)))
+    kept, _ = fuse(views, walled, voxel=2 / 48, masked=False, radius=1.0)
+    assert np.linalg.norm(kept - [0.1, -0.05, 0.0], axis=1).max() < 0.85
+    with_wall, _ = fuse(views, walled, voxel=2 / 48, masked=False)
+    assert np.linalg.norm(with_wall, axis=1).max() > 1.5
+
+
 def test_sphere(sphere):
     vertices, faces = fuse(*sphere, voxel=2 / 64)
     r = np.linalg.norm(vertices - [0.1, -0.05, 0.0], axis=1)

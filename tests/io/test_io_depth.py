@@ -94,3 +94,16 @@ def test_negative_coarse_and_damaged(tmp_path):
     np.save(tmp_path / "s.npy", np.ones((2, 3, 4, 5)))
     with pytest.raises(DataError, match="shape"):
         read_depth(tmp_path / "s.npy")
+
+
+def test_relative_maps_keep_every_value_and_lose_their_units(tmp_path, views):
+    """Zero is a depth here, and two files that differ by scale and shift alone are the same map."""
+    write_image(tmp_path / "test_000.png", ramp() * 8 / 65535, "uint16")
+    write_image(tmp_path / "test_001.png", (3 * 8 * ramp() + 100) / 65535, "uint16")
+    loaded = load_depths(views, tmp_path, relative=True)
+    assert loaded.units == "relative"
+    assert loaded.depth[0] == pytest.approx(1 + ramp() / ramp().max())
+    assert loaded.depth[1] == pytest.approx(loaded.depth[0], abs=1e-6)
+    write_image(tmp_path / "test_001.png", np.full((H, W), 0.5, np.float32), "uint16")
+    with pytest.raises(DataError, match="all depths are equal"):
+        load_depths(views, tmp_path, relative=True)

@@ -17,7 +17,11 @@ BUILTIN = {name: d for name, d in load_packs().types.items() if d.function.__mod
 ROOT = Path(__file__).parent.parent.parent
 # numpy: under every node, its results are pinned by IEEE arithmetic but for sums; safetensors: bytes are hashed anyway
 LEFT_OUT = {"numpy", "safetensors", "pydantic"}
-LATE = {"import_open3d": "open3d", "import_pymeshlab": "pymeshlab"}  # by a computed name, in exmesh_graph.io.native
+LATE = {
+    "import_open3d": "open3d",
+    "import_pymeshlab": "pymeshlab",
+    "import_depth_anything": "depth-anything-3",
+}  # by a computed name, in exmesh_graph.io.native
 UNUSED = {  # imported by a module of the node's code, but by no function that the node calls
     "data.environment": {"scipy"},
     "evaluate.mesh": {"pymeshlab", "open3d", "embreex", "torch", "warp-lang", "OpenImageIO"},

@@ -1,0 +1,106 @@
+"""Depth from a network: Depth Anything 3 (Lin et al. 2025), through its own package.
+
+The package (`depth-anything-3`, Apache-2.0) and the weights are the user's to install: DA3-SMALL, DA3-BASE,
+DA3METRIC-LARGE and DA3MONO-LARGE are Apache-2.0, the larger ones CC BY-NC 4.0. Nothing else in this project needs them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from exmesh_graph.errors import DataError, NumericsError
+from exmesh_graph.io.native import import_depth_anything
+from exmesh_graph.losses import display
+from exmesh_graph.types import DepthMaps, Views
+
+_FILES = ("config.json", "model.safetensors")
+
+
+@dataclass(frozen=True)
+class NetworkSettings:
+    """Settings of `estimate`; meanings are those of the node `prior.depth_anything`."""
+
+    model: str = "depth-anything/DA3-BASE"
+    revision: str = ""
+    weights: Path | None = None
+    resolution: int = 504
+    batch: int = 8
+    cameras: bool = True
+
+
+def weight_files(folder: Path) -> list[Path]:
+    """The files of a folder of weights. DataError where one is missing."""
+    for name in _FILES:
+        if not (folder / name).is_file():
+            raise DataError(
+                f"there is no {name}", where=str(folder), expected=" and ".join(_FILES),
+                fix="download both from the model's page, or leave `weights` out to load them from the hub",
+            )  # fmt: skip
+    return [folder / name for name in _FILES]
+
+
+def estimate(
+    views: Views,
+    settings: NetworkSettings,
+    *,
+    device: torch.device | str = "cpu",
+    progress: Callable[[int, int], None] | None = None,
+) -> DepthMaps:
+    """Relative depth of all views, `batch` views at a time; 0 outside the masks.
+
+    With `cameras` the network is told the poses, which makes the views of a batch agree; monocular models take none.
+    Raises MissingLibraryError without the package, DataError without weights, NumericsError for depths that are not
+    finite or not positive.
+    """
+    model = _load(settings).to(device)
+    model.eval()
+    shown = display(torch.from_numpy(np.array(views.images)), torch.from_numpy(np.array(views.alpha))).numpy()
+    pictures = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
+    poses = views.world_to_camera.astype(np.float32)
+    intrinsics = np.asarray(views.intrinsics, np.float32)
+    maps = []
+    for start in range(0, len(views), settings.batch):
+        part = slice(start, min(start + settings.batch, len(views)))
+        known = {"extrinsics": poses[part], "intrinsics": intrinsics[part]} if settings.cameras else {}
+        found = model.inference(list(pictures[part]), process_res=settings.resolution, **known)
+        depth = torch.from_numpy(np.array(found.depth, np.float32))[:, None]
+        # nearest, not a mean: depths must not be mixed across an edge
+        size = (views.height, views.width)
+        maps.append(torch.nn.functional.interpolate(depth, size=size, mode="nearest-exact")[:, 0].numpy())
+        _check(maps[-1], views.names[part])
+        if progress is not None:
+            progress(part.stop, len(views))
+    masked = np.where(views.alpha > 0.5, np.concatenate(maps), 0).astype(np.float32)
+    return DepthMaps(views.names, masked, "relative")
+
+
+def _load(settings: NetworkSettings) -> Any:
+    network = import_depth_anything().DepthAnything3
+    if settings.weights is not None:
+        weight_files(settings.weights)
+        return network.from_pretrained(str(settings.weights))
+    try:
+        return network.from_pretrained(settings.model, **({"revision": settings.revision} if settings.revision else {}))
+    except (OSError, ValueError) as error:  # what the hub's client raises: no network, no such model, no access
+        raise DataError(
+            f"the weights of {settings.model} cannot be loaded ({error})", where="prior.depth_anything",
+            expected="a model of the Hugging Face hub, or a folder of weights",
+            fix="check the name and the network, or give `weights`: a folder with " + " and ".join(_FILES),
+        ) from error  # fmt: skip
+
+
+def _check(depth: np.ndarray, names: tuple[str, ...]) -> None:
+    good = np.isfinite(depth) & (depth > 0)
+    for name, of in zip(names, good, strict=True):
+        if not of.all():
+            raise NumericsError(
+                f"{int((~of).sum())} depths of the network are not finite or not positive",
+                where=f"prior.depth_anything, view {name!r}",
+                fix="try device: cuda, or another model",
+            )
