@@ -19,6 +19,11 @@ class FitParams(Params):
     iterations: int = param(10_000, ge=1, doc="Adam steps of one training view each.")
     material_rate: float = param(2.5e-3, gt=0, doc="Learning rate of the maps (logits).")
     environment_rate: float = param(1.5e-2, gt=0, doc="Learning rate of the environment (softplus parameters).")
+    factor_rate: float = param(
+        3e-3,
+        ge=0,
+        doc="Learning rate of the common factor of base colour and light (logarithm); 0 = left to the texels.",
+    )
     rate_decay: float = param(0.1, gt=0, le=1, doc="Last learning rate over the first; exponential in between.")
     log_weight: float = param(1.0, ge=0, doc="lambda_log of eq. 21.")
     ssim_weight: float = param(0.2, ge=0, doc="lambda_ssim of eq. 21; 0 leaves the D-SSIM term out.")

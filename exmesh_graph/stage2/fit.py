@@ -55,7 +55,10 @@ def fit(
     settings = settings or FitSettings()
     model = Model(carrier, views, transport, settings, device, budget, seed)
     generator = torch.Generator().manual_seed(seed)
-    optimiser = Adam([model.maps.parameter, model.environment], [settings.material_rate, settings.environment_rate])
+    optimiser = Adam(
+        [model.maps.parameter, model.environment, model.factor.parameter],
+        [settings.material_rate, settings.environment_rate, settings.factor_rate],
+    )
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
     curves: dict[str, list[float]] = {"iteration": [], "loss": [], "image": [], "psnr": []}
     order: list[int] = []
@@ -70,6 +73,7 @@ def fit(
         _restore(model, optimiser, generator, guard, kept)
     for step in range(first, settings.iterations):
         if step in refresh:
+            model.settle_factor()
             model.measure(indirect_strength(settings, step), generator)
         if not order:
             order = torch.randperm(len(model.buffers), generator=generator).tolist()
@@ -82,6 +86,7 @@ def fit(
         if not guard.passes(terms, buffer, step):
             continue
         optimiser.step(guard.scale * settings.rate_decay ** (step / settings.iterations))
+        model.factor.bound(model.maps.parameter)
         if step % 10 == 0 or step == settings.iterations - 1:
             figures = {
                 "loss": float(loss.detach()),
@@ -95,6 +100,7 @@ def fit(
                 progress(step + 1, settings.iterations, figures)
         if checkpoint is not None:
             checkpoint(step + 1, {**_changing(model, optimiser, generator, guard), "curves": curves, "order": order})
+    model.settle_factor()
     return finished_asset(carrier, model), curves
 
 

@@ -12,6 +12,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import check_fits
+from exmesh_graph.stage2.common_factor import CommonFactor
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.init import initial_environment
 from exmesh_graph.stage2.light import LightModel
@@ -65,11 +66,21 @@ class Model:
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
         self.maps = MaterialMaps(carrier, self.buffers.texels, size, settings)
         self.environment = initial_environment(settings.environment_height, device=device).requires_grad_()
+        self.factor = CommonFactor(device)
 
     def lit(self, strength: float, step: int) -> Lit:
-        """The current maps and light of a step, with lambda_ind = `strength`; differentiable."""
-        values, environment = self.maps.values(), envmap.radiance_of(self.environment)
-        return Lit(values, environment, self.light.prepare(self.maps, values, environment, strength, step))
+        """The current maps and light of a step, with lambda_ind = `strength`; differentiable.
+
+        The sky's regularisers (`Lit.environment`) have no say in the common factor.
+        """
+        radiance = envmap.radiance_of(self.environment)
+        values, environment = self.factor.share(self.maps.values(), radiance)
+        light = self.light.prepare(self.maps, values, environment, strength, step)
+        return Lit(values, radiance * self.factor.parameter.detach().exp(), light)
+
+    def settle_factor(self) -> None:
+        """Fold the common factor into the maps and the sky, which are whole without it afterwards."""
+        self.factor.fold(self.maps.parameter, self.environment)
 
     def shade(self, buffer: ViewBuffer, lit: Lit) -> tuple[torch.Tensor, Material]:
         """Radiance [N, 3] of a view's pixels and their material."""
@@ -89,11 +100,7 @@ class Model:
 
     @torch.no_grad()
     def level_light(self) -> None:
-        """Set the white starting light so that the starting maps are as bright as the photographs, on average.
-
-        Materials and light share a factor that only highlights tell, and a short fit moves little along it: where it
-        starts, with mid-gray base colour a guess that is rarely far off, decides where it ends.
-        """
+        """Set the white starting light so that the starting maps are as bright as the photographs, on average."""
         lit = self.lit(0.0, 0)
         seen = shown = 0.0
         for buffer in self.buffers:

@@ -13,6 +13,7 @@ class FitSettings:
     environment_height  rows of the recovered map, half its columns
     iterations        Adam steps, one training view each
     material_rate, environment_rate  learning rates; `rate_decay` is the ratio of the last to the first
+    factor_rate       learning rate of the factor that base colour and light share (stage2.common_factor); 0 = left out
     log_weight, ssim_weight  lambda_log, lambda_ssim of eq. 21
     material_weight, environment_weight, chroma_weight  lambda_mat, lambda_env, lambda_chroma^0 of eq. 22
     indirect_weight, indirect_ramp  lambda_ind's target and the iterations it takes to reach it
@@ -29,6 +30,7 @@ class FitSettings:
     iterations: int = 10_000
     material_rate: float = 2.5e-3
     environment_rate: float = 1.5e-2
+    factor_rate: float = 3e-3
     rate_decay: float = 0.1
     log_weight: float = 1.0
     ssim_weight: float = 0.2

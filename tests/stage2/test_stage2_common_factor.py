@@ -1,0 +1,111 @@
+"""Base colour times s under light divided by s: the factor is found, and folding it in changes nothing else."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from exmesh_graph.shading import envmap
+from exmesh_graph.stage2.common_factor import BRIGHTEST, CommonFactor
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.settings import FitSettings
+
+QUICK = FitSettings(
+    texture_size=48,
+    environment_height=16,
+    iterations=160,
+    material_rate=0.1,
+    environment_rate=0.3,
+    factor_rate=0.06,
+    ssim_weight=0.0,
+    material_weight=0.003,
+    environment_weight=0.001,
+    chroma_weight=0.0,
+    indirect_ramp=10,
+    corrections=2,
+    base_color_init="gray",
+)
+
+
+def _random_parameters(dtype=torch.float32):
+    generator = torch.Generator().manual_seed(0)
+    maps = torch.randn(50, 4, generator=generator, dtype=dtype) * 4
+    sky = torch.randn(8, 16, 3, generator=generator, dtype=dtype) * 6
+    return maps, sky
+
+
+def test_folding_scales_colour_and_light_and_leaves_the_rest():
+    maps, sky = _random_parameters()
+    factor = CommonFactor()
+    with torch.no_grad():
+        factor.parameter.copy_(torch.tensor([0.3, -0.1, 0.05]))
+    color, roughness = torch.sigmoid(maps[:, :3].double()), maps[:, 3].clone()
+    values, radiance = factor.share(torch.sigmoid(maps.double()), envmap.radiance_of(sky.double()))
+    expected = torch.minimum(values[:, :3], color.clamp_min(BRIGHTEST))
+    factor.fold(maps, sky)
+    torch.testing.assert_close(torch.sigmoid(maps[:, :3].double()), expected.detach(), rtol=1e-5, atol=1e-7)
+    torch.testing.assert_close(envmap.radiance_of(sky.double()), radiance.detach(), rtol=1e-5, atol=1e-9)
+    assert torch.equal(maps[:, 3], roughness)
+    assert torch.equal(factor.parameter, torch.zeros(3))
+
+
+@pytest.mark.parametrize("gain", [-0.5, 0.0, 0.5])
+def test_folding_extremes_stays_finite(gain):
+    maps, sky = torch.full((2, 4), -80.0), torch.tensor([-200.0, -20.0, 1e4]).expand(2, 2, 3).clone()
+    maps[1] = 80
+    factor = CommonFactor()
+    with torch.no_grad():
+        factor.parameter.fill_(gain)
+    factor.fold(maps, sky)
+    assert bool(torch.isfinite(maps).all())
+    assert bool(torch.isfinite(sky).all())
+    assert float(sky[0, 0, 2]) == pytest.approx(1e4 * np.exp(gain), rel=1e-5)
+
+
+def test_a_step_with_the_factor_is_a_step_with_it_folded_in(carrier, train_views, transport):
+    """Same picture before and after folding (no texel is bright enough to be cut), and the loss falls along it."""
+    model = Model(carrier, train_views, transport, QUICK, "cpu")
+    model.start()
+    with torch.no_grad():
+        model.factor.parameter.copy_(torch.tensor([0.2, -0.1, 0.0]))
+    before, _ = model.shade(model.buffers[0], model.lit(1.0, 50))
+    sky = model.lit(1.0, 50).environment
+    model.settle_factor()
+    after, _ = model.shade(model.buffers[0], model.lit(1.0, 50))
+    torch.testing.assert_close(after, before, rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(model.lit(1.0, 50).environment, sky, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "rate", "low", "high"), [(0.8, 0.06, 0.98, 1.1), (0.8, 0.0, 1.17, 1.3), (1.2, 0.06, 0.8, 0.9)]
+)
+def test_a_wrong_start_is_brought_back(
+    carrier, train_views, transport, true_asset, wrong, rate, low, high, monkeypatch
+):
+    """From the truth, base colour times `wrong`: the factor brings the sky back, the texels alone do not.
+
+    A fifth too bright, a third of the red texels start near 1: the factor must not run off that way (it did).
+    """
+
+    def start(model):
+        model.light.start(model.maps, model.buffers)
+        texels = model.maps.texels
+        truth = [torch.from_numpy(image) for image in (true_asset.base_color * wrong, true_asset.roughness[..., None])]
+        color, roughness = (
+            torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], (48, 48), mode="bilinear", antialias=True)[0]
+            .flatten(1)
+            .T[texels]
+            for image in truth
+        )
+        with torch.no_grad():
+            model.maps.parameter.copy_(torch.logit(torch.cat([color, (roughness - 0.08) / 0.92], 1).clamp(0.01, 0.99)))
+            model.environment.copy_(envmap.parameter_of(torch.from_numpy(true_asset.environment) / wrong))
+
+    monkeypatch.setattr(Model, "start", start)
+    asset, _ = fit(carrier, train_views, transport, dataclasses.replace(QUICK, factor_rate=rate), seed=3)
+    found = envmap.mean_radiance(torch.from_numpy(asset.environment))
+    ratio = found / envmap.mean_radiance(torch.from_numpy(true_asset.environment))
+    assert low < float(ratio.min()), ratio
+    assert float(ratio.max()) < high, ratio
