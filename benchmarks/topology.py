@@ -13,22 +13,26 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from exmesh_graph.geometry.flip import FlipSettings, flip
 from exmesh_graph.geometry.merge import MergeSettings, merge
 from exmesh_graph.geometry.quality import mesh_quality
-from exmesh_graph.geometry.split import SplitSettings, plan_splits, split
+from exmesh_graph.geometry.relax import relax
+from exmesh_graph.geometry.split import SplitSettings, Topology, plan_splits, split
 from exmesh_graph.geometry.subdivide import subdivide
-from exmesh_graph.uv.maintain import check_atlas
+from exmesh_graph.uv.maintain import check_atlas, compact, refill
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
 from exmesh_graph.uv.unwrap import unwrap
 
 SAMPLE = Path(__file__).parent.parent / "graphs" / "samples" / "spot" / "mesh" / "mesh.obj"
 Result = list[dict[str, Any]]
+FIGURES = ("edge_cv", "min_angle_mean", "min_angle_p1", "slivers", "degree_max", "degree_std")
 
 
 def main() -> None:
@@ -36,24 +40,30 @@ def main() -> None:
     parser.add_argument("--mesh", type=Path, default=SAMPLE, help="an OBJ file")
     parser.add_argument("--faces", type=int, nargs="+", default=[20_000, 80_000, 200_000])
     parser.add_argument("--atlas", type=int, nargs="+", default=[512, 2048], help="texture sizes")
-    parser.add_argument("--atlas-faces", type=int, nargs="+", default=[5_856, 20_000, 30_000])
+    parser.add_argument("--atlas-faces", type=int, nargs="*", default=[5_856, 20_000, 30_000])
     parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--texels", type=int, default=1024, help="texture that a round dilates")
+    parser.add_argument("--quick", action="store_true", help="20 000 faces, one repeat, no atlas, no texture")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
 
+    if args.quick:
+        args.faces, args.atlas_faces, args.repeats = [20_000], [], 1
     rows: Result = []
     vertices, faces = load_obj(args.mesh)
     start = (vertices, faces, *unwrap(vertices, faces, 1024))
     for settings in variants():
         split_quality(rows, start, settings)
+    flip_quality(rows, start)
     for n in args.faces:
-        rounds(rows, start, n, args.repeats)
+        rounds(rows, start, n, args.repeats, args.texels)
     for n in args.atlas_faces:
         mesh = to_size(start, n)
         for size in args.atlas:
             atlas(rows, mesh[:2], size, args.repeats)
-    transfer(rows, start[:2])
-    merged_texture(rows, start)
+    if not args.quick:
+        transfer(rows, start[:2])
+        merged_texture(rows, start)
     if args.json:
         args.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
@@ -74,13 +84,27 @@ def split_quality(rows: Result, mesh: tuple, settings: SplitSettings) -> None:
     gradient = np.random.default_rng(0).random(len(mesh[0])).astype(np.float32)
     done = split(*mesh, gradient, 20_000, settings)
     quality = mesh_quality(done.vertices, done.faces)
-    keep = ("edge_cv", "min_angle_mean", "min_angle_p1", "slivers", "degree_max", "degree_std")
     name = f"split to 20K, degrees {settings.edge_degrees}, at {settings.position}, degree < {settings.max_degree}"
-    report(rows, name, None, len(mesh[1]), len(done.faces), **{k: round(quality[k], 4) for k in keep})
+    report(rows, name, None, len(mesh[1]), len(done.faces), **{k: round(quality[k], 4) for k in FIGURES})
 
 
-def rounds(rows: Result, mesh: tuple, n: int, repeats: int) -> None:
-    """One split round, a call that grows by half, one merge with a fifth of the faces unseen, one subdivision."""
+def flip_quality(rows: Result, mesh: tuple) -> None:
+    """What flips and gliding make of the triangles that splits to 20 000 faces leave."""
+    done = split(*mesh, np.random.default_rng(0).random(len(mesh[0])).astype(np.float32), 20_000)
+    start = (done.vertices, done.faces, done.uvs, done.uv_faces)
+    for criterion in ("valence", "delaunay"):
+        flipped = flip(*start, FlipSettings(criterion))
+        for steps in (0, 1, 2, 4):
+            points, *_ = relax(flipped.vertices, flipped.faces, flipped.uvs, flipped.uv_faces, steps=steps)
+            quality = mesh_quality(points, flipped.faces)
+            name = f"flip, {criterion}, then {steps} steps of gliding"
+            kept = {k: round(quality[k], 4) for k in FIGURES}
+            report(rows, name, None, len(done.faces), len(flipped.faces), flips=flipped.count, **kept)
+
+
+def rounds(rows: Result, mesh: tuple, n: int, repeats: int, texels: int) -> None:
+    """One split round, a call that grows by half, one merge with a fifth of the faces unseen, flips, gliding, upkeep of
+    the atlas; their sum; one subdivision."""
     mesh = to_size(mesh, n)
     vertices, faces, *_ = mesh
     rng = np.random.default_rng(0)
@@ -91,12 +115,27 @@ def rounds(rows: Result, mesh: tuple, n: int, repeats: int) -> None:
     report(rows, "split: plan of one round", seconds, len(faces), len(faces) + 2 * len(plan[0]))
     seconds, done = best(lambda: split(*mesh, gradient, 4 * n, settings, max_rounds=1), repeats)
     report(rows, "split: one round", seconds, len(faces), len(done.faces))
+    sums = [seconds]
     seconds, done = best(lambda: split(*mesh, gradient, int(1.5 * n), settings), repeats)
     report(rows, "split: growth 1.5", seconds, len(faces), len(done.faces), rounds=len(done.map.steps))
     seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings(), max_rounds=1), repeats)
     report(rows, "merge: one round", seconds, len(faces), len(done.faces))
     seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings()), repeats)
     report(rows, "merge: up to 4 rounds", seconds, len(faces), len(done.faces))
+    sums.append(seconds)
+    after = (done.vertices, done.faces, done.uvs, done.uv_faces)
+    seconds, _ = best(lambda: (check_atlas(*after, texels), compact(*after[2:])), repeats)
+    report(rows, "uv: check and compact", seconds, len(done.faces), len(done.faces))
+    sums.append(seconds)
+    report(rows, "TOPOLOGY ROUND: score, split, merge (up to 4 rounds), uv", sum(sums), len(faces), len(done.faces))
+    texture = np.zeros((texels, texels, 3), np.float32)
+    seconds, _ = best(lambda: refill(texture, *after[2:], 8.0), repeats)
+    report(rows, f"uv: spread a texture of {texels} beyond its charts", seconds, len(done.faces), len(done.faces))
+    for criterion in ("delaunay", "valence"):
+        seconds, flipped = best(lambda: flip(*after, FlipSettings(criterion)), repeats)  # noqa: B023
+        report(rows, f"flip: {criterion}", seconds, len(done.faces), len(done.faces), flips=flipped.count)
+    seconds, _ = best(lambda: relax(*after, steps=2), repeats)
+    report(rows, "glide: 2 steps", seconds, len(done.faces), len(done.faces))
     seconds, four = best(lambda: subdivide(*mesh), repeats)
     report(rows, "subdivide", seconds, len(faces), len(four.faces))
 
@@ -153,7 +192,7 @@ def transfer(rows: Result, mesh: tuple, size: int = 512) -> None:
 
 
 def merged_texture(rows: Result, mesh: tuple, size: int = 1024) -> None:
-    """PSNR of the texture at surface points after merging, for two ways to treat the corners of a deleted vertex."""
+    """PSNR of the texture at surface points after merging, for three UVs that the deleted vertex's corners may take."""
     from scipy.spatial import cKDTree
 
     import exmesh_graph.geometry.merge as module
@@ -172,13 +211,27 @@ def merged_texture(rows: Result, mesh: tuple, size: int = 1024) -> None:
 
     points, colours = samples(vertices, faces, uvs, uv_faces, 400_000)
     tree = cKDTree(points)
-    moved = module._moved_corners
-    for name, rule in (("survivor's UV", moved), ("UV kept", lambda f, corners, plan, n: (corners, None))):
-        module._moved_corners = rule
+    moved, carry_out = module._moved_corners, module.apply_merges
+
+    def half_way(state: Topology, plan: module.Collapses) -> Topology:
+        """Every moved corner gets a coordinate of its own between its old one and the survivor's."""
+        target, _ = moved(state.faces, state.uv_faces, plan, len(state.vertices))
+        where = target != state.uv_faces
+        between = 0.5 * (state.uvs[target[where]] + state.uvs[state.uv_faces[where]])
+        target[where] = len(state.uvs) + np.arange(int(where.sum()))
+        module._moved_corners = lambda *_: (target, None)
+        return carry_out(replace(state, uvs=np.concatenate([state.uvs, between])), plan)
+
+    def kept(_: np.ndarray, corners: np.ndarray, *__: Any) -> tuple[np.ndarray, None]:
+        return corners, None
+
+    ways = (("survivor's UV", moved, carry_out), ("own UV kept", kept, carry_out), ("half way", moved, half_way))
+    for name, rule, operation in ways:
+        module._moved_corners, module.apply_merges = rule, operation
         try:
-            done = merge(vertices, faces, uvs, uv_faces, rendered, MergeSettings(area_quantile=0.6))
+            done = merge(vertices, faces, uvs, uv_faces, rendered, MergeSettings(area_quantile=0.6), max_rounds=1)
         finally:
-            module._moved_corners = moved
+            module._moved_corners, module.apply_merges = moved, carry_out
         new_points, new_colours = samples(done.vertices, done.faces, done.uvs, done.uv_faces, 60_000)
         error = np.mean((new_colours - colours[tree.query(new_points)[1]]) ** 2)
         psnr = round(float(-10 * np.log10(error)), 1)

@@ -54,6 +54,24 @@ def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullParams) -> ClosedMes
     return ClosedMeshOut(Mesh(vertices, faces))
 
 
+class SphereParams(Params):
+    faces: int = param(1280, ge=20, unit="faces", doc="Upper limit; a sphere has 20, 80, 320, 1280, 5120, ... faces.")
+    radius: float = param(
+        0.8, gt=0, le=1, doc="Around the origin of the normalised world, which the unit sphere bounds."
+    )
+
+
+@node("init.sphere", version="1")
+def sphere(ctx: Context, *, p: SphereParams) -> ClosedMeshOut:
+    """A sphere that knows nothing of the photographs: what Stage I makes of the worst start."""
+    from exmesh_graph.geometry.shapes import icosphere
+
+    levels = 0
+    while 20 * 4 ** (levels + 1) <= p.faces:
+        levels += 1
+    return ClosedMeshOut(Mesh(*icosphere(levels, p.radius)))
+
+
 class TsdfParams(Params):
     resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the unit sphere's diameter.")
     truncation: float = param(4.0, ge=1.5, le=32, unit="voxels", doc="Distance at which the field is cut off.")

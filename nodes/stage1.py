@@ -47,6 +47,9 @@ class RefineParams(Params):
     total_iterations: int = param(
         0, ge=0, doc="Length of the whole Stage I, over which learning rates decay; 0 = up to this round's end."
     )
+    share: float = param(
+        0.0, ge=0, le=1, doc="This round's part of total_iterations; above 0 it stands in place of iterations."
+    )
     vertex_lr: float = param(
         0.02,
         ge=0,
@@ -98,7 +101,9 @@ def refine(
 
     if not views.has_masks and region is None:
         ctx.warn("the views have no masks and no region is wired in: the outline follows from colour alone")
-    settings = RefineSettings(**p.model_dump(exclude={"device", "threads"}))
+    settings = RefineSettings(**p.model_dump(exclude={"device", "threads", "share"}))
+    if p.share > 0:
+        settings = replace(settings, iterations=round(p.share * p.total_iterations))
     if smoothness is not None:
         settings = replace(settings, smoothness=smoothness.made())
     with torch_threads(p.threads):

@@ -124,20 +124,25 @@ def _accept(
     """Move, then take back the moves of all corners of faces that came out badly, until none is left.
 
     Returns (points, uvs, which moves were made bool [N])."""
-    old, old_uv, old_shape = area_vectors(points, faces), signed_areas_2d(uvs, uv_faces), degeneracy(points, faces)
-    moving = np.ones(len(which), bool)
-    while True:
-        new_points, new_uvs = points.copy(), uvs.copy()
-        new_points[which[moving]], new_uvs[mark[moving]] = place[moving], place_uv[moving]
-        new = area_vectors(new_points, faces)
-        turned = np.einsum("ij,ij->i", new, old)
-        bad = turned < np.cos(max_bend) * lengths(new) * lengths(old)
-        bad |= (old_uv > 0) & (signed_areas_2d(new_uvs, uv_faces) < 0.1 * old_uv)
-        bad |= degeneracy(new_points, faces) < np.minimum(old_shape, 0.2) * (1 - 1e-5)
-        moved = np.zeros(len(points), bool)
-        moved[which[moving]] = True
-        stop = np.zeros(len(points), bool)
-        stop[faces[bad & moved[faces].any(axis=1)]] = True
-        if not stop[which[moving]].any():
-            return new_points, new_uvs, moving
-        moving &= ~stop[which]
+    new_points, new_uvs = points.copy(), uvs.copy()
+    new_points[which], new_uvs[mark] = place, place_uv
+    moving = np.zeros(len(points), bool)
+    moving[which] = True
+    row = np.zeros(len(points), np.int64)
+    row[which] = np.arange(len(which))
+    face = np.flatnonzero(moving[faces].any(axis=1))
+    while len(face):
+        corner, uv_corner = faces[face], uv_faces[face]
+        old, new = area_vectors(points, corner), area_vectors(new_points, corner)
+        old_uv, new_uv = signed_areas_2d(uvs, uv_corner), signed_areas_2d(new_uvs, uv_corner)
+        bad = np.einsum("ij,ij->i", new, old) < np.cos(max_bend) * lengths(new) * lengths(old)
+        bad |= (old_uv > 0) & (new_uv < 0.1 * old_uv)
+        bad |= degeneracy(new_points, corner) < np.minimum(degeneracy(points, corner), 0.2) * (1 - 1e-5)
+        back = np.unique(corner[bad])
+        back = back[moving[back]]
+        moving[back] = False
+        new_points[back], new_uvs[mark[row[back]]] = points[back], uvs[mark[row[back]]]
+        stopped = np.zeros(len(points), bool)
+        stopped[back] = True
+        face = np.flatnonzero(stopped[faces].any(axis=1) & moving[faces].any(axis=1))
+    return new_points, new_uvs, moving[which]

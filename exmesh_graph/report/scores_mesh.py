@@ -37,6 +37,7 @@ def score_mesh(mesh: Mesh, truth: SceneTruth | None = None, *, samples: int = 40
     headline.append({"label": "Closed", "value": bool(sound["closed"])})
     headline.append({"label": "Manifold", "value": bool(sound["edge_manifold"] and not sound["pinched_vertices"])})
     headline.append({"label": "Faces", "value": int(sound["faces"])})
+    headline.append({"label": "Vertices", "value": int(sound["vertices"])})
     return values
 
 
