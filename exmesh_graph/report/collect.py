@@ -6,7 +6,7 @@ import base64
 import json
 import platform
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -69,13 +69,17 @@ class Picture:
 
 @dataclass(frozen=True)
 class Curve:
-    """A history: `values` over `positions` (iterations or seconds)."""
+    """A history: `values` over `positions` (iterations or seconds).
+
+    `span` is when, in seconds spent on all that it needs, the node began and ended.
+    """
 
     node: str
     name: str
     axis: str
     positions: list[float]
     values: list[float]
+    span: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,9 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
                 metrics[f"{entry['name']}.{port}"] = values
                 figures += _figures(values.get("headline"), entry["name"], spent[entry["name"]])
                 stages += _figures(values.get("stages"), entry["name"], spent[entry["name"]])
-                curves += _curves(values, entry["name"])
+                begun = spent[entry["name"]]
+                ended = begun + float(entry.get("seconds") or 0.0)
+                curves += [replace(curve, span=(begun, ended)) for curve in _curves(values, entry["name"])]
             elif output["type"] == "Gallery":
                 pictures += _pictures(Path(load_artifact(output["digest"]).root), entry["name"])
     report = Report(

@@ -6,7 +6,7 @@ from importlib import resources
 from typing import Any
 
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
-from exmesh_graph.report.collect import Figure, Node, Report
+from exmesh_graph.report.collect import Curve, Figure, Node, Report
 from exmesh_graph.report.graph_picture import Box, graph_picture
 from exmesh_graph.report.lineage import fold_edges, fold_loops, fold_name
 from exmesh_graph.report.text import number, seconds, size
@@ -128,7 +128,19 @@ def _history_charts(report: Report) -> list[tuple[str, list[str]]]:
             lines.append((curve.node, [curve.positions[k] + shift for k in keep], [curve.values[k] for k in keep]))
             offset = lines[-1][1][-1]
         charts.setdefault(node, []).append(line_chart(lines, title=name, x_label=curves[0].axis))
+        if name == "psnr" and curves[-1].span[1] > curves[0].span[0]:
+            timed = [
+                (curve.node, _seconds_of(curve), [curve.values[k] for k in thin(curve.positions)]) for curve in curves
+            ]
+            charts[node].append(line_chart(timed, title=name, x_label="seconds spent, even within a node"))
     return list(charts.items())
+
+
+def _seconds_of(curve: Curve) -> list[float]:
+    """When each kept position was reached, the node's seconds spread evenly over its positions."""
+    begun, ended = curve.span
+    keep = thin(curve.positions)
+    return [begun + (ended - begun) * (k + 1) / len(curve.positions) for k in keep]
 
 
 def _galleries(report: Report) -> list[tuple[str, list[Any]]]:

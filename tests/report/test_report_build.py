@@ -11,6 +11,7 @@ import pytest
 
 from exmesh_graph.io.images import write_image
 from exmesh_graph.report import build_report
+from exmesh_graph.report.collect import collect
 from exmesh_graph.types import Gallery, Metrics
 
 METRICS = {
@@ -205,3 +206,18 @@ def test_every_svg_is_closed_and_has_no_nan(report):
     charts = re.findall(r"<svg.*?</svg>", report[1], re.S)
     assert len(charts) == report[1].count("<svg")
     assert not any("nan" in chart or "inf" in chart.replace("uninformed", "") for chart in charts)
+
+
+def test_the_error_of_a_fit_is_drawn_against_seconds(tmp_path, record, load, monkeypatch):
+    curves = {"iteration": [0, 10, 20], "psnr": [20.0, 25.0, 27.0]}
+    monkeypatch.setitem(METRICS, "history", {"curves": curves})
+    psnr = [curve for curve in collect(record, load).curves if curve.name == "psnr"]
+    assert [curve.span for curve in psnr] == [(5.0, 15.0), (15.0, 25.0)]  # views 1, hull 4, then 10 a round
+    assert "seconds spent, even within a node" in build_report(tmp_path, record, load).read_text()
+
+
+def test_a_film_is_shown_as_what_it_is(tmp_path, record, load):
+    root = load("g").root
+    (root / "turn.webp").write_bytes(b"RIFF")
+    (root / "captions.json").write_text(json.dumps([{"file": "turn.webp", "title": "Film", "caption": ""}]))
+    assert "data:image/webp;base64,UklGRg==" in build_report(tmp_path, record, load).read_text()
