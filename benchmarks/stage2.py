@@ -37,7 +37,6 @@ QUICK = FitSettings(
     environment_weight=0.002,
     indirect_ramp=50,
     corrections=2,
-    base_color_init="gray",
 )
 
 

@@ -9,6 +9,26 @@ from exmesh_graph.graph.node import Auto, Context, Params, facets, node, param
 from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, decided
 
 
+class InitParams(Params):
+    base_color: Literal["texture", "gray"] = param(
+        "texture", doc="The Stage I texture, linearised (the paper), or mid-gray: better for short fits."
+    )
+    roughness: float = param(0.5, gt=0, lt=1, doc="Neutral roughness.")
+    metallic: float = param(0.0, ge=0, le=1, doc="Metallic; above 0 only for fits with metallic: true.")
+
+
+class InitOut(NamedTuple):
+    asset: Asset
+
+
+@node("stage2.init", version="1", libraries=("torch",))
+def init(ctx: Context, carrier: Carrier, *, p: InitParams) -> InitOut:
+    """Where stage2.fit starts: base colour from the Stage I texture or gray, the rest neutral, under white light."""
+    from exmesh_graph.stage2.init import neutral_asset
+
+    return InitOut(neutral_asset(carrier, p.base_color, p.roughness, p.metallic))
+
+
 class FitParams(Params):
     texture_size: Annotated[int, Field(ge=0, le=8192), Auto("needs")] = param(
         0, unit="texels", doc="Side of the maps; 0 keeps the Stage I texture's."
@@ -32,13 +52,11 @@ class FitParams(Params):
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
     indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")
-    base_color_init: Literal["texture", "gray"] = param("texture", doc="Where base colour starts.")
     metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, starting at 0.")
     corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
     correction_samples: int = param(16, ge=1, le=1024, unit="rays", doc="Rays per pixel each time.")
     min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
     roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
-    roughness_start: float = param(0.5, gt=0, lt=1, doc="Neutral roughness at the start.")
     memory_gib: float = param(
         4.0, ge=0, tuning=True, unit="GiB", doc="Memory that the views' buffers may take; the rest are made anew."
     )
@@ -62,11 +80,15 @@ def fit(
     carrier: Carrier,
     views: Annotated[Views, facets(split="train")],
     transport: Transport | LightModel,
+    start: Asset | None = None,
     needs: SceneNeeds | None = None,
     *,
     p: FitParams,
 ) -> FitOut:
-    """Recover base colour, roughness and environment from the training views (paper, section 5)."""
+    """Recover base colour, roughness and environment from the training views (paper, section 5).
+
+    `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from.
+    """
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.settings import FitSettings
     from exmesh_graph.torch_setup import torch_threads
@@ -88,5 +110,6 @@ def fit(
             resumed=ctx.resume(),
             warn=ctx.warn,
             budget=p.memory_gib * 2**30,
+            start=start,
         )
     return FitOut(asset, Metrics({"curves": curves}))

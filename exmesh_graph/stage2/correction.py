@@ -30,8 +30,10 @@ LARGEST = 4.0
 
 
 @torch.no_grad()
-def initial_specular_scale(light: PrecomputedLight, buffer: ViewBuffer, chunk: int = 1 << 14) -> torch.Tensor:
-    """A view's factor [N, 3] before any measurement: the visible share of the lobe at the starting roughness."""
+def initial_specular_scale(
+    light: PrecomputedLight, buffer: ViewBuffer, roughness: float, chunk: int = 1 << 14
+) -> torch.Tensor:
+    """A view's factor [N, 3] before any measurement: the visible share of the lobe of `roughness`."""
     visible = light.operators.visible.float()
     directions = torch.from_numpy(light.operators.light.directions).to(visible)
     kept, reflected = buffer.light, buffer.samples(light.geometry).reflected
@@ -39,7 +41,7 @@ def initial_specular_scale(light: PrecomputedLight, buffer: ViewBuffer, chunk: i
     for start in range(0, len(buffer.pixel), chunk):
         part = slice(start, start + chunk)
         seen = (visible[kept.point[part]] * kept.point_weight[part, :, None]).sum(1)
-        share = mean_visibility(seen, directions, reflected[part], light.settings.roughness_start)
+        share = mean_visibility(seen, directions, reflected[part], roughness)
         scale[part] = share[:, None]
     return scale
 

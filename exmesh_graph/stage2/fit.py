@@ -40,20 +40,23 @@ def fit(
     resumed: Resumed | None = None,
     warn: Callable[[str], None] | None = None,
     budget: float = math.inf,
+    start: Asset | None = None,
 ) -> tuple[Asset, dict[str, list[float]]]:
     """Decompose the carrier's appearance into materials and light.
 
     transport  precomputed light of the carrier's mesh, or the settings of light that is sampled in every step
+    start      maps and light to start from, of the same carrier: `stage2.init.neutral_asset` (what None means too),
+               whose light is scaled to the photographs, or an asset that was fitted before, kept as it is
     Returns the asset and curves over iterations (`iteration`, `loss`, `image`, `psnr`: sRGB over the view's pixels).
     A call that was cut off goes on with the same arguments and `resumed`, what `checkpoint(step, state)` was last
     given, and ends with the same bytes.
     A view or step that is not finite is left out or taken back, and said by `warn` (stage2.guard). The views' buffers
     take at most `budget` bytes; the result does not depend on it.
-    Raises GeometryError when `transport` belongs to another mesh, DataError when no pixel sees the mesh and
+    Raises GeometryError when `transport` or `start` belongs to another mesh, DataError when no pixel sees the mesh and
     NumericsError, naming step, view and term, when the guard cannot keep the fit finite.
     """
     settings = settings or FitSettings()
-    model = Model(carrier, views, transport, settings, device, budget, seed)
+    model = Model(carrier, views, transport, settings, device, budget, seed, start)
     generator = torch.Generator().manual_seed(seed)
     optimiser = Adam(
         [model.maps.parameter, model.environment, model.factor.parameter],
@@ -66,6 +69,8 @@ def fit(
     guard = Guard(model, optimiser, lambda view, step: weighted_terms(model, view, step)[0], warn)
     if resumed is None:
         model.start()
+        if not model.neutral and settings.corrections:
+            model.measure(settings.indirect_weight, generator)
         guard.start()
     else:
         first, kept = resumed

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import torch
 import torch.nn.functional as F
 
+from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.losses import srgb_to_linear
 from exmesh_graph.shading.envmap import parameter_of
 from exmesh_graph.torch_setup import tensor_of
+from exmesh_graph.types import Asset, Carrier
 
-#: The logit's usable range: a texel that starts at exactly 0 or 1 could never leave it.
-MARGIN = 0.02
+#: The logit's usable range: a texel that starts at exactly 0 or 1 could never leave it. A start that was fitted before
+#: is kept as it is but for `NARROW_MARGIN`.
+MARGIN, NARROW_MARGIN = 0.02, 1e-3
 
 
 def resize_texture(texture: np.ndarray, size: int) -> torch.Tensor:
@@ -22,9 +27,9 @@ def resize_texture(texture: np.ndarray, size: int) -> torch.Tensor:
     return image[0].permute(1, 2, 0).contiguous()
 
 
-def logit(value: torch.Tensor) -> torch.Tensor:
-    """Inverse of the sigmoid, for values kept `MARGIN` away from its ends."""
-    inside = value.clamp(MARGIN, 1 - MARGIN)
+def logit(value: torch.Tensor, margin: float = MARGIN) -> torch.Tensor:
+    """Inverse of the sigmoid, for values kept `margin` away from its ends."""
+    inside = value.clamp(margin, 1 - margin)
     return torch.log(inside / (1 - inside))
 
 
@@ -38,3 +43,44 @@ def initial_base_color(texture: np.ndarray, size: int, source: str) -> torch.Ten
 def initial_environment(height: int, level: float = 1.0, device: torch.device | str = "cpu") -> torch.Tensor:
     """Parameters of a uniform white environment of radiance `level`; under 1, base colour equals appearance."""
     return parameter_of(torch.full((height, 2 * height, 3), level, device=device))
+
+
+def neutral_asset(
+    carrier: Carrier, base_color: str = "texture", roughness: float = 0.5, metallic: float = 0.0, size: int = 0
+) -> Asset:
+    """Where a fit starts that knows no better: one roughness, one metallic, white light of radiance 1.
+
+    base_color  "texture" (Stage I's, linearised, kept `MARGIN` away from 0 and 1) or "gray"
+    size        side of the maps in texels; 0: the texture's
+    """
+    size = size or carrier.texture.shape[0]
+    color = initial_base_color(carrier.texture, size, base_color).clamp(MARGIN, 1 - MARGIN)
+    return Asset(
+        **{field.name: getattr(carrier, field.name) for field in fields(Carrier)},
+        base_color=color.numpy(),
+        roughness=np.full((size, size), roughness, np.float32),
+        seen=np.zeros((size, size), bool),
+        environment=np.ones((8, 16, 3), np.float32),
+        metallic=np.full((size, size), metallic, np.float32) if metallic > 0 else None,
+    )
+
+
+def check_start(start: Asset, carrier: Carrier, metallic: bool) -> None:
+    """Raises GeometryError where `start` has another atlas, DataError where it has metal that the fit would drop."""
+    same = np.array_equal(start.faces, carrier.faces) and np.array_equal(start.uv_faces, carrier.uv_faces)
+    if not (same and start.uvs.shape == carrier.uvs.shape and np.allclose(start.uvs, carrier.uvs, atol=1e-5)):
+        raise GeometryError(
+            "the asset that the fit is to start from has another mesh or atlas than the carrier",
+            expected="one carrier for both",
+            fix="wire the same output into stage2.init's and stage2.fit's `carrier`, or leave `start` unwired",
+        )
+    if not metallic and start.metallic is not None and bool((start.metallic > 0).any()):
+        raise DataError(
+            "the asset that the fit is to start from is metallic, which the fit leaves out",
+            fix="set metallic: true in stage2.fit",
+        )
+
+
+def is_uniform(environment: np.ndarray) -> bool:
+    """Whether a starting light is one colour, whose level then comes from the photographs."""
+    return bool(np.ptp(environment, axis=(0, 1)).max() <= 1e-6 * max(float(environment.max()), 1e-30))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from exmesh_graph.shading.gather import gather_rows
-from exmesh_graph.stage2.init import initial_base_color, logit
+from exmesh_graph.stage2.init import NARROW_MARGIN, logit, resize_texture
 from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.types import Carrier
+from exmesh_graph.types import Asset
 
 
 @dataclass(frozen=True)
@@ -42,16 +43,21 @@ class MaterialMaps:
     parameter  [T, C] leaf; columns: base colour 3, roughness, (metallic), each the logit of its map
     """
 
-    def __init__(self, carrier: Carrier, texels: torch.Tensor, size: int, settings: FitSettings) -> None:
+    def __init__(self, start: Asset, texels: torch.Tensor, size: int, settings: FitSettings) -> None:
         self.texels, self.size, self.settings = texels, size, settings
         device = texels.device
-        start = initial_base_color(carrier.texture, size, settings.base_color_init).to(device)
-        columns = [start.reshape(-1, 3)[texels], torch.full((len(texels), 1), 0.5, device=device)]
+
+        def texels_of(image: np.ndarray) -> torch.Tensor:
+            resized = resize_texture(image.reshape(*image.shape[:2], -1), size)
+            return resized.reshape(size * size, -1)[texels.cpu()].to(device)
+
         span = 1 - settings.roughness_min
-        columns[1][:] = (settings.roughness_start - settings.roughness_min) / span
+        roughness = (texels_of(start.roughness) - settings.roughness_min) / span
+        columns = [logit(texels_of(start.base_color), NARROW_MARGIN), logit(roughness, NARROW_MARGIN)]
         if settings.metallic:
-            columns.append(torch.zeros(len(texels), 1, device=device))
-        self.parameter = logit(torch.cat(columns, dim=1)).requires_grad_()
+            metallic = np.zeros((1, 1), np.float32) if start.metallic is None else start.metallic
+            columns.append(logit(texels_of(metallic)))
+        self.parameter = torch.cat(columns, dim=1).requires_grad_()
 
     def values(self) -> torch.Tensor:
         """Base colour, roughness (and metallic) of the texels, [T, 4 or 5]; differentiable in `parameter`."""

@@ -14,7 +14,7 @@ from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import check_fits
 from exmesh_graph.stage2.common_factor import CommonFactor
 from exmesh_graph.stage2.gbuffer import ViewBuffer
-from exmesh_graph.stage2.init import initial_environment
+from exmesh_graph.stage2.init import check_start, is_uniform, neutral_asset
 from exmesh_graph.stage2.light import LightModel
 from exmesh_graph.stage2.maps import Material, MaterialMaps
 from exmesh_graph.stage2.precomputed import PrecomputedLight
@@ -22,7 +22,7 @@ from exmesh_graph.stage2.sampled import SampledLight, SampledSettings
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.stream import ViewBuffers
 from exmesh_graph.stage2.surface import CarrierGeometry
-from exmesh_graph.types import Carrier, Transport, Views
+from exmesh_graph.types import Asset, Carrier, Transport, Views
 
 #: Photographs of a dark room: the light's softplus parameter must still have a gradient.
 MIN_LEVEL = 0.01
@@ -49,8 +49,12 @@ class Model:
         device: str,
         budget: float = math.inf,
         seed: int = 0,
+        start: Asset | None = None,
     ) -> None:
-        """`budget`: bytes that the views' buffers may take (stage2.stream); `seed`: of light that is sampled."""
+        """`budget`: bytes that the views' buffers may take (stage2.stream); `seed`: of light that is sampled;
+        `start`: the maps and the light to start from, None for `stage2.init.neutral_asset`."""
+        start = start or neutral_asset(carrier)
+        check_start(start, carrier, settings.metallic)
         self.settings = settings
         self.geometry = CarrierGeometry(carrier, device)
         tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
@@ -64,8 +68,11 @@ class Model:
         self.buffers = ViewBuffers(self.geometry, self.light, views, size, settings.min_coverage, budget)
         if not any(self.buffers.pixels):
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
-        self.maps = MaterialMaps(carrier, self.buffers.texels, size, settings)
-        self.environment = initial_environment(settings.environment_height, device=device).requires_grad_()
+        self.maps = MaterialMaps(start, self.buffers.texels, size, settings)
+        height = settings.environment_height
+        self.neutral = is_uniform(start.environment)
+        radiance = torch.from_numpy(envmap.resample(start.environment, height, 2 * height)).to(device)
+        self.environment = envmap.parameter_of(radiance).requires_grad_()
         self.factor = CommonFactor(device)
 
     def lit(self, strength: float, step: int) -> Lit:
@@ -88,9 +95,10 @@ class Model:
         return self.light.radiance(buffer, material, lit.light), material
 
     def start(self) -> None:
-        """Make ready for the first step: the light model's first measurement, and a sky as bright as the views."""
+        """Make ready for the first step: the light model's first measurement; a neutral sky as bright as the views."""
         self.light.start(self.maps, self.buffers)
-        self.level_light()
+        if self.neutral:
+            self.level_light()
 
     @torch.no_grad()
     def measure(self, strength: float, generator: torch.Generator) -> None:
@@ -100,7 +108,7 @@ class Model:
 
     @torch.no_grad()
     def level_light(self) -> None:
-        """Set the white starting light so that the starting maps are as bright as the photographs, on average."""
+        """Scale the uniform starting light so that the starting maps are as bright as the photographs, on average."""
         lit = self.lit(0.0, 0)
         seen = shown = 0.0
         for buffer in self.buffers:
@@ -108,4 +116,4 @@ class Model:
             seen += float((buffer.target * buffer.coverage[:, None]).sum())
             shown += float((predicted * buffer.coverage[:, None]).sum())
         level = max(seen / max(shown, 1e-12), MIN_LEVEL)
-        self.environment.copy_(initial_environment(self.settings.environment_height, level, self.environment.device))
+        self.environment.copy_(envmap.parameter_of(level * envmap.radiance_of(self.environment)))

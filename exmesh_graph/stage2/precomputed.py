@@ -89,8 +89,9 @@ class PrecomputedLight:
         )
 
     def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
+        roughness = float(maps.values()[:, 3].detach().mean())
         for buffer in buffers:
-            self._keep(buffer, initial_specular_scale(self, buffer))
+            self._keep(buffer, initial_specular_scale(self, buffer, roughness))
 
     def prepare(
         self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int

@@ -17,7 +17,6 @@ class FitSettings:
     log_weight, ssim_weight  lambda_log, lambda_ssim of eq. 21
     material_weight, environment_weight, chroma_weight  lambda_mat, lambda_env, lambda_chroma^0 of eq. 22
     indirect_weight, indirect_ramp  lambda_ind's target and the iterations it takes to reach it
-    base_color_init   "texture" (Stage I's, linearised) or "gray"
     metallic          fit a metallic map (starts at 0)
     corrections       how often rays measure what the split sum leaves out; 0 = never
     correction_samples  rays per pixel each time
@@ -39,10 +38,8 @@ class FitSettings:
     chroma_weight: float = 0.1
     indirect_weight: float = 1.0
     indirect_ramp: int = 1000
-    base_color_init: str = "texture"
     metallic: bool = False
     corrections: int = 4
     correction_samples: int = 16
     min_coverage: float = 0.99
     roughness_min: float = 0.08
-    roughness_start: float = 0.5

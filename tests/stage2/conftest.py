@@ -76,7 +76,7 @@ def true_asset():
         faces=faces,
         uvs=np.concatenate([t1, t2]).astype(np.float32),
         uv_faces=np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3),
-        texture=np.full((64, 64, 3), 0.5, np.float32),
+        texture=np.full((64, 64, 3), 0.735357, np.float32),  # linear 0.5: fits start gray
         base_color=color.astype(np.float32),
         roughness=np.where(u > 0.64, 0.6, 0.35).astype(np.float32),
         seen=np.ones((64, 64), bool),

@@ -25,7 +25,6 @@ QUICK = FitSettings(
     chroma_weight=0.0,
     indirect_ramp=10,
     corrections=2,
-    base_color_init="gray",
 )
 
 

@@ -23,7 +23,7 @@ def test_the_factor_starts_as_the_lobes_visible_share(model):
     model.light.start(model.maps, model.buffers)
     bits = model.light.operators.visible.double().numpy()
     sky = np.asarray(model.light.operators.light.directions, float)
-    alpha = max(model.settings.roughness_start**2, math.sqrt(4 * math.pi / len(sky)) / 4)
+    alpha = max(0.5**2, math.sqrt(4 * math.pi / len(sky)) / 4)
     values = []
     for buffer in model.buffers[:3]:
         kept = buffer.light
@@ -44,8 +44,8 @@ def test_the_factor_starts_as_the_lobes_visible_share(model):
 
 def test_every_pixel_is_set_whatever_the_chunk(model):
     for buffer in model.buffers:
-        whole = initial_specular_scale(model.light, buffer)
-        torch.testing.assert_close(initial_specular_scale(model.light, buffer, chunk=7), whole)
+        whole = initial_specular_scale(model.light, buffer, 0.5)
+        torch.testing.assert_close(initial_specular_scale(model.light, buffer, 0.5, chunk=7), whole)
 
 
 def test_hits_send_diffuse_times_irradiance(model):

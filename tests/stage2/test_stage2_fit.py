@@ -10,7 +10,7 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.stage2.adam import Adam
 from exmesh_graph.stage2.fill import complete_maps
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.init import initial_base_color, initial_environment, resize_texture
+from exmesh_graph.stage2.init import initial_base_color, initial_environment, neutral_asset, resize_texture
 from exmesh_graph.stage2.losses import log_l1, pair_variation
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.render import render_transport, render_views
@@ -28,7 +28,6 @@ QUICK = FitSettings(
     chroma_weight=0.01,
     corrections=2,
     correction_samples=8,
-    base_color_init="gray",
 )
 
 
@@ -93,9 +92,7 @@ def test_same_inputs_give_the_same_bytes(fitted, carrier, train_views, transport
 
 
 def test_maps_have_the_asked_size_and_options(carrier, train_views, transport):
-    settings = dataclasses.replace(
-        QUICK, iterations=3, texture_size=96, metallic=True, corrections=0, base_color_init="texture"
-    )
+    settings = dataclasses.replace(QUICK, iterations=3, texture_size=96, metallic=True, corrections=0)
     asset, _ = fit(carrier, train_views, transport, settings)
     assert asset.base_color.shape == (96, 96, 3)
     assert asset.roughness.shape == asset.metallic.shape == asset.seen.shape == (96, 96)
@@ -230,7 +227,7 @@ def test_texels_that_a_footprints_corner_touched_are_filled_from_their_neighbour
 def test_the_starting_light_makes_the_start_as_bright_as_the_photographs(carrier, train_views, transport, source):
     def started(exposure: float) -> Model:
         views = dataclasses.replace(train_views, images=train_views.images * np.float32(exposure), clipped=False)
-        model = Model(carrier, views, transport, dataclasses.replace(QUICK, base_color_init=source), "cpu")
+        model = Model(carrier, views, transport, QUICK, "cpu", start=neutral_asset(carrier, source))
         model.level_light()
         return model
 

@@ -16,7 +16,7 @@ from exmesh_graph.types.state import load_state, save_state
 
 SETTINGS = FitSettings(
     environment_height=8, iterations=40, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=1,
-    correction_samples=2, ssim_weight=0.0, material_weight=0.01, environment_weight=0.01, base_color_init="gray",
+    correction_samples=2, ssim_weight=0.0, material_weight=0.01, environment_weight=0.01,
 )  # fmt: skip
 
 

@@ -28,7 +28,6 @@ SHORT = FitSettings(
     corrections=1,
     correction_samples=2,
     indirect_ramp=2,
-    base_color_init="gray",
 )
 
 

@@ -43,7 +43,7 @@ def test_node_defaults_are_the_settings_defaults_and_the_papers_table():
     assert (p.iterations, p.indirect_weight, p.indirect_ramp) == (10_000, 1.0, 1000)
 
 
-@pytest.mark.parametrize("bad", [{"iterations": 0}, {"min_coverage": 0}, {"base_color_init": "blue"}, {"nonsense": 1}])
+@pytest.mark.parametrize("bad", [{"iterations": 0}, {"min_coverage": 0}, {"corrections": -1}, {"nonsense": 1}])
 def test_bad_parameters_are_refused(bad):
     with pytest.raises(ValidationError):
         stage2.FitParams(**bad)
