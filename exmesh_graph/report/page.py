@@ -7,6 +7,7 @@ from typing import Any
 
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
 from exmesh_graph.report.collect import Curve, Figure, Node, Report
+from exmesh_graph.report.decisions import decision_tables
 from exmesh_graph.report.graph_picture import Box, graph_picture
 from exmesh_graph.report.lineage import fold_edges, fold_loops, fold_name
 from exmesh_graph.report.text import number, seconds, size
@@ -33,6 +34,7 @@ def render_page(report: Report) -> str:
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
         graph=Markup(graph_picture(boxes, fold_edges(report.edges), fold_loops(report.edges))),
         galleries=_galleries(report),
+        decisions=decision_tables(report.metrics),
         tables={node: list(_rows(values)) for node, values in report.metrics.items()},
         hits=sum(node.state == "hit" for node in report.nodes),
     )

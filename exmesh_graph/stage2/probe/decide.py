@@ -1,0 +1,106 @@
+"""From measured gains to decisions: a part is modelled where it pays beyond doubt and beyond its cost."""
+
+from __future__ import annotations
+
+import math
+
+from exmesh_graph.stage2.probe.baked import Baked
+from exmesh_graph.stage2.probe.compare import Gain
+from exmesh_graph.stage2.probe.geometry import ShapeMeasures, TexelBudget
+from exmesh_graph.types import Decision
+
+#: A gain must exceed this many standard errors, this many dB, and what the same work buys when it is spent on more
+#: steps instead: 0.25 dB of held-out PSNR for twice the steps (docs/stage2.md, 400 against 1000 steps).
+SIGMAS, LEAST_GAIN, GAIN_PER_DOUBLING = 2.0, 0.05, 0.25
+
+
+def required(cost: float) -> float:
+    """The gain [dB] that a part must bring whose steps take `cost` times the work."""
+    return max(LEAST_GAIN, GAIN_PER_DOUBLING * math.log2(max(cost, 1.0)))
+
+
+def pays(gain: Gain, cost: float) -> bool:
+    """Whether a gain is beyond its noise and its cost."""
+    return gain.gain > max(SIGMAS * gain.error, required(cost))
+
+
+def with_noise(gain: Gain, placebo: Gain) -> Gain:
+    """`gain` with the noise of the fit itself in its error: what another order of the views alone changed."""
+    return Gain(gain.gain, math.hypot(gain.error, placebo.gain))
+
+
+def decide_part(gain: Gain, cost: float, what: str) -> Decision:
+    """Whether to switch a part on, by the held-out pixels; `what` the reason calls it."""
+    on = pays(gain, cost)
+    return Decision(on, *_finite(gain), cost, _reason(what, "held-out pixels", gain, cost, on))
+
+
+def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape: ShapeMeasures) -> Decision:
+    """How many interreflections to model: as many as pay, one after the other.
+
+    findings, costs  of the first, second, ... interreflection; `held`: what the first gains on held-out pixels
+    """
+    evidence = {"concavity": shape.concavity, "blocked": shape.blocked, "occluded": shape.occluded}
+    if not findings:
+        return Decision(0, 0.0, 0.0, 1.0, "No two parts of the mesh see each other.", evidence)
+    first = findings[0]
+    evidence |= {"share_of_light": first.share, "held_out_gain": held.gain}
+    if math.isfinite(held.error):
+        evidence["held_out_error"] = held.error
+    best = first.gain
+    count = 0
+    for number, (found, cost) in enumerate(zip(findings, costs, strict=True), start=1):
+        gain = found.gain
+        if number == 1 and pays(held, cost) and held.gain > gain.gain:
+            gain = best = held  # where base colour cannot take the light up, the photographs themselves tell
+        if number > 1:
+            evidence[f"gain_of_bounce_{number}"] = gain.gain
+        if not pays(gain, cost):
+            break
+        count = number
+    reason = _reason("Interreflection", "pictures under another light", best, costs[0], count > 0)
+    if count > 1:
+        reason = reason[:-1] + f"; {count} interreflections pay."
+    return Decision(count, *_finite(best), costs[0], reason, evidence)
+
+
+def decide_environment(gains: list[tuple[int, Gain, float]], lowest: int) -> Decision:
+    """The smallest of ever finer environments that a finer one does not beat; `gains`: (rows, gain, cost)."""
+    value, shown, cost = lowest, Gain(0.0, 0.0), 1.0
+    evidence = {}
+    for rows, gain, price in gains:
+        evidence[f"gain_of_{rows}"] = gain.gain
+        if value == lowest or pays(gain, price):
+            shown, cost = gain, price
+        if not pays(gain, price):
+            break
+        value = rows
+    rows = gains[0][0] if value == lowest else value
+    reason = _reason(f"A sky of {rows} rows instead of {rows // 2}", "held-out pixels", shown, cost, value > lowest)
+    return Decision(value, *_finite(shown), cost, reason, evidence)
+
+
+def decide_texture(budget: TexelBudget) -> Decision:
+    """The atlas whose texels are as large as the finest pixels, or as all pixels together can feed."""
+    reason = (
+        f"The finest quarter of the pixels covers {budget.pixel_side:.3g} scene units a side; "
+        f"texels of this atlas are as large, with {budget.pixels_per_texel:.1f} pixels of all views each."
+    )
+    evidence = {"pixel_side": budget.pixel_side, "pixels_per_texel": budget.pixels_per_texel}
+    return Decision(budget.texture_size, None, None, 1.0, reason, evidence)
+
+
+def _reason(what: str, where: str, gain: Gain, cost: float, on: bool) -> str:
+    if not math.isfinite(gain.error):
+        return f"{what} could not be judged: too few held-out pixels lie on what was fitted."
+    number = f"{gain.gain:+.2f} ± {gain.error:.2f} dB on {where}"
+    need = f"{required(cost):.2f} dB that {100 * (cost - 1):.0f} % more work must bring"
+    if on:
+        return f"{what} brings {number}, more than its noise and the {need}."
+    if gain.gain <= required(cost):
+        return f"{what} brings {number}, less than the {need}."
+    return f"{what} brings {number}, which is within its noise."
+
+
+def _finite(gain: Gain) -> tuple[float, float | None]:
+    return gain.gain, gain.error if math.isfinite(gain.error) else None

@@ -1,0 +1,205 @@
+"""The probe: measures of the mesh and short fits with and without each part of the model, turned into decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from exmesh_graph.stage2.probe.baked import baked_light
+from exmesh_graph.stage2.probe.compare import Gain, paired_gain
+from exmesh_graph.stage2.probe.decide import (
+    decide_bounces,
+    decide_environment,
+    decide_part,
+    decide_texture,
+    pays,
+    with_noise,
+)
+from exmesh_graph.stage2.probe.geometry import fed_side, measure_shape, texel_budget
+from exmesh_graph.stage2.probe.sample import sample_views
+from exmesh_graph.stage2.probe.short import Part, ShortFit
+from exmesh_graph.stage2.probe.work import Work
+from exmesh_graph.types import Carrier, Decision, SceneNeeds, Views
+
+Progress = Callable[[int, int], None]
+
+#: Steps of the base fit and of each comparison, and the comparisons' share of the learning rates.
+BASE_STEPS, STEPS, RATE = 150, 60, 0.3
+#: Side of the probe's maps at most and at least; concavity below which the mesh does not see itself; most
+#: interreflections; the skies to try beyond half the first.
+TEXELS, LEAST_TEXELS, CONVEX, MOST_BOUNCES, SKIES = 128, 16, 1e-3, 3, (64, 128)
+#: Mean squared error (40 dB) below which no relit picture comes: the least that baked light is weighed against.
+BEST_ERROR = 1e-4
+#: Points and directions of transport.direct by default: what the counted cost of a step refers to.
+FULL_POINTS, FULL_DIRECTIONS = 12_000, 128
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A part of the model that is on or off.
+
+    settings  what the fit is told for it;  channels  that it adds to the maps;  what  sentences call it
+    anew      compared by fits from the start on, where one that goes on would be caught in what it found without
+    """
+
+    name: str
+    settings: dict[str, Any]
+    channels: int
+    what: str
+    anew: bool = False
+
+
+#: To let the probe judge another switch of the fit, add a line.
+CANDIDATES = (Candidate("metallic", {"metallic": True}, 1, "A metallic map", anew=True),)
+
+
+#: Fits at most, for the progress.
+STAGES = 4 + len(CANDIDATES) + len(SKIES)
+
+
+@dataclass(frozen=True)
+class Probed:
+    """The decisions, and seconds per step of the probe's own fits on this machine, by what was added to `reference`
+    (or taken from it: `direct`)."""
+
+    needs: SceneNeeds
+    seconds: dict[str, float]
+
+
+def probe_scene(carrier: Carrier, views: Views, *, seed: int = 0, progress: Progress | None = None) -> Probed:
+    """Measure what `carrier`, seen by the training `views`, needs (docs/probe.md).
+
+    Equal arguments give equal `needs` on a CPU. Raises DataError when no pixel sees the mesh.
+    """
+    return _Probe(carrier, views, seed, progress).run()
+
+
+class _Probe:
+    def __init__(self, carrier: Carrier, views: Views, seed: int, progress: Progress | None) -> None:
+        self.carrier, self.views, self.progress, self.steps = carrier, views, progress, 0
+        self.sample = sample_views(views)
+        self.fit = ShortFit(carrier, self.sample, self._side(), seed)
+        self.shape = measure_shape(self.fit.transport, carrier.vertices, carrier.faces)
+        self.decisions: dict[str, Decision] = {}
+        self.seconds: dict[str, float] = {}
+        self.placebo = Gain(0.0, 0.0)
+        self.work = self._texture()
+
+    def run(self) -> Probed:
+        concave = self.shape.concavity >= CONVEX
+        start = self.fit.forked(Part(bounces=int(concave)))
+        self.fit = start.forked(Part()).run(BASE_STEPS)
+        self._tick()
+        anew = {c.name: self._gain(self.fit, self._anew(start, c)) for c in CANDIDATES if c.anew}
+        self.fit.measure()
+        reference = self._compared("reference", Part(), draw=1)
+        self.placebo = self._gain(reference, self._compared("placebo", Part(), draw=2))
+        if concave:
+            reference = self._bounces(reference)
+        else:
+            self.decisions["bounces"] = decide_bounces([], [], Gain(0.0, 0.0), self.shape)
+        for candidate in CANDIDATES:
+            gain = anew.get(candidate.name) or self._gain(reference, self._going_on(candidate))
+            self._decide(candidate, with_noise(gain, self.placebo))
+        self._environment(reference)
+        if self.progress:
+            self.progress(STAGES, STAGES)
+        geometry = {name: float(value) for name, value in vars(self.shape).items()}
+        geometry |= {"placebo_gain": self.placebo.gain, "views": len(self.sample.views), "factor": self.sample.factor}
+        return Probed(SceneNeeds(self.decisions, geometry), self.seconds)
+
+    def _side(self) -> int:
+        """Maps that the coarse pixels can feed."""
+        alpha = self.sample.views.alpha[: self.sample.fitted]
+        fed = fed_side(self.carrier, float((alpha > 0.5).sum()))
+        return int(min(max(fed, LEAST_TEXELS), TEXELS))
+
+    def _bounces(self, bounced: ShortFit) -> ShortFit:
+        """Decide on interreflection; the fit that the other comparisons are made with."""
+        direct = self._compared("direct", Part(bounces=0), draw=1)
+        held = with_noise(self._gain(direct, bounced), self.placebo)
+        errors, pixels = bounced.held_errors()
+        left = max(float(errors.sum() / max(pixels.sum(), 1.0)), BEST_ERROR)
+        counts = range(1, MOST_BOUNCES + 1)
+        findings = [baked_light(bounced, count, left) for count in counts]
+        work = self.work
+        totals = [replace(work, bounces=count).total() for count in (0, *counts)]
+        costs = [totals[count] / totals[count - 1] for count in counts]
+        decision = decide_bounces(findings, costs, held, self.shape)
+        self.decisions["bounces"] = decision
+        self.work = replace(work, bounces=int(decision.value))
+        if decision.value:
+            return bounced
+        self.fit = self.fit.forked(Part(bounces=0))
+        return direct
+
+    def _decide(self, candidate: Candidate, gain: Gain) -> None:
+        work = self.work
+        cost = replace(work, channels=work.channels + candidate.channels).total() / work.total()
+        self.decisions[candidate.name] = decide_part(gain, cost, candidate.what)
+
+    def _anew(self, start: ShortFit, candidate: Candidate) -> ShortFit:
+        tried = start.restarted(Part(candidate.settings)).run(BASE_STEPS)
+        self.seconds[candidate.name] = tried.seconds_per_step
+        self._tick()
+        return tried
+
+    def _going_on(self, candidate: Candidate) -> ShortFit:
+        return self._compared(candidate.name, Part(candidate.settings), draw=1)
+
+    def _environment(self, reference: ShortFit) -> None:
+        found = []
+        for rows in SKIES:
+            tried = self._compared("environment_height", Part({"environment_height": rows}), draw=1)
+            cost = replace(self.work, height=rows).total() / replace(self.work, height=rows // 2).total()
+            found.append((rows, with_noise(self._gain(reference, tried), self.placebo), cost))
+            if not pays(*found[-1][1:]):
+                break
+            reference = tried
+        self.decisions["environment_height"] = decide_environment(found, SKIES[0] // 2)
+
+    def _texture(self) -> Work:
+        """Decide on the atlas; the counted work of a step at the sizes of a whole fit."""
+        factor, light = self.sample.factor, self.fit.transport
+        mean = sum(len(buffer.pixel) for buffer in self.fit.fitted) / self.sample.fitted * factor**2
+        budget = texel_budget(self.carrier, self.fit.footprints() / factor**2, mean * len(self.views))
+        self.decisions["texture_size"] = decide_texture(budget)
+        finer = FULL_POINTS * FULL_DIRECTIONS / (len(light.points) * len(light.directions))
+        assert light.gather_point is not None
+        return Work(
+            pixels=mean,
+            texels=mean * len(self.views) / max(budget.pixels_per_texel, 1e-6),
+            points=FULL_POINTS,
+            directions=FULL_DIRECTIONS,
+            entries=len(light.gather_point) * finer,
+            height=SKIES[0] // 2,
+        )
+
+    def _compared(self, name: str, part: Part, draw: int) -> ShortFit:
+        tried = self.fit.forked(part).run(STEPS, RATE, draw=draw)
+        self.seconds[name] = tried.seconds_per_step
+        self._tick()
+        return tried
+
+    def _gain(self, without: ShortFit, with_: ShortFit) -> Gain:
+        errors, pixels = without.held_errors()
+        return paired_gain(errors, with_.held_errors()[0], pixels)
+
+    def _tick(self) -> None:
+        self.steps += 1
+        if self.progress:
+            self.progress(min(self.steps, STAGES), STAGES)
+
+
+def decision_rows(probed: Probed) -> dict[str, Any]:
+    """The decisions as figures for the report: `decisions`, a list of rows, and measures of the mesh."""
+    rows, seconds = [], probed.seconds
+    for name, decision in probed.needs.decisions.items():
+        row = {"name": name, **vars(decision)}
+        if name == "bounces" and "direct" in seconds:
+            row["seconds_ratio"] = seconds["reference"] / seconds["direct"]
+        elif name in seconds:
+            row["seconds_ratio"] = seconds[name] / seconds["reference"]
+        rows.append(row)
+    return {"decisions": rows, "geometry": dict(probed.needs.geometry)}

@@ -1,0 +1,207 @@
+"""Short fits of coarse pictures, continued with and without one more part of the model."""
+
+from __future__ import annotations
+
+import copy
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.losses import linear_to_srgb
+from exmesh_graph.shading import envmap
+from exmesh_graph.shading.transport import choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.stage2.adam import Adam
+from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.maps import MaterialMaps
+from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.precomputed import PrecomputedLight
+from exmesh_graph.stage2.probe.compare import tiles_of
+from exmesh_graph.stage2.probe.sample import Sample
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.terms import weighted_terms
+from exmesh_graph.types import Carrier, Transport
+
+#: Surface points and directions of the probe's light transport.
+POINTS, DIRECTIONS = 2500, 64
+LAST_RATE = 0.05
+#: Tiles along a held-out picture's side: the clusters of the paired comparison.
+CLUSTERS = 4
+#: The short schedule of docs/stage2.md on coarse maps. Interreflection is switched by `bounces`, not by its weight.
+SHORT = FitSettings(
+    environment_height=32,
+    material_rate=0.3,
+    environment_rate=0.6,
+    rate_decay=0.1,
+    ssim_weight=0.0,
+    material_weight=0.01,
+    environment_weight=0.002,
+    chroma_weight=0.02,
+    indirect_ramp=1,
+    correction_samples=8,
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One more thing to model: settings of the fit and the number of interreflections."""
+
+    settings: dict[str, Any] = field(default_factory=dict)
+    bounces: int | None = None
+
+
+class ShortFit:
+    """A fit that can be forked: the copy goes on from the same maps and environment with another model."""
+
+    def __init__(self, carrier: Carrier, sample: Sample, texture_size: int, seed: int = 0) -> None:
+        subdivision = choose_subdivision(len(carrier.vertices), len(carrier.faces), POINTS)
+        traced = trace_transport(carrier.vertices, carrier.faces, DIRECTIONS, subdivision)
+        self.transport: Transport = with_bounces(traced, 1)
+        self.seed = seed
+        self.start = neutral_asset(carrier, "gray", size=8)
+        settings = replace(SHORT, texture_size=texture_size)
+        self.model = Model(carrier, sample.views, self.transport, settings, "cpu", start=self.start)
+        buffers = list(self.model.buffers)
+        self.model.start()  # of the held-out pixels it uses their mean brightness, for the first sky
+        used = [row for row in range(sample.fitted) if len(buffers[row].pixel)]
+        self.fitted = [buffers[row] for row in used]
+        self.cameras = sample.views.intrinsics[used], sample.views.camera_to_world[used]
+        self.held = buffers[sample.fitted :]
+        if not self.fitted:
+            raise DataError("no fitted pixel sees the mesh", expected="cameras and mesh in one frame")
+        self.size = (sample.views.height, sample.views.width)
+        self.seconds_per_step = 0.0
+        self.first_sky = self.model.environment.detach().clone()
+        self._bounce(0)
+        self.known = [self._known(buffer) for buffer in self.held]
+
+    def forked(self, part: Part) -> ShortFit:
+        """A copy that also models `part`."""
+        twin, model = copy.copy(self), copy.copy(self.model)
+        twin.model = model
+        settings = replace(model.settings, **part.settings)
+        before, model.settings = model.maps, settings
+        with torch.no_grad():
+            model.maps = MaterialMaps(self.start, before.texels, before.size, settings)
+            shared = min(before.parameter.shape[1], model.maps.parameter.shape[1])
+            model.maps.parameter[:, :shared] = before.parameter[:, :shared]
+            model.environment = self._environment(settings.environment_height)
+        model.environment.requires_grad_()
+        light = self.light
+        if settings.environment_height != light.settings.environment_height:
+            bounces = light.operators.bounces
+            model.light = PrecomputedLight(self.transport, model.geometry, light.tracer, settings)
+            twin._bounce(bounces)
+        if part.bounces is not None:
+            twin._bounce(part.bounces)
+        return twin
+
+    def restarted(self, part: Part) -> ShortFit:
+        """A copy that models `part` from the very start."""
+        twin = self.forked(part)
+        model = twin.model
+        model.maps = MaterialMaps(self.start, model.maps.texels, model.maps.size, model.settings)
+        model.environment = self.first_sky.clone().requires_grad_()
+        return twin
+
+    def run(self, steps: int, rate: float = 1.0, last: float = LAST_RATE, draw: int = 0) -> ShortFit:
+        """`steps` more of one view each, at `rate` times the schedule's rates, falling to `last` of that.
+
+        Ends at the mean of the second half's parameters: what is left of the order of the views (`draw` chooses it)
+        is then far below what a part of the model changes.
+        """
+        model, settings = self.model, self.model.settings
+        parameters = [model.maps.parameter, model.environment]
+        optimiser = Adam(parameters, [rate * settings.material_rate, rate * settings.environment_rate])
+        generator = torch.Generator().manual_seed(self.seed * 1000 + draw)
+        means = [torch.zeros_like(parameter) for parameter in parameters]
+        order: list[int] = []
+        began = time.perf_counter()
+        for step in range(steps):
+            order = order or torch.randperm(len(self.fitted), generator=generator).tolist()
+            terms, _ = weighted_terms(model, self.fitted[order.pop()], step)
+            torch.stack(list(terms.values())).sum().backward()
+            optimiser.step(last ** (step / steps))
+            if step >= steps // 2:
+                for mean, parameter in zip(means, parameters, strict=True):
+                    mean += parameter.detach()
+        with torch.no_grad():
+            for mean, parameter in zip(means, parameters, strict=True):
+                parameter.copy_(mean / (steps - steps // 2))
+        self.seconds_per_step = (time.perf_counter() - began) / steps
+        return self
+
+    @torch.no_grad()
+    def measure(self) -> ShortFit:
+        """Let rays measure the specular term at the current maps, for this fit and all its forks."""
+        model = self.model
+        values, environment = model.maps.values(), envmap.radiance_of(model.environment)
+        generator = torch.Generator().manual_seed(self.seed)
+        model.light.measure(model.maps, values, environment, 1.0, [*self.fitted, *self.held], generator)
+        return self
+
+    @torch.no_grad()
+    def held_errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Squared error (display values, mean over channels) and pixels, summed over every cluster: float64 [C] each.
+
+        A cluster is a tile of a held-out view. Pixels on texels that no fitted pixel reads are left out, and so are
+        channels at the top of a photograph's range.
+        """
+        lit = self.model.lit(1.0, 0)
+        errors, pixels = [], []
+        for buffer, known in zip(self.held, self.known, strict=True):
+            shown, _ = self.model.shade(buffer, lit)
+            wrong = (_display(shown) - _display(buffer.target)) ** 2
+            wrong = torch.where(buffer.clipped, torch.zeros_like(wrong), wrong).mean(dim=1)[known]
+            tile = tiles_of(buffer.pixel[known].numpy(), self.size[1], self.size[0], CLUSTERS)
+            errors.append(np.bincount(tile, weights=wrong.double().numpy(), minlength=CLUSTERS**2))
+            pixels.append(np.bincount(tile, minlength=CLUSTERS**2).astype(np.float64))
+        return np.concatenate(errors), np.concatenate(pixels)
+
+    def irradiance(self, binned: torch.Tensor, diffuse: torch.Tensor, bounces: int) -> torch.Tensor:
+        """Irradiance [P, 3] of the lattice points under binned light [K, 3] with `bounces` interreflections."""
+        operators = copy.copy(self.light.operators)
+        operators.bounces = bounces
+        return operators.irradiance(binned, diffuse if bounces else None)
+
+    def footprints(self) -> np.ndarray:
+        """Surface areas [N] that the fitted pixels cover, scene units squared."""
+        found = []
+        for row, buffer in enumerate(self.fitted):
+            samples = buffer.samples(self.model.geometry)
+            intrinsics, pose = self.cameras[0][row], self.cameras[1][row]
+            depth = (samples.position.double().numpy() - pose[:3, 3]) @ pose[:3, 2]
+            found.append(depth**2 / (intrinsics[0, 0] * intrinsics[1, 1]) / samples.n_v.double().numpy())
+        return np.concatenate(found)
+
+    @property
+    def light(self) -> PrecomputedLight:
+        """The light model."""
+        assert isinstance(self.model.light, PrecomputedLight)
+        return self.model.light
+
+    def _bounce(self, bounces: int) -> None:
+        """Switch `bounces` interreflections on, in this fit alone."""
+        self.model.light = light = copy.copy(self.light)
+        light.operators = copy.copy(light.operators)
+        light.operators.bounces = bounces
+
+    def _environment(self, height: int) -> torch.Tensor:
+        parameter = self.model.environment.detach()
+        if parameter.shape[0] == height:
+            return parameter.clone()
+        radiance = envmap.resample(envmap.radiance_of(parameter).numpy(), height, 2 * height)
+        return envmap.parameter_of(torch.from_numpy(np.maximum(radiance, 1e-6).astype(np.float32)))
+
+    def _known(self, buffer: Any) -> torch.Tensor:
+        evidence = torch.zeros(len(self.model.maps.texels))
+        for fitted in self.fitted:
+            evidence.index_add_(0, fitted.texel.reshape(-1), fitted.texel_weight.reshape(-1))
+        return (evidence[buffer.texel] * buffer.texel_weight).sum(1) > 0.5
+
+
+def _display(linear: torch.Tensor) -> torch.Tensor:
+    return linear_to_srgb(linear.clamp(0, 1))

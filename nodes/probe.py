@@ -1,0 +1,33 @@
+"""What a scene needs: short fits and measures of the mesh decide what is modelled."""
+
+from typing import Annotated, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.types import Carrier, Metrics, SceneNeeds, Views
+
+
+class ProbeParams(Params):
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+
+
+class ProbeOut(NamedTuple):
+    needs: SceneNeeds
+    decisions: Metrics
+
+
+@node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources={"cpu": 1})
+def probe(
+    ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: ProbeParams
+) -> ProbeOut:
+    """Measure on a few coarse training views whether indirect light, a metallic map, finer maps or sky pay.
+
+    `needs` decides parameters that are `auto`; `decisions` is the same for the report, with the seconds of steps.
+    """
+    from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
+    from exmesh_graph.torch_setup import torch_threads
+
+    with torch_threads(p.threads):
+        probed = probe_scene(carrier, views, seed=ctx.seed, progress=ctx.progress)
+    for name, decision in probed.needs.decisions.items():
+        ctx.log(f"{name}: {decision.value}. {decision.reason}")
+    return ProbeOut(probed.needs, Metrics(decision_rows(probed)))

@@ -1,0 +1,173 @@
+"""Measures and statistics of the probe: closed forms, brute force, and decisions at their edges."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from exmesh_graph.shading.transport import trace_transport
+from exmesh_graph.stage2.probe.baked import Baked
+from exmesh_graph.stage2.probe.compare import FLOOR, Gain, paired_gain, tiles_of
+from exmesh_graph.stage2.probe.decide import decide_bounces, decide_environment, decide_part, pays, required, with_noise
+from exmesh_graph.stage2.probe.geometry import ShapeMeasures, face_areas, measure_shape, texel_budget
+from exmesh_graph.stage2.probe.sample import sample_views
+from exmesh_graph.stage2.probe.work import Work
+from exmesh_graph.types import Views
+from tests.stage2 import probe_scenes
+
+CONCAVE = ShapeMeasures(0.4, 0.3, 0.6)
+SURE, NOTHING = Gain(1.0, 0.1), Gain(0.0, 0.01)
+
+
+def _shape(vertices, faces, directions=1024):
+    return measure_shape(trace_transport(vertices, faces, directions, 2), vertices, faces)
+
+
+def test_a_convex_mesh_sees_only_the_sky():
+    vertices, faces, _ = probe_scenes.ball(10)
+    found = _shape(vertices, faces)
+    assert found.concavity == 0
+    assert found.occluded == 0
+    assert found.blocked < 0.01  # rays below a carrying face's own horizon
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_an_open_box_sees_itself_as_the_form_factors_say(scale):
+    """The open side of a cube sees its five walls alone, so 1/5 of what the walls send leaves: reciprocity gives the
+    mean form factor of the walls with one another, 4/5."""
+    vertices, faces, _ = probe_scenes.box(8)
+    found = _shape(vertices * scale, faces)
+    assert found.concavity == pytest.approx(0.8, abs=0.01)
+    assert found.blocked == pytest.approx(found.concavity, abs=1e-5)
+    assert found.occluded > 0.95
+
+
+def test_pixels_and_texels_on_a_square():
+    """A square metre in a full atlas, seen by pixels of 1 cm: 100 texels a side if there are pixels enough."""
+    from exmesh_graph.types import Carrier
+
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    square = Carrier(corners, faces, corners[:, :2], faces, np.zeros((8, 8, 3), np.float32))
+    assert face_areas(corners, faces).sum() == pytest.approx(1)
+    budget = texel_budget(square, np.full(500, 1e-4), 1e6)
+    assert budget.texture_size == 128  # the next multiple of 64
+    assert budget.pixel_side == pytest.approx(0.01)
+    assert budget.pixels_per_texel == pytest.approx(1e6 / 128**2)
+    assert texel_budget(square, np.full(500, 1e-4), 4 * 50**2).texture_size == 64  # too few pixels for finer ones
+    assert texel_budget(square, np.full(500, 1e-12), 1e12).texture_size == 8192
+
+
+def test_gain_and_its_error_against_simulation():
+    """The jackknife's error is the spread of the gain over repeated draws of the clusters."""
+    rng = np.random.default_rng(0)
+    pixels = np.full(48, 100.0)
+
+    def draw():
+        before = rng.gamma(2.0, 0.5, 48)
+        return before, before * rng.normal(0.8, 0.1, 48)
+
+    found = [paired_gain(*draw(), pixels) for _ in range(300)]
+    spread = np.std([g.gain for g in found])
+    assert np.mean([g.error for g in found]) == pytest.approx(spread, rel=0.15)
+    assert np.mean([g.gain for g in found]) == pytest.approx(-10 * math.log10(0.8), abs=0.05)
+
+
+def test_gain_counts_pairs_not_levels_and_has_a_floor():
+    pixels = np.full(8, 10.0)
+    level = np.array([1, 50, 3, 80, 2, 60, 1, 9.0])
+    steady = paired_gain(level, level * 0.9, pixels)
+    assert steady.error < 0.01  # the same share everywhere, however the clusters differ
+    assert steady.gain == pytest.approx(0.4576, abs=1e-3)
+    tiny = paired_gain(np.full(8, 1e-9), np.full(8, 1e-12), pixels)
+    assert abs(tiny.gain) < 0.01
+    assert pytest.approx(1) == FLOOR * 1e5
+    assert paired_gain(level[:1], level[:1] / 2, pixels[:1]).error == math.inf
+    assert paired_gain(level, level / 2, np.zeros(8)) == Gain(0.0, math.inf)
+
+
+def test_tiles():
+    assert tiles_of(np.array([0, 9, 50, 99]), 10, 10, 2).tolist() == [0, 1, 2, 3]
+
+
+def test_a_gain_must_exceed_noise_and_cost():
+    assert required(1.0) == 0.05
+    assert required(2.0) == 0.25
+    assert pays(Gain(0.3, 0.1), 1.0)
+    assert not pays(Gain(0.3, 0.16), 1.0)
+    assert not pays(Gain(0.3, 0.0), 4.0)
+    assert not pays(Gain(0.3, math.inf), 1.0)
+    assert with_noise(Gain(1.0, 0.3), Gain(-0.4, 9.0)) == Gain(1.0, 0.5)
+    assert "within its noise" in decide_part(Gain(0.3, 0.3), 1.0, "It").reason
+    assert "could not be judged" in decide_part(Gain(0.0, math.inf), 1.0, "It").reason
+    assert decide_part(Gain(0.0, math.inf), 1.0, "It").error is None
+
+
+def test_bounces_are_added_while_they_pay():
+    def decided(*gains, held=NOTHING, cost=1.1):
+        return decide_bounces([Baked(g, 0.1) for g in gains], [cost] * len(gains), held, CONCAVE)
+
+    assert decided(SURE, SURE, NOTHING).value == 2
+    assert decided(SURE, NOTHING, SURE).value == 1
+    assert decided(NOTHING, SURE).value == 0
+    assert decided(NOTHING, NOTHING, held=SURE).value == 1  # where the photographs themselves tell
+    assert decided(SURE, cost=30.0).value == 0
+    assert decide_bounces([], [], NOTHING, ShapeMeasures(0.0, 0.0, 0.0)).value == 0
+
+
+def test_skies_grow_while_they_pay():
+    assert decide_environment([(64, NOTHING, 1.1)], 32).value == 32
+    assert decide_environment([(64, SURE, 1.1), (128, NOTHING, 1.1)], 32).value == 64
+    found = decide_environment([(64, SURE, 1.1), (128, SURE, 1.1)], 32)
+    assert found.value == 128
+    assert "128 rows" in found.reason
+
+
+def test_work_grows_with_everything():
+    base = Work(pixels=1e4, texels=1e5, points=1e4, directions=128, entries=1e5)
+    for change in ({"channels": 5}, {"bounces": 1}, {"height": 128}, {"pixels": 2e4}):
+        assert dataclasses.replace(base, **change).total() > base.total()
+
+
+def _views(count, height=24, width=32):
+    rng = np.random.default_rng(count)
+    pose = np.repeat(np.eye(4)[None], count, 0)
+    pose[:, 0, 3] = np.arange(count)
+    alpha = np.ones((count, height, width), np.float32)
+    matrix = np.array([[30.0, 0, width / 2], [0, 30.0, height / 2], [0, 0, 1]])
+    images = rng.random((count, height, width, 3), np.float32)
+    return Views(tuple(f"{k}" for k in range(count)), images, alpha, np.repeat(matrix[None], count, 0), pose, "train")
+
+
+def test_some_views_are_fitted_and_others_kept_out():
+    views = _views(40)
+    found = sample_views(views, 9, 3, view_pixels=24 * 32 // 4)
+    assert (found.fitted, len(found.views), found.factor) == (9, 12, 2)
+    places = found.views.camera_to_world[:, 0, 3]
+    assert len(set(places)) == 12
+    assert {0, 39} <= set(places)
+    assert np.ptp(places[9:]) > 20  # the held-out ones are spread
+    chosen = int(places[4])
+    block = views.images[chosen].reshape(12, 2, 16, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(found.views.images[4], block, atol=1e-6)
+    np.testing.assert_allclose(found.views.intrinsics[4, 0], [15, 0, 8])
+    again = sample_views(views, 9, 3, view_pixels=24 * 32 // 4)
+    assert again.views.images.tobytes() == found.views.images.tobytes()
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_few_views_keep_lone_pixels_out(count):
+    found = sample_views(_views(count), view_pixels=10**6)
+    assert (found.fitted, len(found.views)) == (count, 2 * count)
+    fitted, held = found.views.alpha[:count] > 0, found.views.alpha[count:] > 0
+    assert not (fitted & held).any()
+    assert (fitted | held).all()
+    assert held.mean() == pytest.approx(0.2, abs=0.03)
+    assert not (held[:, 1:] & held[:, :-1]).any()
+    assert not (held[:, :, 1:] & held[:, :, :-1]).any()
+
+
+def test_odd_sizes_are_cut_to_whole_blocks():
+    found = sample_views(_views(8, 25, 33), view_pixels=25 * 33 // 4)
+    assert (found.views.height, found.views.width) == (12, 16)

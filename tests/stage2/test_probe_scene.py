@@ -1,0 +1,159 @@
+"""The probe on tiny scenes whose needs are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.shading.transport import trace_transport, with_bounces
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.probe import scene, short
+from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
+from exmesh_graph.stage2.render import render_transport, render_views
+from exmesh_graph.stage2.settings import FitSettings
+from tests.stage2 import probe_scenes
+from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, photographed
+
+QUICK = FitSettings(
+    texture_size=48,
+    environment_height=16,
+    iterations=120,
+    material_rate=0.2,
+    environment_rate=0.4,
+    ssim_weight=0.0,
+    material_weight=0.01,
+    environment_weight=0.002,
+    indirect_ramp=10,
+    corrections=1,
+    correction_samples=8,
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small():
+    """The scenes are a few thousand pixels: fewer steps, surface points and rows of the sky do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene, "BASE_STEPS", 80)
+        patch.setattr(scene, "STEPS", 30)
+        patch.setattr(scene, "SKIES", (32,))
+        patch.setattr(short, "POINTS", 300)
+        patch.setattr(short, "SHORT", dataclasses.replace(short.SHORT, environment_height=16))
+        yield
+
+
+@pytest.fixture(scope="module")
+def matte(small):
+    truth = asset(ball())
+    return truth, photographed(truth)
+
+
+@pytest.fixture(scope="module")
+def hollow(small):
+    truth = asset(box(6))
+    return truth, photographed(truth, above=True)
+
+
+@pytest.fixture(scope="module")
+def matte_probe(matte):
+    return probe_scene(carrier_of(matte[0]), matte[1])
+
+
+@pytest.fixture(scope="module")
+def hollow_probe(hollow):
+    return probe_scene(carrier_of(hollow[0]), hollow[1])
+
+
+def _value(probed, name):
+    return probed.needs.decisions[name].value
+
+
+def _held_out(truth, views, bounces, test):
+    """PSNR (display) of a new view after a fit with so many interreflections."""
+    carrier = carrier_of(truth)
+    light = trace_transport(carrier.vertices, carrier.faces, 128, 1)
+    light = with_bounces(light, bounces) if bounces else light
+    made, _ = fit(carrier, views, light, QUICK, start=neutral_asset(carrier, "gray"))
+    shown = render_views(
+        made, *test[0], probe_scenes.SIZE, probe_scenes.SIZE, transport=render_transport(made, bounces, 128, 800)
+    )
+    wrong = np.clip(shown.images, 0, 1) ** (1 / 2.2) - np.clip(test[1].images, 0, 1) ** (1 / 2.2)
+    return float(-10 * np.log10(np.mean(wrong**2)))
+
+
+def _new_views(truth, above):
+    intrinsics, poses = cameras(5, above=above)
+    middle = intrinsics[1:4], poses[1:4]
+    light = render_transport(truth, 3, directions=256, points=1500)
+    return middle, render_views(truth, *middle, probe_scenes.SIZE, probe_scenes.SIZE, transport=light)
+
+
+def test_a_convex_object_needs_no_indirect_light_and_loses_nothing(matte, matte_probe):
+    assert _value(matte_probe, "bounces") == 0
+    test = _new_views(matte[0], above=False)
+    assert abs(_held_out(*matte, 0, test) - _held_out(*matte, 1, test)) < 0.05
+
+
+def test_a_hollow_object_keeps_it_and_it_pays(hollow, hollow_probe):
+    decision = hollow_probe.needs.decisions["bounces"]
+    assert decision.value >= 1
+    assert decision.gain > 1
+    assert decision.evidence["concavity"] > 0.2
+    assert decision.evidence["share_of_light"] > 0.05
+    test = _new_views(hollow[0], above=True)
+    assert _held_out(*hollow, decision.value, test) > _held_out(*hollow, 0, test) + 0.1
+
+
+def test_metal_turns_metallic_on_and_matte_does_not(matte_probe, hollow_probe):
+    metal = asset(ball(), metallic=1.0, roughness=0.35)
+    found = probe_scene(carrier_of(metal), photographed(metal)).needs.decisions["metallic"]
+    assert found.value is True
+    assert found.gain > 0.5
+    assert _value(matte_probe, "metallic") is False
+    assert _value(hollow_probe, "metallic") is False
+
+
+def test_noise_and_blank_pictures_do_not_switch_everything_on(matte, hollow):
+    rng = np.random.default_rng(5)
+    noise = [rng.random(views.images.shape) * views.alpha[..., None] for _, views in (matte, hollow)]
+    blank = np.repeat(0.4 * matte[1].alpha[..., None], 3, axis=-1)
+    for (truth, views), images in ((matte, noise[0]), (matte, blank), (hollow, noise[1])):
+        found = probe_scene(carrier_of(truth), dataclasses.replace(views, images=images.astype(np.float32))).needs
+        assert found.decisions["metallic"].value is False
+        assert found.decisions["environment_height"].value == 16
+        if truth is matte[0]:
+            assert found.decisions["bounces"].value == 0
+        else:  # the walls do light one another; against noise it counts for little
+            assert found.decisions["bounces"].gain < 1
+
+
+def test_one_view_is_enough_to_answer(matte):
+    views = photographed(matte[0], 1)
+    found = probe_scene(carrier_of(matte[0]), views).needs
+    assert found.geometry["views"] == 2  # its pixels, in two parts
+    assert [found.decisions[name].value for name in ("bounces", "metallic")] == [0, False]
+    assert found.decisions["metallic"].error is not None
+
+
+def test_equal_scenes_give_equal_bytes(matte, matte_probe, tmp_path):
+    again = probe_scene(carrier_of(matte[0]), matte[1])
+    for name, probed in (("a", matte_probe), ("b", again)):
+        (tmp_path / name).mkdir()
+        probed.needs.save(tmp_path / name)
+    assert (tmp_path / "a/needs.json").read_bytes() == (tmp_path / "b/needs.json").read_bytes()
+
+
+def test_every_decision_has_its_numbers_and_a_sentence(hollow_probe):
+    rows = decision_rows(hollow_probe)["decisions"]
+    assert {row["name"] for row in rows} >= {"bounces", "metallic", "environment_height", "texture_size"}
+    for row in rows:
+        assert row["reason"].endswith(".")
+        assert row["cost"] >= 1
+        assert row["name"] == "texture_size" or row["seconds_ratio"] > 0
+    assert 0 < hollow_probe.needs.geometry["blocked"] < 1
+
+
+def test_pictures_that_do_not_show_the_mesh(matte):
+    with pytest.raises(DataError, match="pixel sees the mesh"):
+        probe_scene(carrier_of(matte[0]), dataclasses.replace(matte[1], alpha=np.zeros_like(matte[1].alpha)))
