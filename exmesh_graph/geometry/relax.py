@@ -33,8 +33,9 @@ def relax(
 ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """(vertices float32 [V, 3], uvs float32 [T, 2], colours) after `steps` of tangential smoothing; indices stay.
 
-    A vertex moves by `strength` of the way to the mean of its neighbours, along its tangent plane, then to the nearest
-    point of the old faces around it, and takes the UV of that point: at the new vertex the texture is what it was.
+    A vertex moves by `strength` of the way to the mean of its neighbours, along its tangent plane, and takes the UV of
+    the nearest point of the old faces around it. It ends between that point and the tangent plane, nearer to the plane
+    the larger its own weight in that point is: exact on a surface of second order, where faces are chords.
     Vertices on boundaries and seams stay, and those where the surface bends by more than `max_bend` radians; a move
     that turns a face by more than that, folds it in the atlas or makes it thinner is taken back. `colours` are arrays
     [V, ...] of what is painted on the surface: a vertex takes what lies at its new place.
@@ -63,6 +64,8 @@ def relax(
         which = np.flatnonzero(movable)
         aim = points[which] + strength * move[which]
         place, face, weights = _on_old_faces(points, faces, which, aim, start, around)
+        own = np.where(faces[face] == which[:, None], weights, 0.0).sum(axis=1)
+        place += own[:, None] * (aim - place)
         place_uv = np.einsum("nk,nkc->nc", weights, marked[uv_faces[face]])
         points, marked, went = _accept(points, marked, faces, uv_faces, which, mark[which], place, place_uv, max_bend)
         for i, values in enumerate(colours):

@@ -121,9 +121,11 @@ def corners_of(face, marks, vertices, uvs):
     return frozenset((tuple(vertices[v].tolist()), tuple(uvs[m].tolist())) for v, m in zip(face, marks, strict=True))
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
+@pytest.mark.parametrize("scale", [2.0**-10, 2.0**10])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_sequence_does_not_depend_on_the_scale(seed, scale):
+    """Powers of two, which rounding does not see: over many operations two nearly equal scores may change places. The
+    tests of single operations take 1e-3 and 1e3."""
     rng = np.random.default_rng(seed)
     vertices, faces, uvs, uv_faces = unwrapped(("sphere", "torus", "sheet", "neck")[seed])
     vertices = vertices + rng.normal(size=vertices.shape).astype(np.float32) * np.float32(0.01)
@@ -137,5 +139,5 @@ def test_a_sequence_does_not_depend_on_the_scale(seed, scale):
         results.append(mesh)
     np.testing.assert_array_equal(results[0][1], results[1][1])
     np.testing.assert_array_equal(results[0][3], results[1][3])
-    np.testing.assert_allclose(results[1][0] / scale, results[0][0], atol=1e-5)
-    np.testing.assert_allclose(results[1][2], results[0][2], atol=1e-5)
+    np.testing.assert_allclose(results[1][0] / scale, results[0][0], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(results[1][2], results[0][2], atol=1e-6)
