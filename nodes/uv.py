@@ -15,7 +15,10 @@ class AtlasParams(Params):
 
 class DiscParams(AtlasParams):
     bend: float = param(
-        0.3, gt=0.0, lt=1.0, doc="How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts."
+        0.45,
+        gt=0.0,
+        lt=1.0,
+        doc="How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts.",
     )
 
 

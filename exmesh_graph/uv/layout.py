@@ -11,6 +11,7 @@ import numpy as np
 from exmesh_graph.geometry.adjacency import Edges, area_vectors, components, corner_fans, edges_of, face_areas
 from exmesh_graph.uv.charts import partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches
+from exmesh_graph.uv.marks import shelves
 from exmesh_graph.uv.outline import winding
 
 _MOST_STRETCH = (
@@ -171,17 +172,7 @@ def _overlaps(place: np.ndarray, faces: np.ndarray, chart: np.ndarray, n: int, a
     there = np.isfinite(low[:, 0])
     low[~there] = high[~there] = 0.0
     low, size = np.floor(low), np.ceil(high - np.floor(low)).astype(np.int64) + 1
-    # charts in rows of about the same height
-    order = np.argsort(-size[:, 1], kind="stable")
-    width = max(int(size[:, 0].max()), int(np.sqrt(size.prod(axis=1).sum())) + 1)
-    left, top = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    across = row = tallest = 0
-    for c in order.tolist():
-        if across + size[c, 0] > width:
-            across, row, tallest = 0, row + tallest, 0
-        left[c], top[c] = across, row
-        across, tallest = across + int(size[c, 0]), max(tallest, int(size[c, 1]))
-    sheet = (row + tallest, width)
+    left, top, sheet = shelves(size[:, 0], size[:, 1], 0)
     dx, dy = left - low[:, 0], top - low[:, 1]
     around = np.abs(winding(x[tail] + dx[owner], y[tail] + dy[owner], x[head] + dx[owner], y[head] + dy[owner], sheet))
     rows, columns = np.nonzero(around > 1)

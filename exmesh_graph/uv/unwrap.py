@@ -25,7 +25,7 @@ def unwrap(
     texture_size: int = 1024,
     *,
     padding: int = 4,
-    bend: float = 0.3,
+    bend: float = 0.45,
     cut_nonmanifold: bool = False,
     method: Literal["discs", "xatlas"] = "discs",
     max_cost: float = 2.0,
@@ -91,7 +91,8 @@ def _scaled(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         raise GeometryError("the mesh has no area", expected="triangles with area", fix="clean the mesh (init.clean)")
     used = vertices[np.unique(faces)].astype(np.float64)
     centre = 0.5 * (used.min(axis=0) + used.max(axis=0))
-    return (vertices.astype(np.float64) - centre) * np.sqrt(len(faces) / area)
+    scaled = (vertices.astype(np.float64) - centre) * np.sqrt(len(faces) / area)
+    return np.round(scaled, 3)  # so that ties between charts are not broken by the rounding of the scene's scale
 
 
 def _repeat(faces: np.ndarray, corners: np.ndarray, twin: np.ndarray) -> np.ndarray:
