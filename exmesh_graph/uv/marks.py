@@ -33,7 +33,9 @@ class Items:
     def cells(self, item: int) -> np.ndarray:
         """int32 [n, 2], the marked cells (row, column) in a mixed order: a place that is taken shows so sooner."""
         if item not in self._cells:
-            cells = np.argwhere(self.masks[item]).astype(np.int32)
+            mask = self.masks[item]
+            assert mask is not None
+            cells = np.argwhere(mask).astype(np.int32)
             self._cells[item] = cells[np.random.default_rng(0).permutation(len(cells))]
         return self._cells[item]
 
