@@ -121,6 +121,8 @@ def middlebury(ctx: Context, *, p: MiddleburyParams) -> ViewsOut:
     from exmesh_graph.io.middlebury import load_middlebury
 
     scene = load_middlebury(p.path, _middlebury_options(p))
+    for note in scene.notes:
+        ctx.warn(note)
     return ViewsOut(scene.train, scene.test, scene.frame)
 
 
@@ -153,6 +155,8 @@ def idr(ctx: Context, *, p: IdrParams) -> ViewsOut:
     from exmesh_graph.io.idr import load_idr
 
     scene = load_idr(p.path, _idr_options(p))
+    for note in scene.notes:
+        ctx.warn(note)
     return ViewsOut(scene.train, scene.test, scene.frame)
 
 

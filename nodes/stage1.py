@@ -101,6 +101,9 @@ def refine(
 
     if not views.has_masks and region is None:
         ctx.warn("the views have no masks and no region is wired in: the outline follows from colour alone")
+    elif views.has_masks and not views.masked.all():
+        bare = [name for name, masked in zip(views.names, views.masked, strict=True) if not masked]
+        ctx.warn(f"{len(bare)} of {len(views)} views have no mask and shape the surface by colour alone: {_some(bare)}")
     settings = RefineSettings(**p.model_dump(exclude={"device", "threads", "share"}))
     if p.share > 0:
         settings = replace(settings, iterations=round(p.share * p.total_iterations))
@@ -120,4 +123,15 @@ def refine(
             checkpoint=ctx.checkpoint,
             resumed=ctx.resume(),
         )
+    suspects = history.get("suspects", {})
+    for view in list(suspects)[:8]:
+        ctx.warn(f"view {view!r}: {suspects[view]}")
+    if more := list(suspects)[8:]:
+        ctx.warn(f"{len(more)} more views do not fit (see the history): {_some(more)}")
+    if dark := history.get("dark"):
+        ctx.warn(f"the object is almost black in {len(dark)} views, where only masks shape it: {_some(dark)}")
     return RefineOut(new, Metrics(history))
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

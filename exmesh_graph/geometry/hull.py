@@ -95,6 +95,11 @@ class SilhouetteField:
             out[part] = self._evaluate(points[part], floor)
         return out
 
+    def against(self, points: np.ndarray) -> np.ndarray:
+        """Indices of the views whose masks leave out that one of `points` [P, 3] which most masks hold."""
+        held = np.stack([self._vote(view, np.asarray(points, np.float32)) >= 0 for view in range(len(self.distances))])
+        return np.flatnonzero(~held[:, held.sum(axis=0).argmax()])
+
     def _evaluate(self, points: np.ndarray, floor: float) -> np.ndarray:
         result = np.full(len(points), np.inf, np.float32)
         live = np.arange(len(points))

@@ -41,8 +41,9 @@ class Loaded:
 def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Loaded:
     """Read all pictures of a split; linear, premultiplied, reduced by exact area averaging.
 
-    Raises DataError, naming file or view, for: no views, doubled names, missing, undecodable or empty pictures, a
-    mask or picture of another size, and cameras that are singular or not rigid.
+    Training views may lack masks that others have: alpha is 1 all over them. Raises DataError, naming file or view,
+    for: no views, doubled names, missing, undecodable or empty pictures, a mask or picture of another size, a test view
+    without the mask that others have, and cameras that are singular or not rigid.
     """
     if not shots:
         raise DataError(f"there are no {split} views", expected="at least one", fix="check the data set's camera file")
@@ -62,7 +63,7 @@ def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Load
         photos.append(photo)
         full_intrinsics.append(k)
         poses.append(pose)
-    _check_alike(shots, photos)
+    _check_alike(shots, photos, split)
     side = max(photos[0].size)
     reduction = max(1, round(side / _SILHOUETTE_SIDE))
     has_masks = any(photo.has_alpha and (photo.alpha < 1).any() for photo in photos)
@@ -104,7 +105,7 @@ def _read(shot: Shot) -> Photo:
     return photo
 
 
-def _check_alike(shots: Sequence[Shot], photos: Sequence[Photo]) -> None:
+def _check_alike(shots: Sequence[Shot], photos: Sequence[Photo], split: str) -> None:
     seen: dict[str, Path] = {}
     for shot, photo in zip(shots, photos, strict=True):
         if shot.name in seen:
@@ -120,11 +121,11 @@ def _check_alike(shots: Sequence[Shot], photos: Sequence[Photo]) -> None:
                 expected=f"all images of the size of {shots[0].image.name}",
                 fix="resize or crop all images (and their cameras) alike before loading",
             )
-        if photo.has_alpha != photos[0].has_alpha:
+        if split != "training" and photo.has_alpha != photos[0].has_alpha:
             lacks, has = (shots[0], shot) if photo.has_alpha else (shot, shots[0])
             raise DataError(
                 "the image has no alpha channel or mask, but others have", where=str(lacks.image),
-                expected=f"a mask as {has.image.name} has", fix="add the missing mask, or remove all of them",
+                expected=f"a mask as {has.image.name} has", fix="add the missing mask: scores need it",
             )  # fmt: skip
 
 

@@ -73,15 +73,21 @@ def sphere_from_cameras(intrinsics: np.ndarray, camera_to_world: np.ndarray, wid
 
 
 def sphere_from_masks(
-    alpha: np.ndarray, intrinsics: np.ndarray, camera_to_world: np.ndarray, *, dissent: int = 0
+    alpha: np.ndarray,
+    intrinsics: np.ndarray,
+    camera_to_world: np.ndarray,
+    *,
+    dissent: int = 0,
+    names: Sequence[str] = (),
 ) -> tuple[np.ndarray, float]:
     """Bounding sphere (centre [3], radius) of the masks' visual hull, in the world of the cameras.
 
     The rays through the middles of the masks give a first centre and the masks' extent a first radius, neither of
     which asks the optical axes to meet in the object; the hull on a coarse grid, refined once, then gives the sphere.
-    Raises DataError where the masks have no common part.
+    Views without a mask (alpha 1 all over) say nothing. Raises DataError where the masks have no common part.
     """
-    centre, radius = _from_mask_rays(alpha, intrinsics, camera_to_world)
+    masked = (alpha < 1).any(axis=(1, 2))
+    centre, radius = _from_mask_rays(alpha[masked], intrinsics[masked], camera_to_world[masked])
     field = SilhouetteField.from_masks(alpha, intrinsics, np.linalg.inv(camera_to_world), dissent=dissent)
     low, high = centre - 1.3 * radius, centre + 1.3 * radius
     inside = np.zeros((0, 3))
@@ -90,13 +96,38 @@ def sphere_from_masks(
         points = grid.points().astype(np.float64)
         inside = points[field(points, -2.5 * grid.step) > -0.5 * grid.step]
         if len(inside) == 0:
+            against = field.against(points) if names else ()
             raise DataError(
                 "the masks of the views have no common part",
+                where=f"against most others: {some([names[i] for i in against])}" if len(against) else "",
                 expected="cameras and masks of one object",
                 fix="check the cameras' convention (axes, up, intrinsics for this image size) and the masks",
             )
         low, high = inside.min(0) - 1.5 * grid.step, inside.max(0) + 1.5 * grid.step
     return bounding_sphere(inside)
+
+
+def looking_away(intrinsics: np.ndarray, camera_to_world: np.ndarray, width: int, height: int) -> list[int]:
+    """Indices of normalised cameras in whose pictures no part of the object's sphere (radius `FILL`) can appear."""
+    centre = -np.einsum("nji,nj->ni", camera_to_world[:, :3, :3], camera_to_world[:, :3, 3])
+    away = []
+    for i, (k, (x, y, z)) in enumerate(zip(intrinsics, centre, strict=True)):
+        # the four side planes of the picture's pyramid, and the plane of the camera
+        planes = [
+            (k[0, 0] * x + k[0, 2] * z, np.hypot(k[0, 0], k[0, 2])),
+            ((width - k[0, 2]) * z - k[0, 0] * x, np.hypot(k[0, 0], width - k[0, 2])),
+            (k[1, 1] * y + k[1, 2] * z, np.hypot(k[1, 1], k[1, 2])),
+            ((height - k[1, 2]) * z - k[1, 1] * y, np.hypot(k[1, 1], height - k[1, 2])),
+            (z, 1.0),
+        ]
+        if any(value < -FILL * length for value, length in planes):
+            away.append(i)
+    return away
+
+
+def some(names: Sequence[str]) -> str:
+    """Names for a message: the first eight."""
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
 def bounding_sphere(points: np.ndarray, steps: int = 200) -> tuple[np.ndarray, float]:

@@ -10,7 +10,14 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import UpAxis, scene_from_dataset
 from exmesh_graph.io.load import check_no_leak, load_shots, to_views
-from exmesh_graph.io.normalise import make_frame, sphere_from_box, sphere_from_cameras, sphere_from_masks
+from exmesh_graph.io.normalise import (
+    looking_away,
+    make_frame,
+    some,
+    sphere_from_box,
+    sphere_from_cameras,
+    sphere_from_masks,
+)
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.types import Frame, SceneTruth, Views
 
@@ -49,19 +56,50 @@ def load_scene(
             f"{fit.alpha.shape[2]} x {fit.alpha.shape[1]}",
             where=str(test[0].image), fix="give both splits the same size",
         )  # fmt: skip
+    places = fit.camera_to_world[:, :3, 3]
+    if (
+        box is None
+        and sphere is None
+        and len(train) > 1
+        and np.ptp(places, axis=0).max() <= 1e-9 * np.abs(places).max()
+    ):
+        raise DataError(
+            f"all {len(train)} training cameras stand in one place, so the object cannot be located",
+            expected="cameras around the object",
+            fix="correct the poses, or give the object's box in the loader's `box`",
+        )
     if box is not None:
         centre, radius = sphere_from_box(box[0], box[1])
     elif sphere is not None:
         centre, radius = sphere
     elif fit.has_masks:
         few = min(dissent, max(len(train) - 2, 0))
-        centre, radius = sphere_from_masks(fit.silhouettes, fit.silhouette_intrinsics, fit.camera_to_world, dissent=few)
+        centre, radius = sphere_from_masks(
+            fit.silhouettes, fit.silhouette_intrinsics, fit.camera_to_world, dissent=few, names=fit.names
+        )
     else:
         height, width = fit.alpha.shape[1:]
         centre, radius = sphere_from_cameras(fit.intrinsics, fit.camera_to_world, width, height)
     frame = make_frame(centre, radius, scene_from_dataset(up, fit.camera_to_world), metres_per_unit)
+    views = to_views(fit, frame, "train", has_masks=fit.has_masks)
     return Scene(
-        train=to_views(fit, frame, "train", has_masks=fit.has_masks),
+        train=views,
         test=to_views(held, frame, "test", has_masks=held.has_masks),
         frame=frame,
+        notes=_notes(views),
     )
+
+
+def _notes(train: Views) -> list[str]:
+    """What is odd about the training views, views named."""
+    notes = []
+    bare = [name for name, masked in zip(train.names, train.masked, strict=True) if not masked]
+    if train.has_masks and bare:
+        notes.append(f"{len(bare)} of {len(train)} training views have no mask: {some(bare)}")
+    blind = [train.names[i] for i in looking_away(train.intrinsics, train.camera_to_world, train.width, train.height)]
+    if blind:
+        notes.append(
+            f"{len(blind)} cameras look past the object and show nothing of it: {some(blind)}; correct their "
+            "poses, or leave these views out"
+        )
+    return notes

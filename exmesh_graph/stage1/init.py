@@ -13,6 +13,7 @@ from exmesh_graph.stage1.targets import Targets, prepare_targets
 from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Carrier, Stage1State, Views
 from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.transfer import COVER
 
 _CHUNK = 1 << 15
 _LARGEST = 512
@@ -68,7 +69,7 @@ def project_texture(carrier: Carrier, targets: Targets, size: int) -> np.ndarray
     """
     inner = min(size, _LARGEST)
     device = targets.images.device
-    face_id, bary = rasterize_atlas(carrier.uvs, carrier.uv_faces, inner, margin=1.5)
+    face_id, bary = rasterize_atlas(carrier.uvs, carrier.uv_faces, inner, margin=COVER)
     texels = np.flatnonzero(face_id.reshape(-1) >= 0)
     faces = tensor_of(np.asarray(carrier.faces, np.int64))
     vertices = tensor_of(np.asarray(carrier.vertices, np.float32))

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
+from exmesh_graph.stage1.diagnose import diagnose
 from exmesh_graph.stage1.optimiser import vertex_areas, vertex_step
 from exmesh_graph.stage1.regularise import Prepared, mean_edge
 from exmesh_graph.stage1.render import Surface, draw, surface_of
@@ -19,6 +20,8 @@ from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.targets import Targets, prepare_targets
 from exmesh_graph.stage1.terms import Terms
 from exmesh_graph.types import DepthMaps, Mesh, Stage1State, Views
+
+_LAST = 0.99  # of the schedule: rounds that are shares of it end near its end
 
 Progress = Callable[..., None]
 Checkpoint = Callable[[int, dict[str, Any]], None]
@@ -52,10 +55,10 @@ def refine(
     `region` is a surface, the coarse start say: with views without masks, only pixels that show it count.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
-    name where they are fitted. Same inputs and seed give the same bytes on a CPU, also when a call was cut off and
-    another one with the same arguments goes on from `resumed`, what `checkpoint(step, state)` was last given. Raises
-    NumericsError with step, view and term if anything is not finite, GeometryError for a carrier without faces, and
-    DataError for a region where there are masks.
+    name where they are fitted, and after the last round of the schedule "suspects" and "dark" (`diagnose`). Same inputs
+    and seed give the same bytes on a CPU, also when a call was cut off and another one with the same arguments goes on
+    from `resumed`, what `checkpoint(step, state)` was last given. Raises NumericsError with step, view and term if
+    anything is not finite, GeometryError for a carrier without faces, and DataError for a region where there are masks.
     """
     if len(state.faces) == 0:
         raise GeometryError("the carrier has no faces", where=where, fix="look at the node that made its mesh")
@@ -65,7 +68,11 @@ def refine(
             fix="take the wire to `region` away: the masks say what counts",
         )  # fmt: skip
     targets = prepare_targets(views, downscale=settings.downscale, depths=depths, region=region, device=device)
-    return _Loop(state, targets, settings, seed, where, device).run(progress, checkpoint, resumed)
+    loop = _Loop(state, targets, settings, seed, where, device)
+    new, history = loop.run(progress, checkpoint, resumed)
+    if settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
+        history |= diagnose(loop.surface, targets, gains=settings.gains)
+    return new, history
 
 
 class _Loop:

@@ -23,7 +23,8 @@ class Targets:
     images           float32 [N, H, W, 3], sRGB(clip(rgb / alpha)) * alpha
     alpha            float32 [N, H, W]
     intrinsics       float64 [N, 3, 3], world_to_camera float64 [N, 4, 4]
-    names, has_masks as in Views
+    names            as in Views
+    masked           bool [N] on the CPU, views whose mask is known
     depth            float32 [N, H, W] or None, the reference of L_d; 0 where unknown
     inside           bool [N, H, W] or None, the pixels that count where there are no masks
     """
@@ -33,7 +34,7 @@ class Targets:
     intrinsics: torch.Tensor
     world_to_camera: torch.Tensor
     names: tuple[str, ...]
-    has_masks: bool
+    masked: torch.Tensor
     depth: torch.Tensor | None = None
     inside: torch.Tensor | None = None
     _boxes: dict[int, Box] = field(default_factory=dict)
@@ -105,7 +106,7 @@ def prepare_targets(
         intrinsics=intrinsics,
         world_to_camera=world_to_camera,
         names=views.names,
-        has_masks=views.has_masks,
+        masked=torch.from_numpy(views.masked),
         depth=None if depths is None else _depth(depths, views, downscale, height, width).to(device),
         inside=None if region is None else _covered(region, intrinsics, world_to_camera, height, width, device),
     )

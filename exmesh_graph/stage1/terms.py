@@ -51,7 +51,7 @@ class Terms:
             terms["d_ssim"] = (
                 settings.ssim_weight * share * losses.d_ssim(box.crop(image), self.targets.ssim_target(view))
             )
-        if self.targets.has_masks and settings.silhouette_weight > 0:
+        if bool(self.targets.masked[view]) and settings.silhouette_weight > 0:
             of = losses.silhouette_l1 if settings.silhouette == "l1" else losses.silhouette_bce
             terms["silhouette"] = settings.silhouette_weight * of(picture.alpha, mask)
         if self.targets.inside is not None and settings.coverage_weight > 0:
@@ -79,12 +79,12 @@ class Terms:
         return {name: [round(factor, 4) for factor in gain] for name, gain in named}
 
     def _comparable(self, view: int, picture: Picture) -> torch.Tensor:
-        """The picture under the view's exposure and, without masks, over the photograph's own background."""
+        """The picture under the view's exposure and, without a mask, over the photograph's own background."""
         image, target = picture.colour, self.targets.images[view]
         if self.gains is not None:
             self.gains[view] = fit_gain(image.detach(), target, self.targets.alpha[view], self.gains[view])
             image = image * (self.gains[view] / self.gains.mean(dim=0))
-        if not self.targets.has_masks:
+        if not bool(self.targets.masked[view]):
             # nothing is known of the background: let the photograph itself stand there
             image = image + (1 - picture.alpha[..., None]) * target
         if self.targets.inside is not None:

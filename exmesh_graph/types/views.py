@@ -19,7 +19,7 @@ class Views(Artifact):
 
     names            N file stems, unique
     images           float32 [N, H, W, 3], linear RGB, premultiplied by alpha, background 0
-    alpha            float32 [N, H, W], coverage in [0, 1] (all ones where the data has no masks)
+    alpha            float32 [N, H, W], coverage in [0, 1] (all ones where a view has no mask)
     intrinsics       float64 [N, 3, 3], pixels; pixel centres at +0.5; principal point always kept
     camera_to_world  float64 [N, 4, 4], rigid, OpenCV camera axes (x right, y down, z forward)
     split            "train" or "test"
@@ -57,6 +57,11 @@ class Views(Artifact):
         import numpy as np
 
         return np.linalg.inv(self.camera_to_world)
+
+    @property
+    def masked(self) -> np.ndarray:
+        """bool [N], views whose mask is known: some may lack one where others have theirs (alpha is 1 all over)."""
+        return (self.alpha < 1).any(axis=(1, 2)) & self.has_masks
 
     def facets(self) -> dict[str, Any]:
         return {"split": self.split, "masks": self.has_masks}

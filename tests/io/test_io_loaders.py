@@ -1,5 +1,6 @@
 """The loaders: geometry of the normalised world, splits, and every kind of bad input they name."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -193,8 +194,43 @@ class TestBadBlender:
         assert load_blender(blender_scene, NO_TRUTH).train.has_masks
         write_image(blender_scene / "train" / "005_mask.png", np.ones((SIZE, SIZE // 2)))
         self.bad(blender_scene, r"005_mask\.png: the mask is 24 x 48, its image 48 x 48")
+
+    def test_cameras_in_one_place_and_one_that_looks_away(self, blender_scene):
+        file = blender_scene / "transforms_train.json"
+        text = json.loads(file.read_text())
+        kept = json.loads(file.read_text())
+        turn = np.diag([-1.0, 1.0, -1.0, 1.0])
+        text["frames"][2]["transform_matrix"] = (np.array(text["frames"][2]["transform_matrix"]) @ turn).tolist()
+        file.write_text(json.dumps(text))
+        scene = load_blender(blender_scene, NO_TRUTH)
+        assert "1 cameras look past the object" in scene.notes[0]
+        assert scene.train.names[2] in scene.notes[0]
+        for frame in kept["frames"]:
+            matrix = np.array(frame["transform_matrix"])
+            matrix[:3, 3] = [1.0, 2.0, 3.0]
+            frame["transform_matrix"] = matrix.tolist()
+        file.write_text(json.dumps(kept))
+        self.bad(blender_scene, r"all 9 training cameras stand in one place")
+
+    def test_training_views_may_lack_masks_and_test_views_may_not(self, blender_scene):
+        for picture in (*(blender_scene / "train").iterdir(), *(blender_scene / "test").iterdir()):
+            pixels = read_image(picture)
+            stem = picture.name.removesuffix("_rgba.png")
+            write_image(picture.with_name(stem + ".png"), pixels[..., :3])
+            write_image(picture.with_name(stem + "_mask.png"), pixels[..., 3])
+            picture.unlink()
+        whole = load_blender(blender_scene, NO_TRUTH)
+        assert not whole.notes
         (blender_scene / "train" / "005_mask.png").unlink()
-        self.bad(blender_scene, r"005\.png: the image has no alpha channel or mask")
+        scene = load_blender(blender_scene, NO_TRUTH)
+        assert "1 of" in scene.notes[0]
+        assert "005" in scene.notes[0]
+        assert scene.train.has_masks
+        assert [n for n, known in zip(scene.train.names, scene.train.masked, strict=True) if not known] == [scene.train.names[5]]
+        ours, theirs = (s.frame.scene_from_normalised for s in (scene, whole))
+        np.testing.assert_allclose(ours, theirs, atol=0.1 * np.abs(theirs).max())
+        next((blender_scene / "test").glob("*_mask.png")).unlink()
+        self.bad(blender_scene, r"the image has no alpha channel or mask")
 
     def test_empty_mask(self, blender_scene):
         write_image(blender_scene / "train" / "003_rgba.png", np.zeros((SIZE, SIZE, 4)))

@@ -204,7 +204,7 @@ def test_a_merge_keeps_what_survives(kind):
 @pytest.mark.parametrize("kind", OTHERS)
 def test_a_new_atlas_leaves_the_model_alone(kind, views):
     state = begun(kind)
-    new = uv.xatlas_regen(FakeContext(), state, p=uv.RegenParams(texture_size=48)).state
+    new = uv.regenerate(FakeContext(), state, p=uv.RegenerateParams(texture_size=48)).state
     assert all(np.array_equal(state.model[name], new.model[name]) for name in state.model)
     assert np.array_equal(render_carrier(new, views)[0], render_carrier(state, views)[0])
 
