@@ -226,7 +226,9 @@ class TestBadBlender:
         assert "1 of" in scene.notes[0]
         assert "005" in scene.notes[0]
         assert scene.train.has_masks
-        assert [n for n, known in zip(scene.train.names, scene.train.masked, strict=True) if not known] == [scene.train.names[5]]
+        assert [n for n, known in zip(scene.train.names, scene.train.masked, strict=True) if not known] == [
+            scene.train.names[5]
+        ]
         ours, theirs = (s.frame.scene_from_normalised for s in (scene, whole))
         np.testing.assert_allclose(ours, theirs, atol=0.1 * np.abs(theirs).max())
         next((blender_scene / "test").glob("*_mask.png")).unlink()

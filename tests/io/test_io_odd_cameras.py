@@ -31,7 +31,7 @@ def test_looking_away_is_no_point_of_the_sphere_in_the_picture(degrees):
 
 def test_a_mask_against_all_others_is_named():
     views = photographs(ball(), 8, 48)
-    poses = turned(views.camera_to_world, 5, 24)
+    poses = turned(views.camera_to_world, 5, 40)
     sphere_from_masks(views.alpha, views.intrinsics, views.camera_to_world, names=views.names)
     with pytest.raises(DataError, match="no common part") as caught:
         sphere_from_masks(views.alpha, views.intrinsics, poses, names=views.names)
@@ -45,7 +45,7 @@ def test_views_without_a_mask_do_not_move_the_sphere():
     alpha[[1, 6]] = 1
     there, size = sphere_from_masks(alpha, views.intrinsics, views.camera_to_world)
     np.testing.assert_allclose(there, centre, atol=0.08)  # the hull has fewer sides
-    assert abs(size - radius) < 0.06
+    assert abs(size - radius) < 0.08
 
 
 def test_lists_of_names_stay_short():
