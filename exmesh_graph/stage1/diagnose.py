@@ -65,7 +65,8 @@ def residuals(surface: Surface, targets: Targets) -> Residuals:
             row[4:6] = phase_shift(picture.colour.mean(dim=-1), target.mean(dim=-1), cover)
         rows.append(row)
     figures = torch.stack(rows)
-    return Residuals(*figures[:, :4].T, figures[:, 4:6], figures[:, 6])
+    stops, colour, mask, bias, right, down, light = figures.T
+    return Residuals(stops, colour, mask, bias, torch.stack([right, down], dim=1), light)
 
 
 def diagnose(surface: Surface, targets: Targets, *, gains: bool = False) -> dict[str, Any]:

@@ -61,7 +61,9 @@ class Views(Artifact):
     @property
     def masked(self) -> np.ndarray:
         """bool [N], views whose mask is known: some may lack one where others have theirs (alpha is 1 all over)."""
-        return (self.alpha < 1).any(axis=(1, 2)) & self.has_masks
+        import numpy as np
+
+        return np.logical_and((self.alpha < 1).any(axis=(1, 2)), self.has_masks)
 
     def facets(self) -> dict[str, Any]:
         return {"split": self.split, "masks": self.has_masks}
