@@ -24,6 +24,7 @@ from exmesh_graph.stage2.correction import initial_specular_scale, measured_spec
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.maps import Material, MaterialMaps
 from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.sunlight import FittedSuns, find_fitted_suns
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
 from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Transport
@@ -47,10 +48,12 @@ class PrecomputedView:
 
 @dataclass
 class PrecomputedLit:
-    """A step's light: prefiltered rows of the environment, irradiance [P, 3] at the lattice."""
+    """A step's light: prefiltered rows of the environment, irradiance [P, 3] at the lattice but for what small suns
+    send directly, their flux [S, 3] (None: no suns)."""
 
     stack: torch.Tensor
     irradiance: torch.Tensor
+    flux: torch.Tensor | None = None
 
 
 class PrecomputedLight:
@@ -70,6 +73,7 @@ class PrecomputedLight:
         corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(transport.point_face.astype(np.int64)).to(device)]]
         bary = tensor_of(transport.point_bary).to(device)
         self._point_uv = (corners * bary[..., None]).sum(1)
+        self.suns: FittedSuns | None = None
         self._point_texel: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def texels(self, size: int) -> torch.Tensor:
@@ -96,16 +100,24 @@ class PrecomputedLight:
     def prepare(
         self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
     ) -> PrecomputedLit:
-        binned = torch.sparse.mm(self.binning, environment.reshape(-1, 3))
+        rest = environment if self.suns is None else self.suns.suns.without(environment)
+        binned = torch.sparse.mm(self.binning, rest.reshape(-1, 3))
         diffuse = None
         if self.operators.bounces and strength > 0:
             diffuse = self.lattice_diffuse(maps, values)
-        irradiance = self.operators.irradiance(binned, diffuse, strength)
-        return PrecomputedLit(self.stack.build(environment), irradiance)
+        if self.suns is None:
+            irradiance = self.operators.irradiance(binned, diffuse, strength)
+            return PrecomputedLit(self.stack.build(environment), irradiance)
+        flux = self.suns.suns.flux(environment)
+        irradiance = self.suns.operators.irradiance(torch.cat([binned, flux]), diffuse, strength)
+        irradiance = irradiance - self.suns.lattice @ flux
+        return PrecomputedLit(self.stack.build(environment), irradiance, flux)
 
     def radiance(self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit) -> torch.Tensor:
         kept, metallic = buffer.light, material.metallic
         irradiance = gather_rows(lit.irradiance, kept.point, kept.point_weight)
+        if self.suns is not None and lit.flux is not None:
+            irradiance = irradiance + self.suns.views[buffer.number] @ lit.flux
         split = self.split_sum(buffer, material, lit)
         return brdf.diffuse(material.base_color, metallic) * irradiance + split * kept.specular_scale
 
@@ -138,8 +150,12 @@ class PrecomputedLight:
         buffers: Iterable[ViewBuffer],
         generator: torch.Generator,
     ) -> None:
+        self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
         lit = self.prepare(maps, values, environment, strength, 0)
-        leaving = self.lattice_diffuse(maps, values) * lit.irradiance
+        arriving = lit.irradiance
+        if self.suns is not None and lit.flux is not None:
+            arriving = arriving + self.suns.lattice @ lit.flux
+        leaving = self.lattice_diffuse(maps, values) * arriving
         for buffer in buffers:
             if len(buffer.pixel):
                 material = maps.read(values, buffer.texel, buffer.texel_weight)
@@ -147,12 +163,14 @@ class PrecomputedLight:
                 self._keep(buffer, scale)
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
-        return {"specular_scale": dict(self.scale)}
+        suns = None if self.suns is None else self.suns.state()
+        return {"specular_scale": dict(self.scale), "suns": suns}
 
     def restore(self, buffers: Iterable[ViewBuffer], kept: Mapping[str, Any]) -> None:
         self.scale = {number: scale.to(self.geometry.device) for number, scale in kept["specular_scale"].items()}
         for buffer in buffers:
             buffer.light.specular_scale = self.scale[buffer.number]
+        self.suns = None if kept["suns"] is None else FittedSuns.restored(kept["suns"], self.operators)
 
     def _keep(self, buffer: ViewBuffer, scale: torch.Tensor) -> None:
         self.scale[buffer.number] = buffer.light.specular_scale = scale

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import torch
 
 from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.shading import brdf
-from exmesh_graph.shading.suns import Suns, stratified, unoccluded
-from exmesh_graph.stage2.surface import SurfaceSamples
+from exmesh_graph.shading.suns import Suns, find_suns, stratified, sun_transfer, unoccluded
+from exmesh_graph.shading.transport import LightTransport, lattice_origins
+from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
+from exmesh_graph.torch_setup import tensor_of
+
+if TYPE_CHECKING:
+    from exmesh_graph.stage2.gbuffer import ViewBuffer
 
 #: A lobe narrower than this many radii of a sun samples the sun better than the sun's directions sample the lobe.
 NARROW = 1.0
@@ -53,3 +61,56 @@ def sun_radiance(
             f = f_d + brdf.specular(normal, view, towards, roughness[part], f0[part]) * mirrored[part, None]
             result[part] += (f * cosine[..., None] * flux[:, None]).sum(0)
     return result / samples
+
+
+@dataclass(frozen=True)
+class FittedSuns:
+    """The suns of a fit's environment as it was last measured, and where their light goes.
+
+    lattice    [P, S], irradiance of lattice points per flux (shading.suns.sun_transfer);  views  the same of a view's
+               pixels, [N, S] by the view's number;  operators  the transport with the suns as further directions
+    """
+
+    suns: Suns
+    lattice: torch.Tensor
+    views: Mapping[int, torch.Tensor]
+    operators: LightTransport
+
+    def state(self) -> dict[str, Any]:
+        return {"suns": dict(vars(self.suns)), "lattice": self.lattice, "views": dict(self.views)}
+
+    @classmethod
+    def restored(cls, kept: Mapping[str, Any], operators: LightTransport) -> FittedSuns:
+        device = operators.transfer.device
+        told: dict[str, Any] = {
+            name: value.to(device) if isinstance(value, torch.Tensor) else tuple(value)
+            for name, value in kept["suns"].items()
+        }
+        lattice = kept["lattice"].to(device)
+        views = {number: transfer.to(device) for number, transfer in kept["views"].items()}
+        return cls(Suns(**told), lattice, views, operators.with_columns(lattice))
+
+
+@torch.no_grad()
+def find_fitted_suns(
+    environment: torch.Tensor,
+    operators: LightTransport,
+    geometry: CarrierGeometry,
+    tracer: RayTracer,
+    buffers: Iterable[ViewBuffer],
+) -> FittedSuns | None:
+    """The suns of `environment`, traced from the lattice and all views' pixels; None where there are none."""
+    light, device = operators.light, geometry.device
+    suns = find_suns(environment, len(light.directions))
+    if not len(suns):
+        return None
+    vertices, faces = geometry.vertices.cpu().numpy(), geometry.faces.cpu().numpy()
+    origins = tensor_of(lattice_origins(light, vertices, faces, tracer.radius)).to(device)
+    flat = geometry.face_normals[torch.from_numpy(light.point_face.astype("int64")).to(device)]
+    lattice = sun_transfer(suns, origins, tensor_of(light.normals).to(device), flat, tracer)
+    views = {}
+    for buffer in buffers:
+        surface = buffer.samples(geometry)
+        start = offset_origins(surface.position, surface.flat.double(), tracer.radius)
+        views[buffer.number] = sun_transfer(suns, start, surface.normal, surface.flat, tracer)
+    return FittedSuns(suns, lattice, views, operators.with_columns(lattice))

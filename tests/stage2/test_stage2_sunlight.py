@@ -9,7 +9,11 @@ import torch
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import envmap, monte_carlo
 from exmesh_graph.shading.suns import find_suns
-from exmesh_graph.stage2 import render
+from exmesh_graph.stage2 import render, sunlight
+from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.sampled import SampledSettings
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.types.state import load_state, save_state
 
 
 def _sunny(asset, roughness, height=64, row=12, column=30):
@@ -87,3 +91,58 @@ def test_a_sunny_render_keeps_its_energy_and_repeats(true_asset, cameras):
         assert np.isfinite(views.images).all()
     assert means[0] == means[1]
     assert means[2] == pytest.approx(means[0], rel=0.05)
+
+
+def _model(asset, carrier, views, light):
+    """A gray object in the fit's own terms, under a sky with a sun."""
+    settings = FitSettings(environment_height=32, texture_size=64, correction_samples=32)
+    model = Model(carrier, views, light, settings, "cpu")
+    with torch.no_grad():
+        sky = torch.from_numpy(_sunny(asset, 0.5, 32, 6, 15).environment)
+        model.environment.copy_(envmap.parameter_of(sky))
+    return model
+
+
+def _shade(model, view=1):
+    with torch.no_grad():
+        return model.shade(model.buffers[view], model.lit(1.0, 0))[0]
+
+
+def test_the_fit_sees_a_sun_of_its_environment_where_it_is(true_asset, carrier, train_views, transport, monkeypatch):
+    expected = _shade(_model(true_asset, carrier, train_views, SampledSettings("mis", 1024, 1, 64, 64, False)))
+    errors = {}
+    for sharp in (True, False):
+        if not sharp:
+            monkeypatch.setattr(sunlight, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
+        model = _model(true_asset, carrier, train_views, transport)
+        model.measure(1.0, torch.Generator().manual_seed(0))
+        assert (model.light.suns is not None) == sharp
+        errors[sharp] = float((_shade(model) - expected).abs().mean() / expected.mean())
+    assert errors[True] < 0.05
+    assert errors[False] > 2 * errors[True]
+
+
+def test_the_suns_light_is_linear_in_its_texels_and_survives_a_checkpoint(
+    true_asset, carrier, train_views, transport, tmp_path
+):
+    model = _model(true_asset, carrier, train_views, transport)
+    model.measure(1.0, torch.Generator().manual_seed(0))
+    buffer, light = model.buffers[1], model.light
+    values = model.maps.values().detach()
+    sky = envmap.radiance_of(model.environment.detach()).requires_grad_()
+    material = model.maps.read(values, buffer.texel, buffer.texel_weight)
+
+    def total(environment):
+        return light.radiance(buffer, material, light.prepare(model.maps, values, environment, 1.0, 0)).sum()
+
+    whole = total(sky)
+    (gradient,) = torch.autograd.grad(whole, sky)
+    with torch.no_grad():
+        dark = total(light.suns.suns.without(sky))
+    suns = float((gradient * (sky - light.suns.suns.without(sky)).detach()).sum())
+    assert suns == pytest.approx(float(whole.detach() - dark), rel=1e-3)
+    assert suns > 0.5 * float(whole.detach())
+    save_state(tmp_path, light.state(model.buffers.held))
+    again = _model(true_asset, carrier, train_views, transport)
+    again.light.restore(again.buffers.held, load_state(tmp_path))
+    assert torch.equal(_shade(again), _shade(model))
