@@ -40,12 +40,17 @@ class ScoredOut(NamedTuple):
     libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
     resources={"cpu": 0, "gpu?": 1},
 )
-def stage1(ctx: Context, carrier: Carrier, views: TestViews, *, p: Stage1Params) -> ScoredOut:
-    """Held-out PSNR and SSIM of the mesh with its Stage I texture; pictures of its geometry."""
+def stage1(
+    ctx: Context, carrier: Carrier, views: TestViews, region: Mesh | None = None, *, p: Stage1Params
+) -> ScoredOut:
+    """Held-out PSNR and SSIM of the mesh with its Stage I appearance; pictures of its geometry.
+
+    Views without masks are scored where the mesh shows, or, to compare meshes, where `region` shows.
+    """
     from exmesh_graph.report.galleries import carrier_gallery
     from exmesh_graph.report.scores_mesh import score_carrier
 
-    scores = score_carrier(carrier, views, max_views=p.max_views)
+    scores = score_carrier(carrier, views, max_views=p.max_views, region=region)
     gallery = carrier_gallery(ctx.scratch / "gallery", carrier, views, scores, count=p.pictures)
     return ScoredOut(Metrics(scores.values), gallery)
 

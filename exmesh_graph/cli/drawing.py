@@ -60,7 +60,8 @@ def picture_of_graph(graph: Checked, store: Store, rounds: bool) -> Picture:
         boxes.append(Box(name, bound.definition.type, step.state, float(info.get("seconds", 0.0)) or None, 1, size,
                          hover=_ports(bound)))  # fmt: skip
     edges = [(link.node, name) for name, bound in graph.nodes.items() for link in bound.inputs.values()]
-    return _picture(boxes, edges, graph.name, rounds)
+    plugs, wires = _plugged(graph.resolved(), graph.nodes)
+    return _picture([*plugs, *boxes], [*wires, *edges], graph.name, rounds)
 
 
 def picture_of_run(record: Mapping[str, Any], rounds: bool) -> Picture:
@@ -72,7 +73,25 @@ def picture_of_run(record: Mapping[str, Any], rounds: bool) -> Picture:
             hover=_wires(resolved.get(row["name"], {}), row.get("outputs") or {}))
         for row in record["nodes"]
     ]  # fmt: skip
-    return _picture(boxes, edges_between(record), str(record.get("id") or record.get("graph")), rounds)
+    plugs, wires = _plugged(record.get("resolved") or {}, {box.name for box in boxes})
+    title = str(record.get("id") or record.get("graph"))
+    return _picture([*plugs, *boxes], [*wires, *edges_between(record)], title, rounds)
+
+
+def _plugged(resolved: Mapping[str, Any], drawn: Iterable[str]) -> tuple[list[Box], list[tuple[str, str]]]:
+    """A box for each component that is plugged into a drawn node, and the wires to these nodes."""
+    told = resolved.get("components") or {}
+    nodes = resolved.get("nodes") or {}
+    wires = [
+        (str(link).removeprefix("@"), name)
+        for name in drawn
+        for link in (nodes.get(name, {}).get("components") or {}).values()
+    ]
+    boxes = [
+        Box(name, told[name]["type"], note="component", hover=_wires(told[name], {}))
+        for name in dict.fromkeys(source for source, _ in wires)
+    ]
+    return boxes, wires
 
 
 def _picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], title: str, rounds: bool) -> Picture:
@@ -191,7 +210,9 @@ def picture_of_difference(old: Side, new: Side, rounds: bool) -> Picture:
             note = first if len(first) <= 40 else first[:39] + "…"
             note += f" +{len(words) - 1}" if words[1:] else ""
         boxes.append(Box(name, entry["type"], state, note=note, hover=(*words, *_wires(entry, {}))))
-    wires = [(a, b) for graph in (new.resolved, old.resolved) for a, b in _edges(graph, found.renamed)]
+    plugs, plugged = _plugged(new.resolved, new.resolved["nodes"])
+    boxes = [*plugs, *boxes]
+    wires = [(a, b) for graph in (new.resolved, old.resolved) for a, b in _edges(graph, found.renamed)] + plugged
     title = f"{old.name} → {new.name}"
     if rounds:
         return Picture(boxes, list(dict.fromkeys(wires)), edge_states=found.wires, title=title)

@@ -50,19 +50,25 @@ class CarrierScores:
     held_out: list[tuple[np.ndarray, np.ndarray]]
 
 
-def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> CarrierScores:
+def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region: Mesh | None = None) -> CarrierScores:
     """Held-out PSNR and SSIM of the mesh with its appearance model (no light model: what Stage I itself has learnt).
 
+    Views without masks are compared where the carrier shows, or where `region` does, so that carriers of different
+    outlines are scored on the same pixels.
     Where the model is not the texture, `psnr_baked` is the PSNR with the texture that was baked from it, which is what
     Stage II and exports see.
     """
     from exmesh_graph.stage1.render import render_carrier
+    from exmesh_graph.stage1.targets import shown_pixels
 
     chosen = spread(len(views), max_views)
     shown, alpha = render_carrier(carrier, _subset(views, chosen))
     true = [display(views.images[i], views.alpha[i]) for i in chosen]
     if not views.has_masks:
-        true = [image * inside[..., None] for image, inside in zip(true, alpha, strict=True)]
+        inside = alpha if region is None else shown_pixels(region, _subset(views, chosen)).numpy()
+        true = [image * part[..., None] for image, part in zip(true, inside, strict=True)]
+        if region is not None:
+            shown = shown * inside[..., None]
     pairs = list(zip(shown, true, strict=True))
     db, structure = compare([ours for ours, _ in pairs], [true for _, true in pairs])
     names = [views.names[i] for i in chosen]
@@ -83,7 +89,9 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0) -> Carr
             "ssim": float(np.mean(structure)),
             "psnr_per_view": dict(zip(names, db, strict=True)),
             "ssim_per_view": dict(zip(names, structure, strict=True)),
-            "region": "whole image, over black" if views.has_masks else "inside our silhouette",
+            "region": "whole image, over black"
+            if views.has_masks
+            else ("inside our silhouette" if region is None else "where the wired region shows"),
             "views": len(names),
         },
     }

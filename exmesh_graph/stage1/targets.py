@@ -112,6 +112,12 @@ def prepare_targets(
     )
 
 
+def shown_pixels(mesh: Mesh, views: Views) -> torch.Tensor:
+    """bool [N, H, W], where each view shows the mesh."""
+    intrinsics = torch.from_numpy(np.array(views.intrinsics, np.float64))
+    return _covered(mesh, intrinsics, torch.from_numpy(views.world_to_camera), views.height, views.width, "cpu")
+
+
 def _covered(
     mesh: Mesh,
     intrinsics: torch.Tensor,

@@ -216,6 +216,25 @@ def test_show_draws_graphs_and_runs(exmesh: Exmesh, folder: Path) -> None:
     assert 'class="gp-box done" data-name="sum"' in (folder / "run.html").read_text()
 
 
+def test_show_draws_components_and_what_they_plug_into(exmesh: Exmesh, folder: Path) -> None:
+    (folder / "curve.yaml").write_text("""
+extends: toy.yaml
+nodes:
+  line: {type: curve.line, slope: 2}
+  idle: {type: curve.line}
+  both: {type: curve.sum, first: "@line"}
+  three: {type: toy.evaluate, number: "@two.number", curve: "@both"}
+""")
+    text = exmesh("show", "curve.yaml").stdout
+    assert "both --> three" in text
+    assert "curve.sum<br>component" in text
+    assert "idle" not in text  # plugged in nowhere
+    exmesh("run", "curve.yaml", "--workers", "0")
+    assert "both --> three" in exmesh("show", "runs/latest").stdout
+    exmesh("diff", "toy.yaml", "curve.yaml", "-o", "d.svg")
+    assert 'data-name="both"' in (folder / "d.svg").read_text()
+
+
 def test_diff_calls_a_node_changed_of_which_some_rounds_go(exmesh: Exmesh, folder: Path) -> None:
     (folder / "rounds.yaml").write_text("""
 nodes:
