@@ -51,6 +51,8 @@ SWEEP: dict[str, tuple[int, int, dict[str, Any]]] = {
     "no correction": (128, 12_000, {"corrections": 0}),
     "1 correction": (128, 12_000, {"corrections": 1}),
     "4 corrections": (128, 12_000, {"corrections": 4}),
+    "corrections of 4 rays": (128, 12_000, {"correction_samples": 4}),
+    "corrections of 8 rays": (128, 12_000, {"correction_samples": 8}),
     "sky 32 x 64": (128, 12_000, {"environment_height": 32}),
     "sky 128 x 256": (128, 12_000, {"environment_height": 128}),
 }
@@ -63,7 +65,7 @@ def main() -> None:
     scene = data.blender(ctx, p=data.BlenderParams(path=options.scene, downscale=2 if options.quick else 1))
     carrier = true_carrier(ctx, scene)
     result: dict[str, Any] = {"scene": str(options.scene), "views": len(scene.train), "fits": []}
-    if not options.sweep:
+    if not options.sweep and not options.only:
         result["steps"] = step_times(ctx, carrier, scene, rounds=2 if options.quick else 8)
         write(options, result)
     jobs: list[tuple[str, Any, FitSettings]] = []
@@ -73,6 +75,8 @@ def main() -> None:
     else:
         lengths = [40] if options.quick else options.iterations
         jobs = [(name, light, replace(QUICK, iterations=n)) for n in lengths for name, light in LIGHTS.items()]
+    if options.only:
+        jobs = [job for job in jobs if any(word in job[0] for word in options.only)]
     print(f"{'light':60} steps  seconds   held-out   relit  albedo  roughness MSE")
     for name, light, settings in jobs:
         row = fitted(ctx, carrier, scene, light, settings)
@@ -156,6 +160,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("scene", type=Path)
     parser.add_argument("--sweep", action="store_true", help="settings of the precomputed light instead")
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--only", nargs="+", metavar="WORD", help="only fits whose name holds a word; time no steps")
     parser.add_argument("--iterations", type=int, nargs="+", default=[50, 100, 200, 400])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
