@@ -102,7 +102,7 @@ def fit(
         asset, curves = run(
             carrier,
             views,
-            transport if isinstance(transport, Transport) else transport.made(),
+            transport if isinstance(transport, Transport) else transport.made(needs),
             settings,
             seed=ctx.seed,
             progress=progress,

@@ -68,7 +68,7 @@ def bounce(ctx: Context, light: Transport, needs: SceneNeeds | None = None, *, p
 class LightModel(Component):
     """How `stage2.fit` evaluates light where no traced transport is wired to it."""
 
-    def made(self) -> SampledSettings:
+    def made(self, needs: SceneNeeds | None = None) -> SampledSettings:
         """What the fit is told."""
         raise NotImplementedError
 
@@ -77,8 +77,9 @@ class LightModel(Component):
 class MonteCarlo(LightModel):
     """The paper's Monte Carlo light, drawn in every step; the defaults are its sample counts."""
 
-    technique: Literal["environment", "brdf", "mis", "cosine"] = param(
-        "environment", doc="Where direct samples go; mis = half to the environment, half to the BRDF's lobes."
+    technique: Literal["environment", "brdf", "mis", "cosine", "auto"] = param(
+        "environment",
+        doc="Where direct samples go; mis = half to the environment, half to the lobes; auto: by the fit's needs.",
     )
     samples: int = param(8, ge=2, le=4096, unit="rays", doc="N_d, direct samples per pixel.")
     bounces: Literal[0, 1] = param(1, doc="0: direct light only; 1: one diffuse bounce.")
@@ -92,7 +93,7 @@ class MonteCarlo(LightModel):
         0, ge=0, le=64, unit="estimates", doc="Estimates per view whose rays are kept between corrections; 0: none."
     )
 
-    def made(self) -> SampledSettings:
+    def made(self, needs: SceneNeeds | None = None) -> SampledSettings:
         from exmesh_graph.stage2.sampled import SampledSettings
 
-        return SampledSettings(**self.model_dump())
+        return SampledSettings(**{**self.model_dump(), "technique": decided(self.technique, needs, "technique")})

@@ -57,6 +57,13 @@ def test_the_fit_takes_what_was_decided(scene):
         stage2.fit(context, scene.asset, scene.train, light, p=auto)
 
 
+def test_the_monte_carlo_light_takes_its_technique():
+    light = transport.MonteCarlo(technique="auto")
+    assert light.made(_needs(technique="mis")).technique == "mis"
+    with pytest.raises(DataError, match="technique is auto"):
+        light.made()
+
+
 def test_what_was_not_looked_at_is_said():
     with pytest.raises(DataError, match=r"nothing about normal_map[\s\S]*metallic"):
         decided("auto", _needs(metallic=True), "normal_map")

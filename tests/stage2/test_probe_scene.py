@@ -4,13 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.probe import scene, short
+from exmesh_graph.stage2.probe.sample import sample_views
+from exmesh_graph.stage2.probe.sampling import sampling_gain
 from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
+from exmesh_graph.stage2.probe.short import ShortFit
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import FitSettings
 from tests.stage2 import probe_scenes
@@ -126,6 +131,23 @@ def test_noise_and_blank_pictures_do_not_switch_everything_on(matte, hollow):
             assert found.decisions["bounces"].value == 0
         else:  # the walls do light one another; against noise it counts for little
             assert found.decisions["bounces"].gain < 1
+
+
+def test_samples_follow_lobes_where_they_are_sharp(matte):
+    """A polished dark ball: where its lobes point decides. Rough white chalk: the light does."""
+    fits = ShortFit(carrier_of(matte[0]), sample_views(matte[1]), 32)
+    with torch.no_grad():
+        fits.model.maps.parameter[:, :3] = -3.0
+        fits.model.maps.parameter[:, 3] = -4.0
+        polished = sampling_gain(fits, "mis", 1)
+        fits.model.maps.parameter[:, :4] = 3.0
+        fits.model.environment.copy_(
+            envmap.parameter_of(torch.from_numpy(envmap.resample(matte[0].environment, 16, 32)))
+        )
+        chalk = sampling_gain(fits, "mis", 1)
+    assert polished.gain > 2 * polished.error > 0
+    assert polished.gain > chalk.gain + 1
+    assert sampling_gain(fits, "environment", 1).gain == 0
 
 
 def test_one_view_is_enough_to_answer(matte):

@@ -80,6 +80,13 @@ def decide_environment(gains: list[tuple[int, Gain, float]], lowest: int) -> Dec
     return Decision(value, *_finite(shown), cost, reason, evidence)
 
 
+def decide_technique(gain: Gain) -> Decision:
+    """Where the direct samples of the Monte Carlo light go, as many either way: by its noise."""
+    on = pays(gain, 1.0)
+    reason = _reason("Sampling light and lobes together (MIS)", "the noise of direct light", gain, 1.0, on)
+    return Decision("mis" if on else "environment", *_finite(gain), 1.0, reason)
+
+
 def decide_texture(budget: TexelBudget) -> Decision:
     """The atlas whose texels are as large as the finest pixels, or as all pixels together can feed."""
     reason = (

@@ -12,12 +12,14 @@ from exmesh_graph.stage2.probe.decide import (
     decide_bounces,
     decide_environment,
     decide_part,
+    decide_technique,
     decide_texture,
     pays,
     with_noise,
 )
 from exmesh_graph.stage2.probe.geometry import fed_side, measure_shape, texel_budget
 from exmesh_graph.stage2.probe.sample import sample_views
+from exmesh_graph.stage2.probe.sampling import sampling_gain
 from exmesh_graph.stage2.probe.short import Part, ShortFit
 from exmesh_graph.stage2.probe.work import Work
 from exmesh_graph.types import Carrier, Decision, SceneNeeds, Views
@@ -77,7 +79,8 @@ def probe_scene(carrier: Carrier, views: Views, *, seed: int = 0, progress: Prog
 
 class _Probe:
     def __init__(self, carrier: Carrier, views: Views, seed: int, progress: Progress | None) -> None:
-        self.carrier, self.views, self.progress, self.steps = carrier, views, progress, 0
+        self.carrier, self.views, self.seed = carrier, views, seed
+        self.progress, self.steps = progress, 0
         self.sample = sample_views(views)
         self.fit = ShortFit(carrier, self.sample, self._side(), seed)
         self.shape = measure_shape(self.fit.transport, carrier.vertices, carrier.faces)
@@ -103,6 +106,7 @@ class _Probe:
             gain = anew.get(candidate.name) or self._gain(reference, self._going_on(candidate))
             self._decide(candidate, with_noise(gain, self.placebo))
         self._environment(reference)
+        self.decisions["technique"] = decide_technique(sampling_gain(reference, "mis", self.seed))
         if self.progress:
             self.progress(STAGES, STAGES)
         geometry = {name: float(value) for name, value in vars(self.shape).items()}
