@@ -37,6 +37,7 @@ from exmesh_graph.report.renders import Quality
 from exmesh_graph.report.scores import score_asset
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Asset, Carrier, Views
 
@@ -95,7 +96,7 @@ def ours(ctx: Quiet, carrier: Carrier, views: Views, iterations: int, options: a
     light = transport.direct(ctx, carrier, p=transport.DirectParams(directions=options.directions)).transport
     light = transport.bounce(ctx, light, p=transport.BounceParams(bounces=1)).transport
     settings = replace(QUICK, **{**dict(options.set), "iterations": iterations})
-    return fit(carrier, views, light, settings, seed=options.seed)[0]
+    return fit(carrier, views, light, settings, seed=options.seed, start=neutral_asset(carrier, "gray"))[0]
 
 
 def theirs(ctx: Quiet, carrier: Carrier, views: Views, iterations: int, options: argparse.Namespace) -> Asset:

@@ -57,6 +57,8 @@ class FitParams(Params):
     correction_samples: int = param(16, ge=1, le=1024, unit="rays", doc="Rays per pixel each time.")
     min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
     roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
+    keep_light: bool = param(False, doc="Keep the environment of `start`, a known light, and fit the maps alone.")
+    exposure: bool = param(False, doc="Fit one gain per view, for photographs of varying exposure.")
     memory_gib: float = param(
         4.0, ge=0, tuning=True, unit="GiB", doc="Memory that the views' buffers may take; the rest are made anew."
     )
@@ -89,7 +91,9 @@ def fit(
 
     `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from.
     """
+    from exmesh_graph.machine import memory_in_use
     from exmesh_graph.stage2.fit import fit as run
+    from exmesh_graph.stage2.memory import plan_memory
     from exmesh_graph.stage2.settings import FitSettings
     from exmesh_graph.torch_setup import torch_threads
 
@@ -98,6 +102,9 @@ def fit(
 
     given = p.model_dump(exclude={"threads", "memory_gib"})
     settings = FitSettings(**{name: decided(value, needs, name) for name, value in given.items()})
+    precomputed = transport if isinstance(transport, Transport) else None
+    plan = plan_memory(carrier, views, precomputed, settings, p.memory_gib * 2**30, memory_in_use())
+    ctx.log(str(plan))
     with torch_threads(p.threads):
         asset, curves = run(
             carrier,
@@ -109,7 +116,8 @@ def fit(
             checkpoint=ctx.checkpoint,
             resumed=ctx.resume(),
             warn=ctx.warn,
+            log=ctx.log,
             budget=p.memory_gib * 2**30,
             start=start,
         )
-    return FitOut(asset, Metrics({"curves": curves}))
+    return FitOut(asset, Metrics({"curves": curves, "memory_gib": plan.figures()}))

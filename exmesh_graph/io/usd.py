@@ -34,7 +34,7 @@ from exmesh_graph.io.usd_stage import (
     author_scene_layer,
     save_layer,
 )
-from exmesh_graph.io.usd_textures import prepare_maps, write_environment, write_map
+from exmesh_graph.io.usd_textures import prepare_maps, to_bytes, write_environment, write_map
 from exmesh_graph.io.usd_validate import Problem, validate_usd
 from exmesh_graph.types import Asset, Frame
 
@@ -75,6 +75,9 @@ def write_usd(
         (partial / "textures").mkdir()
         for map_name, pixels in maps.items():
             write_map(partial / "textures" / f"{map_name}.png", pixels)
+        if asset.confidence is not None:  # no renderer reads it: it lies beside the maps, named in the custom data
+            write_map(partial / "textures" / "confidence.png", to_bytes(asset.confidence[..., None]))
+            report["confidence_map"] = "textures/confidence.png"
         error = write_environment(partial / "env.exr", asset.environment)
         report["environment_size"] = [int(n) for n in asset.environment.shape[:2]]
         report["environment_rounding"] = float(f"{error:.3g}")

@@ -83,6 +83,9 @@ def _check_maps(asset: Asset) -> None:
     _shape("seen", asset.seen, (height, width))
     _in_range("base_color", asset.base_color, 0.0, 1.0)
     _in_range("roughness", asset.roughness, 0.0, 1.0)
+    if asset.confidence is not None:
+        _shape("confidence", asset.confidence, (height, width))
+        _in_range("confidence", asset.confidence, 0.0, 1.0)
     if asset.metallic is not None:
         _shape("metallic", asset.metallic, (height, width))
         _in_range("metallic", asset.metallic, 0.0, 1.0)

@@ -33,16 +33,16 @@ def prepare_maps(asset: Asset, *, roughness_floor: float, dilation: int) -> tupl
 
     raised = (asset.roughness < roughness_floor) & inside
     maps = {
-        "base_color": _to_bytes(linear_to_srgb(fill(asset.base_color))),
-        "roughness": _to_bytes(np.maximum(fill(asset.roughness[..., None]), roughness_floor)),
+        "base_color": to_bytes(linear_to_srgb(fill(asset.base_color))),
+        "roughness": to_bytes(np.maximum(fill(asset.roughness[..., None]), roughness_floor)),
     }
     if asset.metallic is not None:
-        maps["metallic"] = _to_bytes(fill(asset.metallic[..., None]))
+        maps["metallic"] = to_bytes(fill(asset.metallic[..., None]))
     if asset.normal is not None:
         normal = np.where(valid[..., None], asset.normal, np.array([0, 0, 1], np.float32))
         normal = fill(normal)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        maps["normal"] = _to_bytes(normal * 0.5 + 0.5)  # undone by scale 2, bias -1 in the texture reader
+        maps["normal"] = to_bytes(normal * 0.5 + 0.5)  # undone by scale 2, bias -1 in the texture reader
     report = {
         "texture_size": int(size),
         "chart_texels": int(inside.sum()),
@@ -76,6 +76,6 @@ def write_environment(path: Path, radiance: np.ndarray) -> float:
     return float(error.max())
 
 
-def _to_bytes(unit: np.ndarray) -> np.ndarray:
+def to_bytes(unit: np.ndarray) -> np.ndarray:
     """[0, 1] to the nearest of 256 code values: at most half a code value of error."""
     return np.floor(np.clip(unit, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

@@ -114,8 +114,12 @@ def _add_atlas(writer: GalleryWriter, asset: Asset) -> None:
     if asset.normal is not None:
         panels.append(shrink(0.5 + 0.5 * asset.normal))
         words.append("normals")
-    panels.append(shrink(asset.seen.astype(np.float32)))
-    words.append("texels that a training view saw")
+    if asset.confidence is None:
+        panels.append(shrink(asset.seen.astype(np.float32)))
+        words.append("texels that a training view saw")
+    else:
+        panels.append(shrink(asset.confidence))
+        words.append("confidence (0 where no view saw the texel)")
     size = asset.base_color.shape[0]
     writer.add("atlas", "Texture atlas", f"{size} x {size}: {', '.join(words)}.", panels)
 

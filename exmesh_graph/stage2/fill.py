@@ -7,14 +7,19 @@ import numpy as np
 from exmesh_graph.types import Carrier
 from exmesh_graph.uv.raster import rasterize_atlas
 
-NEIGHBOURS = 12
+#: Enough to reach past the rim of what is seen, whose texels were only looked at from the side.
+NEIGHBOURS = 48
+CHUNK = 1 << 16
 
 
-def complete_maps(maps: np.ndarray, seen: np.ndarray, carrier: Carrier) -> np.ndarray:
+def complete_maps(
+    maps: np.ndarray, seen: np.ndarray, carrier: Carrier, confidence: np.ndarray | None = None
+) -> np.ndarray:
     """`maps` [R, R, C] with every texel outside `seen` bool [R, R] filled, float32.
 
     On a chart: the mean of the nearest seen texels *in space* (not in the atlas, where charts that touch need not be
-    neighbours), weighted by inverse distance. Off the charts: the nearest filled texel of the atlas.
+    neighbours), weighted by inverse distance and squared `confidence` [R, R]. Off the charts: the nearest filled texel
+    of the atlas.
     """
     from scipy.ndimage import distance_transform_edt
     from scipy.spatial import cKDTree
@@ -29,11 +34,15 @@ def complete_maps(maps: np.ndarray, seen: np.ndarray, carrier: Carrier) -> np.nd
     if known.any() and wanted.any():
         tree = cKDTree(position[known])
         count = min(NEIGHBOURS, int(known.sum()))
-        distance, index = tree.query(position[wanted], k=count)
-        distance, index = distance.reshape(-1, count), index.reshape(-1, count)
-        weight = 1 / np.maximum(distance, 1e-6)
-        weight /= weight.sum(axis=1, keepdims=True)
-        filled[wanted] = np.einsum("nk,nkc->nc", weight, filled[known][index])
+        trust = np.ones(int(known.sum())) if confidence is None else np.maximum(confidence[known], 1e-3) ** 2
+        source, places, means = filled[known], position[wanted], []
+        for start in range(0, len(places), CHUNK):
+            distance, index = (found.reshape(-1, count) for found in tree.query(places[start : start + CHUNK], k=count))
+            nearest = np.maximum(distance[:, :1], 1e-12)
+            weight = trust[index] / np.maximum(distance, nearest)
+            weight /= weight.sum(axis=1, keepdims=True)
+            means.append(np.einsum("nk,nkc->nc", weight, source[index]))
+        filled[wanted] = np.concatenate(means)
     done = covered | seen if known.any() else seen
     if done.any() and not done.all():
         row, column = distance_transform_edt(~done, return_distances=False, return_indices=True)

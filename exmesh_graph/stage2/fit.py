@@ -39,6 +39,7 @@ def fit(
     checkpoint: Checkpoint | None = None,
     resumed: Resumed | None = None,
     warn: Callable[[str], None] | None = None,
+    log: Callable[[str], None] | None = None,
     budget: float = math.inf,
     start: Asset | None = None,
 ) -> tuple[Asset, dict[str, list[float]]]:
@@ -90,6 +91,8 @@ def fit(
         loss.backward()
         if not guard.passes(terms, buffer, step):
             continue
+        if model.exposure is not None:
+            model.exposure.follow(buffer, predicted, step / settings.iterations)
         optimiser.step(guard.scale * settings.rate_decay ** (step / settings.iterations))
         model.factor.bound(model.maps.parameter)
         if step % 10 == 0 or step == settings.iterations - 1:
@@ -106,6 +109,9 @@ def fit(
         if checkpoint is not None:
             checkpoint(step + 1, {**_changing(model, optimiser, generator, guard), "curves": curves, "order": order})
     model.settle_factor()
+    if model.exposure is not None and log:
+        gains = (f"{name} {float(model.exposure.gain(k)):.3f}" for k, name in enumerate(views.names))
+        log(f"exposure found: {', '.join(gains)}")
     return finished_asset(carrier, model), curves
 
 
@@ -116,6 +122,7 @@ def _changing(model: Model, optimiser: Adam, generator: torch.Generator, guard: 
         "generator": generator.get_state(),
         "light": model.light.state(model.buffers.held),
         "guard": guard.state(),
+        "exposure": None if model.exposure is None else model.exposure.logs,
     }
 
 
@@ -124,3 +131,5 @@ def _restore(model: Model, optimiser: Adam, generator: torch.Generator, guard: G
     generator.set_state(kept["generator"])
     model.light.restore(model.buffers.held, kept["light"])
     guard.restore(kept["guard"])
+    if model.exposure is not None:
+        model.exposure.logs = kept["exposure"].to(model.exposure.logs)

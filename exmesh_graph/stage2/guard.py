@@ -3,7 +3,7 @@
 Every step's terms and gradients are looked at before the optimiser moves. What the guard does about a bad one depends
 on whether it stays bad at the last good state: then the view is to blame and is left out from there on; otherwise the
 fit goes back to that state with half the rates. A fit also goes back when its image term, averaged over a pass of the
-views, is twice its best and worse than at the start. After a few returns it gives up.
+views, is half as large again as its best and a quarter above the start's. After a few returns it gives up.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ Terms = dict[str, torch.Tensor]
 RETURNS = 5
 #: A gradient beyond this would overflow Adam's second moment.
 LARGEST_GRADIENT = 1e18
+#: Views that tell how large the image term is before the first step.
+STARTING_VIEWS = 12
 #: Terms that no view has a part in.
 GLOBAL_TERMS = ("environment", "chroma")
 
@@ -57,6 +59,12 @@ class Guard:
             self._say(f"view {self.model.buffers.views.names[number]} is left out: {reason}")
         self._need_views()
         self.good = self._snapshot()
+        usable = [k for k in range(len(self.model.buffers)) if self.model.buffers.pixels[k]]
+        chosen = usable[:: -(-len(usable) // STARTING_VIEWS)]
+        with torch.no_grad():
+            terms = [float(self.evaluate(self.model.buffers[k], 0)["image"]) for k in chosen]
+        known = [term for term in terms if math.isfinite(term)]
+        self.first = self.best = sum(known) / len(known) if known else math.inf
 
     def passes(self, terms: Terms, buffer: ViewBuffer, step: int) -> bool:
         """Whether the step may be taken: its terms and (after backward) its gradients are finite.
@@ -104,11 +112,10 @@ class Guard:
         if self.count < self.window:
             return
         mean, self.total, self.count = self.total / self.count, 0.0, 0
-        self.first = min(self.first, mean) if math.isinf(self.first) else self.first
-        if mean > max(2 * self.best, self.first):
+        if mean > max(1.5 * self.best, 1.25 * self.first):
             self._return(f"step {step}: the image term rose to {mean:.4g} on average, from {self.best:.4g} at its best")
             return
-        if mean <= 1.5 * self.best:
+        if mean <= 1.25 * self.best:
             self.good = self._snapshot()
         self.best = min(self.best, mean)
 

@@ -13,6 +13,7 @@ from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import check_fits
 from exmesh_graph.stage2.common_factor import CommonFactor
+from exmesh_graph.stage2.exposure import Exposure
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.init import check_start, is_uniform, neutral_asset
 from exmesh_graph.stage2.light import LightModel
@@ -70,10 +71,12 @@ class Model:
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
         self.maps = MaterialMaps(start, self.buffers.texels, size, settings)
         height = settings.environment_height
-        self.neutral = is_uniform(start.environment)
+        self.neutral = is_uniform(start.environment) and not settings.keep_light
         radiance = torch.from_numpy(envmap.resample(start.environment, height, 2 * height)).to(device)
-        self.environment = envmap.parameter_of(radiance).requires_grad_()
+        self.environment = envmap.parameter_of(radiance).requires_grad_(not settings.keep_light)
         self.factor = CommonFactor(device)
+        self.factor.parameter.requires_grad_(not settings.keep_light)
+        self.exposure = Exposure(len(views), device) if settings.exposure else None
 
     def lit(self, strength: float, step: int) -> Lit:
         """The current maps and light of a step, with lambda_ind = `strength`; differentiable.
@@ -90,9 +93,10 @@ class Model:
         self.factor.fold(self.maps.parameter, self.environment)
 
     def shade(self, buffer: ViewBuffer, lit: Lit) -> tuple[torch.Tensor, Material]:
-        """Radiance [N, 3] of a view's pixels and their material."""
+        """Radiance [N, 3] of a view's pixels, in its exposure, and their material."""
         material = self.maps.read(lit.values, buffer.texel, buffer.texel_weight)
-        return self.light.radiance(buffer, material, lit.light), material
+        radiance = self.light.radiance(buffer, material, lit.light)
+        return radiance if self.exposure is None else radiance * self.exposure.gain(buffer.number), material
 
     def start(self) -> None:
         """Make ready for the first step: the light model's first measurement; a neutral sky as bright as the views."""

@@ -8,12 +8,22 @@ import torch
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.fill import complete_maps
 from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.stream import Evidence
 from exmesh_graph.types import Asset, Carrier
 
 #: Bilinear weight over all pixels of all views from which a texel counts as seen: one pixel's worth, or this share of
 #: the median texel's where maps are finer than pixels. Adam moves a texel that the corner of one footprint touches as
 #: fast as any other: such texels, most of them on the borders of charts, end up anywhere.
 SEEN_WEIGHT, SEEN_SHARE = 1.0, 0.1
+
+
+def texel_confidence(evidence: Evidence) -> torch.Tensor:
+    """[T] in [0, 1): w / (1 + w) x v / (1 + v) x mean cosine, for w pixels' worth of weight from v views.
+
+    One half for each of one pixel and one view; seen at a grazing angle counts less.
+    """
+    weight, views = evidence.weight, evidence.views
+    return weight / (1 + weight) * views / (1 + views) * evidence.cosine
 
 
 @torch.no_grad()
@@ -30,7 +40,10 @@ def finished_asset(carrier: Carrier, model: Model) -> Asset:
     seen[texels[seen_rows]] = True
     image = values.reshape(size, size, -1).cpu().numpy()
     seen_image = seen.reshape(size, size).cpu().numpy()
-    image = complete_maps(image, seen_image, carrier)
+    confidence = torch.zeros(count, device=maps.device)
+    confidence[texels[seen_rows]] = texel_confidence(model.buffers.evidence)[seen_rows]
+    confidence_image = confidence.reshape(size, size).cpu().numpy()
+    image = complete_maps(image, seen_image, carrier, confidence_image)
     return Asset(
         vertices=carrier.vertices,
         faces=carrier.faces,
@@ -41,5 +54,6 @@ def finished_asset(carrier: Carrier, model: Model) -> Asset:
         roughness=np.ascontiguousarray(image[..., 3]),
         metallic=np.ascontiguousarray(image[..., 4]) if image.shape[-1] > 4 else None,
         seen=seen_image,
+        confidence=confidence_image,
         environment=envmap.radiance_of(model.environment).cpu().numpy(),
     )

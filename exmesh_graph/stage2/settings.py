@@ -22,6 +22,8 @@ class FitSettings:
     correction_samples  rays per pixel each time
     min_coverage      mask alpha from which a pixel takes part
     roughness_min     lower end of the roughness map
+    keep_light        fit the maps alone, under the start's environment
+    exposure          fit one gain per view (stage2.exposure)
     """
 
     texture_size: int = 0
@@ -43,3 +45,5 @@ class FitSettings:
     correction_samples: int = 16
     min_coverage: float = 0.99
     roughness_min: float = 0.08
+    exposure: bool = False
+    keep_light: bool = False

@@ -27,6 +27,8 @@ def weighted_terms(model: Model, buffer: ViewBuffer, step: int) -> tuple[dict[st
         terms["ssim"] = settings.ssim_weight * _d_ssim(predicted, buffer)
     if settings.material_weight > 0:
         terms["material"] = settings.material_weight * pair_variation(material.table, buffer.pairs)
+    if not lit.environment.requires_grad:  # a known light
+        return terms, predicted.detach()
     if settings.environment_weight > 0:
         terms["environment"] = settings.environment_weight * envmap.total_variation(lit.environment)
     if settings.chroma_weight > 0:

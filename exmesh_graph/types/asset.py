@@ -34,6 +34,8 @@ class Asset(Carrier):
     metallic     float32 [R, R], or None when not modelled
     seen         bool [R, R], texels that the training views saw well enough to be fitted; the others are filled
     environment  float32 [H, W, 3], as EnvMap.radiance
+    confidence   float32 [R, R] in [0, 1), how much the training views tell of a texel (stage2.result), 0 where it was
+                 filled; None when not known
     """
 
     type_name: ClassVar[str] = "Asset"
@@ -44,3 +46,4 @@ class Asset(Carrier):
     environment: np.ndarray
     normal: np.ndarray | None = None
     metallic: np.ndarray | None = None
+    confidence: np.ndarray | None = None

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from usd_example import SIZE, example_asset, tilted_normals
 
-from exmesh_graph.errors import ExmeshError
+from exmesh_graph.errors import DataError, ExmeshError
 from exmesh_graph.io.color import srgb_to_linear
+from exmesh_graph.io.images import read_raw
 from exmesh_graph.io.usd import read_usd, validate_usd, write_usd
 from exmesh_graph.types import Frame
 
@@ -257,3 +258,13 @@ def test_a_failure_while_writing_leaves_nothing_behind(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         write_usd(tmp_path / "out", example_asset())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_confidence_map_lies_beside_the_maps_and_is_named_in_the_report(tmp_path):
+    confidence = np.linspace(0, 0.9, SIZE * SIZE, dtype=np.float32).reshape(SIZE, SIZE)
+    report = write_usd(tmp_path / "out", example_asset(confidence=confidence))
+    written = read_raw(tmp_path / "out" / report["confidence_map"])[..., 0]
+    assert np.abs(written / 255.0 - confidence).max() <= 0.501 / 255
+    assert "confidence" not in read_usd(tmp_path / "out" / "asset.usdz").textures
+    with pytest.raises(DataError, match="confidence"):
+        write_usd(tmp_path / "bad", example_asset(confidence=confidence[:4]))
