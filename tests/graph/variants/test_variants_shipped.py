@@ -12,7 +12,12 @@ from exmesh_graph.graph.variants import check_variants, merge
 
 ABLATIONS = Path(__file__).parent.parent.parent.parent / "graphs" / "ablations"
 
-OWN_START = {"sphere_start": {"views"}, "uniform": {"views", "hull"}}  # what these share; the coarse mesh is the change
+OWN_START = {  # what these share; the coarse mesh is the change
+    "sphere_start": {"views"},
+    "uniform": {"views", "hull"},
+    "network_start": {"views"},
+    "sweep_start": {"views"},
+}
 
 
 def test_there_are_ablations() -> None:
