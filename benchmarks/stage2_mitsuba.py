@@ -270,7 +270,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--mitsuba", type=Path, metavar="JSON", help="Mitsuba's points from this file's `rows`")
     parser.add_argument("--bsdf", default="exmesh", choices=["exmesh", "principled"])
     parser.add_argument("--spp", type=int, default=16)
-    parser.add_argument("--rates", type=float, nargs=2, default=[0.1, 0.2], help="Mitsuba's: maps, sky")
+    parser.add_argument("--rates", type=float, nargs=2, default=[0.2, 0.4], help="Mitsuba's: maps, sky")
     parser.add_argument("--texture-size", type=int, default=512)
     parser.add_argument("--sky-height", type=int, default=64)
     parser.add_argument("--directions", type=int, default=128)
