@@ -1,10 +1,15 @@
-"""Stage I, error against seconds: hull -> atlas -> rounds of refine and split, scored after every round.
+"""Stage I, error against seconds and vertices: hull -> atlas -> rounds of refine, split (and merge, flip), scored after
+every round.
 
-    python benchmarks/stage1.py graphs/samples/spot
-    python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --gains --silhouette-weight 1
+    python benchmarks/stage1.py graphs/samples/spot --json curves.json     # adaptive against uniform, same vertices
+    python benchmarks/stage1.py SCENE --methods score --levels 1 --faces 5000 --hull-views 10
+    python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --dissent 1 --faces 5000 \
+        --levels 1 --silhouette-weight 1 --smoothness-weight 0.1 --gains --methods score
 
-Prints one line per round (seconds of Stage I so far, faces, Chamfer distance in thousandths of the bounding radius,
-held-out display PSNR, 1000 x mean |alpha - mask|) and writes JSON and pictures where --out says.
+Every method starts from the same hull, atlas and texture, takes the same iterations and ends at the same faces:
+`uniform` splits all faces into four at the end of each level's share, the others double their faces twice as often,
+finishing at the same iteration. Prints one line per round (seconds of Stage I so far, faces and vertices, Chamfer
+distance in thousandths of the bounding radius, held-out display PSNR, 1000 x mean |alpha - mask|).
 """
 
 from __future__ import annotations
@@ -12,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +39,8 @@ class Quiet:
 
     def progress(self, step: int, total: int, **figures: float) -> None: ...
     def log(self, message: str) -> None: ...
+    def checkpoint(self, step: int, state: object) -> None: ...
+    def resume(self) -> None: ...
     def warn(self, message: str) -> None:
         print("warning:", message)
 
@@ -50,38 +58,88 @@ def main() -> None:
         )
         truth = None
     began = time.perf_counter()
-    mesh = init.visual_hull(ctx, scene.train, p=init.HullParams(resolution=96, dissent=options.dissent)).mesh
-    mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=options.faces[0])).mesh
+    masks = some(scene.train, options.hull_views) if options.hull_views else scene.train
+    mesh = init.visual_hull(ctx, masks, p=init.HullParams(resolution=96, dissent=options.dissent)).mesh
+    mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=options.faces)).mesh
     carrier = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=options.texels)).carrier
     hull_seconds = time.perf_counter() - began
     began = time.perf_counter()
-    state = stage1.init(ctx, carrier, scene.train, p=stage1.InitParams(texture=options.start)).state
+    start = stage1.init(ctx, carrier, scene.train, p=stage1.InitParams(texture=options.start)).state
     seconds = time.perf_counter() - began
     print(f"hull, remesh, atlas {hull_seconds:.1f} s; texture from the views {seconds:.1f} s")
+    curves = {}
+    for method in options.methods:
+        curves[method] = curve(method, start, scene, truth, seconds, options)
+    if options.json:
+        options.json.write_text(json.dumps(curves, indent=1) + "\n", encoding="utf-8")
+
+
+def curve(method: str, state, scene, truth, seconds: float, options: argparse.Namespace) -> list[dict[str, float]]:
+    """Figures after every round of one method."""
+    print(method)
     rows = [{"seconds": seconds, **score(state, scene.test, truth)}]
-    show(rows[-1], state)
-    total = sum(options.iterations)
-    kinds = {"laplacian": regulariser.Laplacian, "bilaplacian": regulariser.Bilaplacian}
-    smoothness = kinds[options.smoothness](weight=options.smoothness_weight)
+    show(rows[-1])
+    kinds = {
+        "laplacian": regulariser.Laplacian,
+        "bilaplacian": regulariser.Bilaplacian,
+        "large_steps": regulariser.LargeSteps,
+    }
+    smoothness = (
+        kinds[options.smoothness]()
+        if options.smoothness == "large_steps"
+        else kinds[options.smoothness](weight=options.smoothness_weight)
+    )
     fixed = {
         key: getattr(options, key)
         for key in ("vertex_lr", "texture_lr", "silhouette_weight", "gains", "ssim_weight", "decay")
     } | {"uv_gradient": not options.no_uv_gradient, "threads": options.threads}  # fmt: skip
-    for k, (faces, iterations) in enumerate(zip(options.faces, options.iterations, strict=True)):
+    first = len(state.faces)
+    for k, (target, iterations) in enumerate(plan(method, first, options)):
+        ctx = Quiet(options.seed + k)
         began = time.perf_counter()
-        if k and options.split == "uniform":
-            state = topology.split(ctx, state, p=topology.SplitParams(method="uniform")).state
-        elif k:
-            state = topology.split(ctx, state, p=topology.SplitParams(target_faces=faces)).state
-        if k in options.regen:
-            state = uv.regenerate(ctx, state, p=uv.RegenerateParams()).state
-        params = stage1.RefineParams(iterations=iterations, total_iterations=total, **fixed)
-        state, history = stage1.refine(Quiet(options.seed + k), state, scene.train, smoothness=smoothness, p=params)
+        if k:
+            state = rearrange(ctx, method, state, target, scene.train)
+        params = stage1.RefineParams(iterations=iterations, total_iterations=options.iterations, **fixed)
+        state, history = stage1.refine(ctx, state, scene.train, smoothness=smoothness, p=params)
         seconds += time.perf_counter() - began
         rows.append({"seconds": seconds, "train_psnr": history.values["psnr"][-1], **score(state, scene.test, truth)})
-        show(rows[-1], state)
+        show(rows[-1])
     if options.out:
-        write(options.out, state, scene.test, rows)
+        write(options.out / method, state, scene.test)
+    return rows
+
+
+def plan(method: str, faces: int, options: argparse.Namespace) -> list[tuple[int, int]]:
+    """(faces to reach first, iterations) of every round; the last split comes after `split_until` of all iterations."""
+    number = options.levels if method == "uniform" else 2 * options.levels
+    each = round(options.split_until * options.iterations / max(number, 1))
+    growth = 4 if method == "uniform" else 2
+    rounds = [(faces * growth**k, each) for k in range(number)]
+    return [*rounds, (faces * growth**number, options.iterations - number * each)]
+
+
+def rearrange(ctx: Quiet, method: str, state, faces: int, views):
+    """The topology step of the graphs; uniform splitting needs no merging and no flips."""
+    if method == "uniform":
+        return topology.split(
+            ctx, state, p=topology.SplitParams(method="uniform", max_faces=4 * len(state.faces))
+        ).state
+    state = topology.split(ctx, state, p=topology.SplitParams(method=method, target_faces=faces)).state
+    state = topology.merge(ctx, state, views, p=topology.MergeParams()).state
+    return topology.flip(ctx, state, p=topology.FlipParams()).state
+
+
+def some(views, count: int):
+    """`count` of the views, evenly spread over their order."""
+    index = np.linspace(0, len(views) - 1, count).round().astype(int)
+    return replace(
+        views,
+        names=tuple(views.names[i] for i in index),
+        images=views.images[index],
+        alpha=views.alpha[index],
+        intrinsics=views.intrinsics[index],
+        camera_to_world=views.camera_to_world[index],
+    )
 
 
 def score(state, views, truth) -> dict[str, float]:
@@ -89,6 +147,7 @@ def score(state, views, truth) -> dict[str, float]:
     target = display(torch.from_numpy(views.images), torch.from_numpy(views.alpha)).numpy()
     found = {
         "faces": len(state.faces),
+        "vertices": len(state.vertices),
         "psnr": float(np.mean([psnr(a, b) for a, b in zip(colours, target, strict=True)])),
         "alpha": 1000 * float(np.abs(alphas - views.alpha).mean()),
     }
@@ -104,15 +163,14 @@ def score(state, views, truth) -> dict[str, float]:
     return found
 
 
-def show(row: dict[str, float], state) -> None:
+def show(row: dict[str, float]) -> None:
     print("  ".join(f"{k} {v:.3f}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
 
 
-def write(folder: Path, state, views, rows) -> None:
+def write(folder: Path, state, views) -> None:
     from exmesh_graph.io.images import write_image
 
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "stage1.json").write_text(json.dumps(rows, indent=1) + "\n")
     colours, _ = render_carrier(state, views)
     target = display(torch.from_numpy(views.images), torch.from_numpy(views.alpha)).numpy()
     for i in range(min(3, len(views))):
@@ -129,24 +187,32 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--downscale", type=int, default=1)
     parser.add_argument("--dissent", type=int, default=0)
     parser.add_argument("--texels", type=int, default=256)
-    parser.add_argument("--faces", type=int, nargs="+", default=[2000, 8000, 32000])
-    parser.add_argument("--iterations", type=int, nargs="+", default=[600, 900, 1500])
-    parser.add_argument("--split", choices=("score", "uniform"), default="uniform")
-    parser.add_argument("--regen", type=int, nargs="*", default=[], help="rounds that begin with a new atlas")
+    parser.add_argument("--hull-views", type=int, default=0, help="views that the hull may use; 0 = all")
+    parser.add_argument("--faces", type=int, default=2000, help="of the start")
+    parser.add_argument("--levels", type=int, default=2, help="each makes four times as many faces")
+    parser.add_argument("--iterations", type=int, default=3000)
+    parser.add_argument("--split-until", type=float, default=0.53, help="share of the iterations before the last split")
+    parser.add_argument("--methods", nargs="+", default=["uniform", "score"],
+                        choices=("uniform", "score", "area", "random"))  # fmt: skip
     parser.add_argument("--start", choices=("views", "grey"), default="views")
     parser.add_argument("--vertex-lr", type=float, default=0.02)
     parser.add_argument("--texture-lr", type=float, default=0.02)
     parser.add_argument("--decay", type=float, default=0.05)
     parser.add_argument("--ssim-weight", type=float, default=0.2)
-    parser.add_argument("--smoothness", choices=("laplacian", "bilaplacian"), default="bilaplacian")
+    parser.add_argument("--smoothness", choices=("laplacian", "bilaplacian", "large_steps"), default="bilaplacian")
     parser.add_argument("--smoothness-weight", type=float, default=0.3)
     parser.add_argument("--silhouette-weight", type=float, default=5.0)
     parser.add_argument("--no-uv-gradient", action="store_true")
     parser.add_argument("--gains", action="store_true")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path)
-    return parser.parse_args()
+    parser.add_argument("--json", type=Path, help="write the curves as JSON")
+    parser.add_argument("--out", type=Path, help="write pictures and states")
+    parser.add_argument("--quick", action="store_true", help="about a minute: 300 iterations at half size")
+    options = parser.parse_args()
+    if options.quick:
+        options.iterations, options.downscale, options.texels = 300, 2 * options.downscale, 128
+    return options
 
 
 if __name__ == "__main__":

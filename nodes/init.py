@@ -114,6 +114,33 @@ def clean(ctx: Context, mesh: Mesh, *, p: CleanParams) -> ManifoldMeshOut:
     return ManifoldMeshOut(Mesh(vertices, faces))
 
 
+class PhotometricParams(Params):
+    passes: int = param(2, ge=0, le=20, doc="Sweeps over the mesh.")
+    reach: float = param(3.0, gt=0, le=20, unit="mean edges", doc="Largest move of a pass inwards; outwards a quarter.")
+    smoothness: float = param(0.03, gt=0, doc="Weight of neighbours moving alike against what the photographs say.")
+    device: Literal["auto", "cpu", "cuda"] = param(
+        "auto", doc="Where to compute; auto takes a CUDA device if there is one."
+    )
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+
+
+@node("init.photometric", version="1", libraries=("torch", "warp-lang", "scipy"), resources={"cpu": 0, "gpu?": 1})
+def photometric(
+    ctx: Context, mesh: Annotated[Mesh, facets(manifold=True)], views: Train, *, p: PhotometricParams
+) -> ManifoldMeshOut:
+    """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree."""
+    from exmesh_graph.stage1.photometric import SweepSettings, sweep
+    from exmesh_graph.stage1.targets import prepare_targets
+    from exmesh_graph.torch_setup import pick_device, torch_threads
+
+    settings = SweepSettings(passes=p.passes, reach=p.reach, smoothness=p.smoothness)
+    with torch_threads(p.threads):
+        targets = prepare_targets(views, device=pick_device(p.device))
+        vertices, figures = sweep(mesh.vertices, mesh.faces, targets, settings, ctx.progress)
+    ctx.log(", ".join(f"{name} {value:.2f}" for name, value in figures.items()))
+    return ManifoldMeshOut(Mesh(vertices, mesh.faces))
+
+
 class MeshFileParams(Params):
     path: Path = param(doc="OBJ or PLY file.")
     units: Literal["normalised", "scene", "dataset"] = param(
