@@ -22,6 +22,7 @@ from exmesh_nodes import data, stage1, transport, uv
 
 from exmesh_graph.report.scores import score_asset
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.types import Carrier, Mesh
 
@@ -67,10 +68,11 @@ def main() -> None:
         light = transport.bounce(ctx, light, p=transport.BounceParams(bounces=options.bounces)).transport
     traced = (time.perf_counter() - began, time.process_time() - busy)
     rows = []
+    start = neutral_asset(carrier, options.start)
     for iterations in options.iterations:
         settings = replace(QUICK, **{**dict(options.set), "iterations": iterations})
         began, busy = time.perf_counter(), time.process_time()
-        asset, curves = fit(carrier, scene.train, light, settings, seed=options.seed)
+        asset, curves = fit(carrier, scene.train, light, settings, seed=options.seed, start=start)
         seconds = (time.perf_counter() - began + traced[0], time.process_time() - busy + traced[1])
         scores = score_asset(asset, scene.test, scene.truth, scene.train).values
         row = {
@@ -118,6 +120,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--bounces", type=int, default=1)
     parser.add_argument("--downscale", type=int, default=1)
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--start", choices=["gray", "texture"], default="gray", help="where base colour starts")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--set", type=assignment, action="append", default=[], metavar="SETTING=VALUE")
     parser.add_argument("--out", type=Path)

@@ -25,6 +25,7 @@ from benchmarks.stage2 import QUICK, Quiet, true_carrier
 from exmesh_graph.report.scores import score_asset
 from exmesh_graph.stage2.adam import Adam
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.sampled import SampledSettings
 from exmesh_graph.stage2.settings import FitSettings
@@ -137,7 +138,9 @@ def fitted(
 ) -> dict[str, Any]:
     """One fit: processor seconds with whatever its light traces first, scores, and the loss along the way."""
     began = time.process_time()
-    asset, curves = fit(carrier, scene.train, made(ctx, carrier, light), settings, seed=ctx.seed)
+    asset, curves = fit(
+        carrier, scene.train, made(ctx, carrier, light), settings, seed=ctx.seed, start=neutral_asset(carrier, "gray")
+    )
     seconds = time.process_time() - began
     scores = score_asset(asset, scene.test, scene.truth, scene.train).values
     figures = {key: headline(scores, key) for key in ("held_out", "relit", "albedo", "roughness")}
