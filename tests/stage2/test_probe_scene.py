@@ -172,7 +172,7 @@ def test_every_decision_has_its_numbers_and_a_sentence(hollow_probe):
     for row in rows:
         assert row["reason"].endswith(".")
         assert row["cost"] >= 1
-        assert row["name"] == "texture_size" or row["seconds_ratio"] > 0
+        assert row["name"] in ("texture_size", "technique") or row["seconds_ratio"] > 0
     assert 0 < hollow_probe.needs.geometry["blocked"] < 1
 
 
