@@ -57,8 +57,9 @@ def measured_specular_scale(
     generator: torch.Generator,
 ) -> torch.Tensor:
     """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the diffuse radiance of the lattice points."""
+    surface = light.surface(buffer, material)
     traced = traced_specular(
-        buffer.samples(light.geometry),
+        surface,
         light.geometry.face_normals,
         material.roughness,
         brdf.base_reflectance(material.base_color, material.metallic),
@@ -68,7 +69,7 @@ def measured_specular_scale(
         light.settings.correction_samples,
         generator,
     )
-    split = light.split_sum(buffer, material, lit)
+    split = light.split_sum(buffer, material, lit, None if light.frames is None else surface)
     return (traced / split.clamp_min(1e-6)).clamp(0, LARGEST)
 
 

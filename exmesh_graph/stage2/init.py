@@ -65,8 +65,8 @@ def neutral_asset(
     )
 
 
-def check_start(start: Asset, carrier: Carrier, metallic: bool) -> None:
-    """Raises GeometryError where `start` has another atlas, DataError where it has metal that the fit would drop."""
+def check_start(start: Asset, carrier: Carrier, metallic: bool, normal_map: bool) -> None:
+    """Raises GeometryError where `start` has another atlas, DataError where it has a map that the fit would drop."""
     same = np.array_equal(start.faces, carrier.faces) and np.array_equal(start.uv_faces, carrier.uv_faces)
     if not (same and start.uvs.shape == carrier.uvs.shape and np.allclose(start.uvs, carrier.uvs, atol=1e-5)):
         raise GeometryError(
@@ -78,6 +78,11 @@ def check_start(start: Asset, carrier: Carrier, metallic: bool) -> None:
         raise DataError(
             "the asset that the fit is to start from is metallic, which the fit leaves out",
             fix="set metallic: true in stage2.fit",
+        )
+    if not normal_map and start.normal is not None and bool((start.normal[..., 2] < 1 - 1e-6).any()):
+        raise DataError(
+            "the asset that the fit is to start from has a normal map, which the fit leaves out",
+            fix="set normal_map: true in stage2.fit",
         )
 
 

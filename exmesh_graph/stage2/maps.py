@@ -9,8 +9,12 @@ import torch
 
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.stage2.init import NARROW_MARGIN, logit, resize_texture
+from exmesh_graph.stage2.normal_map import slopes_of
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.types import Asset
+
+#: Slope of the normal map per unit of its parameter, so that one learning rate serves all maps.
+SLOPE = 0.1
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,7 @@ class Material:
 
     table: torch.Tensor
     has_metallic: bool
+    has_normal: bool = False
 
     @property
     def base_color(self) -> torch.Tensor:
@@ -35,12 +40,18 @@ class Material:
         """[N]; None: a dielectric."""
         return self.table[:, 4] if self.has_metallic else None
 
+    @property
+    def slopes(self) -> torch.Tensor | None:
+        """[N, 2], of the normal map (stage2.normal_map); None: the smooth normals."""
+        return self.table[:, -2:] if self.has_normal else None
+
 
 class MaterialMaps:
     """The free parameters of T texels and the maps they stand for.
 
     texels     int64 [T], ascending: flat positions in the size x size maps; all others stay out of the fit
-    parameter  [T, C] leaf; columns: base colour 3, roughness, (metallic), each the logit of its map
+    parameter  [T, C] leaf; columns: base colour 3, roughness, (metallic), each the logit of its map; (the normal map's
+               two slopes over `SLOPE`)
     """
 
     def __init__(self, start: Asset, texels: torch.Tensor, size: int, settings: FitSettings) -> None:
@@ -57,18 +68,23 @@ class MaterialMaps:
         if settings.metallic:
             metallic = np.zeros((1, 1), np.float32) if start.metallic is None else start.metallic
             columns.append(logit(texels_of(metallic)))
+        if settings.normal_map:
+            flat = np.zeros((1, 1, 2), np.float32)
+            columns.append(texels_of(flat if start.normal is None else slopes_of(start.normal)) / SLOPE)
         self.parameter = torch.cat(columns, dim=1).requires_grad_()
 
     def values(self) -> torch.Tensor:
-        """Base colour, roughness (and metallic) of the texels, [T, 4 or 5]; differentiable in `parameter`."""
-        values = torch.sigmoid(self.parameter)
+        """Base colour, roughness (metallic, slopes) of the texels, [T, 4 to 7]; differentiable in `parameter`."""
+        count = 5 if self.settings.metallic else 4
+        values = torch.sigmoid(self.parameter[:, :count])
         low = self.settings.roughness_min
         roughness = low + (1 - low) * values[:, 3:4]
-        return torch.cat([values[:, :3], roughness, values[:, 4:]], dim=1)
+        slopes = SLOPE * self.parameter[:, count:]
+        return torch.cat([values[:, :3], roughness, values[:, 4:], slopes], dim=1)
 
     def read(self, values: torch.Tensor, index: torch.Tensor, weight: torch.Tensor) -> Material:
         """The material at N points from `values` and the points' texel rows int64 [N, 4] and weights [N, 4]."""
-        return Material(gather_rows(values, index, weight), self.settings.metallic)
+        return Material(gather_rows(values, index, weight), self.settings.metallic, self.settings.normal_map)
 
     def rows(self, flat: torch.Tensor) -> torch.Tensor:
         """Rows of the table of flat texel positions, which must be among `texels`."""

@@ -18,6 +18,7 @@ from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.init import check_start, is_uniform, neutral_asset
 from exmesh_graph.stage2.light import LightModel
 from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.normal_map import TangentFrames
 from exmesh_graph.stage2.precomputed import PrecomputedLight
 from exmesh_graph.stage2.sampled import SampledLight, SampledSettings
 from exmesh_graph.stage2.settings import FitSettings
@@ -55,16 +56,17 @@ class Model:
         """`budget`: bytes that the views' buffers may take (stage2.stream); `seed`: of light that is sampled;
         `start`: the maps and the light to start from, None for `stage2.init.neutral_asset`."""
         start = start or neutral_asset(carrier)
-        check_start(start, carrier, settings.metallic)
+        check_start(start, carrier, settings.metallic, settings.normal_map)
         self.settings = settings
         self.geometry = CarrierGeometry(carrier, device)
         tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
+        frames = TangentFrames(carrier, device) if settings.normal_map else None
         self.light: LightModel
         if isinstance(transport, SampledSettings):
-            self.light = SampledLight(transport, self.geometry, tracer, seed)
+            self.light = SampledLight(transport, self.geometry, tracer, seed, frames)
         else:
             check_fits(transport, carrier.vertices, carrier.faces)
-            self.light = PrecomputedLight(transport, self.geometry, tracer, settings)
+            self.light = PrecomputedLight(transport, self.geometry, tracer, settings, frames)
         size = settings.texture_size or carrier.texture.shape[0]
         self.buffers = ViewBuffers(self.geometry, self.light, views, size, settings.min_coverage, budget)
         if not any(self.buffers.pixels):

@@ -20,9 +20,11 @@ from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, reflectance_table
 from exmesh_graph.shading.transport import LightTransport
+from exmesh_graph.shading.vector_irradiance import VectorTransport
 from exmesh_graph.stage2.correction import initial_specular_scale, measured_specular_scale
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.normal_map import TangentFrames, bent_irradiance, mapped_surface
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.sunlight import FittedSuns, find_fitted_suns
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
@@ -49,24 +51,31 @@ class PrecomputedView:
 @dataclass
 class PrecomputedLit:
     """A step's light: prefiltered rows of the environment, irradiance [P, 3] at the lattice but for what small suns
-    send directly, their flux [S, 3] (None: no suns)."""
+    send directly, their flux [S, 3] (None: no suns), the vector irradiance [P, 9] (None: no normal map)."""
 
     stack: torch.Tensor
     irradiance: torch.Tensor
     flux: torch.Tensor | None = None
+    vector: torch.Tensor | None = None
 
 
 class PrecomputedLight:
     """A stage2.light.LightModel over a types.Transport of the carrier's own mesh."""
 
     def __init__(
-        self, transport: Transport, geometry: CarrierGeometry, tracer: RayTracer, settings: FitSettings
+        self,
+        transport: Transport,
+        geometry: CarrierGeometry,
+        tracer: RayTracer,
+        settings: FitSettings,
+        frames: TangentFrames | None = None,
     ) -> None:
-        self.geometry, self.tracer, self.settings = geometry, tracer, settings
+        self.geometry, self.tracer, self.settings, self.frames = geometry, tracer, settings, frames
         device = geometry.device
         self.operators = LightTransport(transport, device)
         height = settings.environment_height
         self.stack = PrefilteredStack(height, 2 * height, device)
+        self.vectors = None if frames is None else VectorTransport(self.operators)
         self.binning = self.operators.bin_matrix(height, 2 * height)
         self.table = reflectance_table(device=device)
         self.scale: dict[int, torch.Tensor] = {}  # PrecomputedView.specular_scale by view, which outlives the buffers
@@ -107,7 +116,10 @@ class PrecomputedLight:
             diffuse = self.lattice_diffuse(maps, values)
         if self.suns is None:
             irradiance = self.operators.irradiance(binned, diffuse, strength)
-            return PrecomputedLit(self.stack.build(environment), irradiance)
+            vector = None
+            if self.vectors is not None:
+                vector = self.vectors.vector(binned, None if diffuse is None else strength * diffuse * irradiance)
+            return PrecomputedLit(self.stack.build(environment), irradiance, vector=vector)
         flux = self.suns.suns.flux(environment)
         irradiance = self.suns.operators.irradiance(torch.cat([binned, flux]), diffuse, strength)
         irradiance = irradiance - self.suns.lattice @ flux
@@ -118,18 +130,32 @@ class PrecomputedLight:
         irradiance = gather_rows(lit.irradiance, kept.point, kept.point_weight)
         if self.suns is not None and lit.flux is not None:
             irradiance = irradiance + self.suns.views[buffer.number] @ lit.flux
-        split = self.split_sum(buffer, material, lit)
+        mapped = None
+        if lit.vector is not None:
+            mapped = self.surface(buffer, material)
+            vector = gather_rows(lit.vector, kept.point, kept.point_weight)
+            irradiance = bent_irradiance(irradiance, vector, buffer.samples(self.geometry).normal, mapped.normal)
+        split = self.split_sum(buffer, material, lit, mapped)
         return brdf.diffuse(material.base_color, metallic) * irradiance + split * kept.specular_scale
 
-    def split_sum(self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit) -> torch.Tensor:
-        """Unoccluded specular radiance [N, 3] of a view's pixels."""
+    def surface(self, buffer: ViewBuffer, material: Material) -> SurfaceSamples:
+        """The view's surface samples, under the material's normal map where one is fitted."""
+        return mapped_surface(buffer, self.geometry, self.frames, material)
+
+    def split_sum(
+        self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit, mapped: SurfaceSamples | None = None
+    ) -> torch.Tensor:
+        """Unoccluded specular radiance [N, 3] of a view's pixels; `mapped`: their surface under a normal map."""
         kept, roughness = buffer.light, material.roughness
-        index, weight = self.stack.locate(kept.env_u, kept.env_v, roughness)
+        env_u, env_v, n_v = kept.env_u, kept.env_v, buffer.n_v
+        if mapped is not None:
+            (env_u, env_v), n_v = envmap.uv_of(mapped.reflected), mapped.n_v
+        index, weight = self.stack.locate(env_u, env_v, roughness)
         prefiltered = gather_rows(lit.stack, index, weight)
         if material.has_metallic:
             f0 = brdf.base_reflectance(material.base_color, material.metallic)
-            return directional_albedo(self.table, buffer.n_v, roughness, f0) * prefiltered
-        albedo = directional_albedo(self.table, buffer.n_v, roughness, brdf.DIELECTRIC_F0)
+            return directional_albedo(self.table, n_v, roughness, f0) * prefiltered
+        albedo = directional_albedo(self.table, n_v, roughness, brdf.DIELECTRIC_F0)
         return albedo[:, None] * prefiltered
 
     def lattice_diffuse(self, maps: MaterialMaps, values: torch.Tensor) -> torch.Tensor:
@@ -150,7 +176,8 @@ class PrecomputedLight:
         buffers: Iterable[ViewBuffer],
         generator: torch.Generator,
     ) -> None:
-        self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
+        if self.frames is None:  # their light is kept per pixel, for its smooth normal
+            self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
         lit = self.prepare(maps, values, environment, strength, 0)
         arriving = lit.irradiance
         if self.suns is not None and lit.flux is not None:

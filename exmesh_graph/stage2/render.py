@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from exmesh_graph.errors import DataError
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
@@ -24,6 +23,8 @@ from exmesh_graph.shading.transport import (
     trace_transport,
     with_bounces,
 )
+from exmesh_graph.shading.vector_irradiance import VectorTransport
+from exmesh_graph.stage2.normal_map import TangentFrames, bent, bent_irradiance, slopes_of
 from exmesh_graph.stage2.reflect import traced_specular
 from exmesh_graph.stage2.sunlight import narrow_lobes, sun_radiance
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
@@ -84,11 +85,10 @@ def render_views(
     for the asset's own. Diffuse light by `transport`, which brings its own number of interreflections; where it is
     None, one with `bounces` is traced here. Specular by `specular_samples` GGX rays for each of the supersampling^2
     samples of a pixel, with the mesh mirrored in itself. Coverage is antialiased by the same samples.
+    A normal map bends the normals of what the camera sees; the mesh's own light starts from smooth ones.
 
-    Raises GeometryError for a transport of another mesh, DataError for an asset with a normal map (not rendered yet).
+    Raises GeometryError for a transport of another mesh.
     """
-    if asset.normal is not None:
-        raise DataError("the asset has a normal map, which this renderer does not read", expected="asset.normal = None")
     light = transport or render_transport(asset, bounces)
     check_fits(light, asset.vertices, asset.faces)
     scene = _Scene(asset, light, asset.environment if environment is None else environment, device)
@@ -115,6 +115,10 @@ class _Scene:
         self.metallic = asset.metallic is not None
         if asset.metallic is not None:
             columns.append(asset.metallic[..., None])
+        self.frames = None
+        if asset.normal is not None:
+            columns.append(slopes_of(asset.normal))
+            self.frames = TangentFrames(asset, device)
         maps = np.concatenate(columns, axis=-1, dtype=np.float32)
         self.maps = tensor_of(maps).reshape(-1, maps.shape[-1]).to(device)
         operators = LightTransport(light, device)
@@ -137,6 +141,9 @@ class _Scene:
             self.irradiance = lit.irradiance(torch.cat([binned, self.flux]), f_d)
             self.direct_sun = transfer @ self.flux
             self.extra = Pyramid(tensor_of(_even((radiance - rest).cpu().numpy())).to(device))
+        self.vector = None
+        if self.frames is not None:
+            self.vector = VectorTransport(operators).vector(binned, f_d * self.irradiance)
         self.pyramid = Pyramid(tensor_of(_even(rest.cpu().numpy())).to(device))
 
     def read(self, uv: torch.Tensor) -> torch.Tensor:
@@ -152,12 +159,19 @@ class _Scene:
         uv = (self.geometry.uvs[self.geometry.uv_faces[face]] * bary[..., None]).sum(1)
         return self.f_d(self.read(uv)) * self.arriving(self.irradiance, face, bary)
 
+    def mapped(self, surface: SurfaceSamples, material: torch.Tensor) -> SurfaceSamples:
+        """`surface` under the asset's normal map, if it has one."""
+        if self.frames is None:
+            return surface
+        return bent(surface, self.frames.at(self.geometry, surface.face, surface.bary), material[:, -2:])
+
     def f_d(self, material: torch.Tensor) -> torch.Tensor:
         return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)
 
     def shade(
-        self, surface: SurfaceSamples, material: torch.Tensor, samples: int, generator: torch.Generator
+        self, smooth: SurfaceSamples, material: torch.Tensor, samples: int, generator: torch.Generator
     ) -> torch.Tensor:
+        surface = self.mapped(smooth, material)
         f0 = brdf.base_reflectance(material[:, :3], material[:, 4] if self.metallic else None)
         specular = traced_specular(
             surface,
@@ -172,7 +186,11 @@ class _Scene:
             extra=None if self.extra is None else (self.extra, narrow_lobes(self.suns, material[:, 3])),
         )
         f_d = self.f_d(material)
-        shaded = f_d * self.arriving(self.irradiance - self.direct_sun, surface.face, surface.bary) + specular
+        arrived = self.arriving(self.irradiance - self.direct_sun, surface.face, surface.bary)
+        if self.vector is not None:
+            vector = self.arriving(self.vector, surface.face, surface.bary)
+            arrived = bent_irradiance(arrived, vector, smooth.normal, surface.normal)
+        shaded = f_d * arrived + specular
         if len(self.suns):
             shaded += sun_radiance(
                 self.suns, self.flux, surface, f_d, material[:, 3], f0, self.tracer, SUN_SAMPLES, generator
@@ -208,7 +226,8 @@ def _render(
     material = scene.read(surface.uv)
     radiance = scene.shade(surface, material, samples, generator)
     fine = torch.zeros(len(face_id), 11, device=device)
-    fine[chosen] = torch.cat([radiance, torch.ones_like(radiance[:, :1]), material[:, :4], surface.normal], dim=1)
+    normal = scene.mapped(surface, material).normal
+    fine[chosen] = torch.cat([radiance, torch.ones_like(radiance[:, :1]), material[:, :4], normal], dim=1)
     mean = fine.reshape(height, supersampling, width, supersampling, 11).mean(dim=(1, 3))
     alpha = mean[..., 3]
     covered = mean[..., 4:] / alpha[..., None].clamp_min(1e-6)

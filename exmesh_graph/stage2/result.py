@@ -8,6 +8,7 @@ import torch
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.fill import complete_maps
 from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.normal_map import normals_of
 from exmesh_graph.stage2.stream import Evidence
 from exmesh_graph.types import Asset, Carrier
 
@@ -52,7 +53,8 @@ def finished_asset(carrier: Carrier, model: Model) -> Asset:
         texture=carrier.texture,
         base_color=np.ascontiguousarray(image[..., :3]),
         roughness=np.ascontiguousarray(image[..., 3]),
-        metallic=np.ascontiguousarray(image[..., 4]) if image.shape[-1] > 4 else None,
+        metallic=np.ascontiguousarray(image[..., 4]) if model.settings.metallic else None,
+        normal=normals_of(image[..., -2:]) if model.settings.normal_map else None,
         seen=seen_image,
         confidence=confidence_image,
         environment=envmap.radiance_of(model.environment).cpu().numpy(),

@@ -21,6 +21,7 @@ from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Coarse, LightSettings, MonteCarloLight, Points, SampleCache, coarse_points
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.normal_map import TangentFrames, mapped_surface
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
 from exmesh_graph.uv.raster import rasterize_atlas
 
@@ -78,8 +79,15 @@ class SampledLight:
     when first asked for, so that a resumed fit draws them again.
     """
 
-    def __init__(self, settings: SampledSettings, geometry: CarrierGeometry, tracer: RayTracer, seed: int) -> None:
-        self.settings, self.geometry, self.seed = settings, geometry, seed
+    def __init__(
+        self,
+        settings: SampledSettings,
+        geometry: CarrierGeometry,
+        tracer: RayTracer,
+        seed: int,
+        frames: TangentFrames | None = None,
+    ) -> None:
+        self.settings, self.geometry, self.seed, self.frames = settings, geometry, seed, frames
         counts = LightSettings(
             sampler=settings.technique,
             direct_samples=settings.samples,
@@ -111,7 +119,7 @@ class SampledLight:
         return SampledLit(maps, environment, EnvSampler(environment), query, strength, step)
 
     def radiance(self, buffer: ViewBuffer, material: Material, lit: SampledLit) -> torch.Tensor:
-        points = self._points(buffer)
+        points = self._points(buffer, material)
         here = _material(material)
         if self.frozen is None:
             number = self.seed * 1_000_003 + lit.step
@@ -157,8 +165,8 @@ class SampledLight:
 
         return draw
 
-    def _points(self, buffer: ViewBuffer) -> Points:
-        surface = buffer.samples(self.geometry)
+    def _points(self, buffer: ViewBuffer, material: Material | None = None) -> Points:
+        surface = mapped_surface(buffer, self.geometry, self.frames, material)
         return Points(surface.position, surface.flat, surface.normal, surface.view)
 
     def _coarse(self, view: SampledView, points: Points, step: int) -> Coarse | None:

@@ -18,6 +18,7 @@ class FitSettings:
     material_weight, environment_weight, chroma_weight  lambda_mat, lambda_env, lambda_chroma^0 of eq. 22
     indirect_weight, indirect_ramp  lambda_ind's target and the iterations it takes to reach it
     metallic          fit a metallic map (starts at 0)
+    normal_map        fit a tangent-space normal map (starts flat)
     corrections       how often rays measure what the split sum leaves out; 0 = never
     correction_samples  rays per pixel each time
     min_coverage      mask alpha from which a pixel takes part
@@ -41,6 +42,7 @@ class FitSettings:
     indirect_weight: float = 1.0
     indirect_ramp: int = 1000
     metallic: bool = False
+    normal_map: bool = False
     corrections: int = 4
     correction_samples: int = 16
     min_coverage: float = 0.99

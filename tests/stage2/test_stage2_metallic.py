@@ -1,0 +1,53 @@
+"""A metal and a dielectric side by side are told apart."""
+
+import dataclasses
+
+import numpy as np
+
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.render import render_transport, render_views
+from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.types import Views
+from tests.stage2.conftest import SIZE
+
+N = 28  # about one texel per pixel
+SETTINGS = FitSettings(
+    texture_size=N, environment_height=16, iterations=200, material_rate=0.2, environment_rate=0.1, factor_rate=0.02,
+    ssim_weight=0.0, material_weight=0.003, environment_weight=0.001, chroma_weight=0.0, indirect_ramp=10,
+    corrections=3, correction_samples=8, metallic=True,
+)  # fmt: skip
+
+
+def _metal(size):
+    """1 on one side of the ball, 0 on the other and on the slab."""
+    u = np.broadcast_to((np.arange(size) + 0.5) / size, (size, size))
+    return np.where((u > 0.06) & (u < 0.3), 1.0, 0.0).astype(np.float32)
+
+
+def test_metal_and_dielectric_side_by_side(true_asset, cameras, carrier, transport):
+    """Light, colour and roughness unknown: nine of ten texels are told right, the dielectric stays below 0.05."""
+    intrinsics, poses = cameras
+    true = dataclasses.replace(
+        true_asset,
+        base_color=np.broadcast_to(np.array([0.75, 0.5, 0.25], np.float32), (64, 64, 3)).copy(),
+        roughness=np.full((64, 64), 0.3, np.float32),
+        metallic=_metal(64),
+    )
+    shown = render_views(true, intrinsics, poses, SIZE, SIZE, transport=render_transport(true, 2, 256, 4000))
+    views = Views(
+        names=tuple(f"v{k}" for k in range(8)), images=shown.images[:8], alpha=shown.alpha[:8],
+        intrinsics=intrinsics[:8], camera_to_world=poses[:8], split="train", clipped=False,
+    )  # fmt: skip
+    asset, curves = fit(carrier, views, transport, SETTINGS, seed=1)
+    assert asset.metallic is not None
+    metallic, wanted = asset.metallic, _metal(N) > 0.5
+    border = np.zeros_like(wanted)
+    border[:, 1:] = wanted[:, 1:] != wanted[:, :-1]
+    border[:, :-1] |= border[:, 1:]
+    metal, other = (metallic[asset.seen & ~border & where] for where in (wanted, ~wanted))
+    assert np.concatenate([metal > 0.5, other < 0.5]).mean() > 0.8
+    assert metal.mean() > 0.35
+    assert other.mean() < 0.05
+    without, worse = fit(carrier, views, transport, dataclasses.replace(SETTINGS, metallic=False), seed=1)
+    assert without.metallic is None
+    assert np.mean(curves["image"][-5:]) < 0.65 * np.mean(worse["image"][-5:])
