@@ -24,12 +24,18 @@ LATE = {
 }  # by a computed name, in exmesh_graph.io.native
 UNUSED = {  # imported by a module of the node's code, but by no function that the node calls
     "data.environment": {"scipy"},
+    "evaluate.round": {"pymeshlab", "open3d", "embreex"},
     "evaluate.mesh": {"pymeshlab", "open3d", "embreex", "torch", "warp-lang", "OpenImageIO"},
     "evaluate.stage1": {"pymeshlab", "open3d", "embreex"},
     "evaluate.asset": {"pymeshlab", "open3d"},
+    "init.sphere": {"scipy"},
     "init.tsdf": {"pymeshlab"},
     "init.visual_hull": {"open3d", "pymeshlab"},
     "use.relight": {"pillow"},
+    "stage2.init": {"scipy"},
+    "transport.monte_carlo": {"scipy"},
+    "uv.regenerate": {"xatlas"},
+    "uv.unwrap": {"xatlas"},
     "transport.bounce": {"embreex", "warp-lang"},
     "appearance.uv_texture": {"scipy"},
 }
