@@ -77,9 +77,8 @@ class LightModel(Component):
 class MonteCarlo(LightModel):
     """The paper's Monte Carlo light, drawn in every step; the defaults are its sample counts."""
 
-    technique: Literal["environment", "brdf", "mis", "cosine", "auto"] = param(
-        "environment",
-        doc="Where direct samples go; mis = half to the environment, half to the lobes; auto: by the fit's needs.",
+    technique: Annotated[Literal["environment", "brdf", "mis", "cosine"], Auto("needs")] = param(
+        "environment", doc="Where direct samples go; mis = half to the environment, half to the lobes."
     )
     samples: int = param(8, ge=2, le=4096, unit="rays", doc="N_d, direct samples per pixel.")
     bounces: Literal[0, 1] = param(1, doc="0: direct light only; 1: one diffuse bounce.")

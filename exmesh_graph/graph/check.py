@@ -182,8 +182,8 @@ class _Check:
         self._libraries(spec, definition)
         nested = usable if found.component is not None else {}
         model = self._params(spec, found, params, {field: plug.value for field, plug in nested.items()})
-        if model is not None:
-            self._decided(spec, found, model, params)
+        if model is not None and found.component is None:
+            self._decided(spec, found, model, params, usable.values())
         if isinstance(model, Component):
             made = BoundComponent(spec.name, definition, model, usable, spec.where)
             if made.depth > MAX_NESTING:
@@ -199,17 +199,22 @@ class _Check:
                 spec.name, definition, found, model or Params(), wires, sources, spec.seed, spec.where, usable
             )
 
-    def _decided(self, spec: NodeSpec, found: Signature, model: Params, given: Mapping[str, Value]) -> None:
-        """Parameters that are `auto` need what decides them."""
-        for name, port in found.decided_by().items():
-            wired = port in spec.fields and spec.fields[port].value is not None
-            if getattr(model, name) == Auto.word and not wired:
-                self.problems.add(
-                    "auto", given[name].where if name in given else spec.where,
-                    f"{spec.name}: {name} is auto, but nothing is wired to {port}, which decides it",
-                    expected=str(found.inputs[port]), nearest=self.wiring.suitable(found.inputs[port], spec.name),
-                    fix=f"{port}: {link_form(found.inputs[port])}, or give {name} a value",
-                )  # fmt: skip
+    def _decided(self, spec: NodeSpec, found: Signature, own: Params, given: Mapping[str, Value], plugs: Any) -> None:
+        """Parameters of a node and its components that are `auto` need what decides them, wired to the node."""
+        asked = [(spec.name, found, own, spec.where)]
+        asked += [(c.name, signature(c.definition), c.value, c.where) for plug in plugs for c in plug.all()]
+        auto = [(*of, name, port) for of in asked for name, port in of[1].decided_by().items()]
+        for owner, _, model, where, name, port in auto:
+            if getattr(model, name) != Auto.word or (port in spec.fields and spec.fields[port].value is not None):
+                continue
+            judge, end = found.inputs.get(port), port if owner == spec.name else f"{spec.name}.{port}"
+            self.problems.add(
+                "auto", given[name].where if owner == spec.name and name in given else where,
+                f"{owner}: {name} is auto, but nothing is wired to {end}, which decides it",
+                expected=str(judge or f"{spec.type} has no port {port}"),
+                nearest=() if judge is None else self.wiring.suitable(judge, spec.name),
+                fix=f'{f"{end}: {link_form(judge)}, or " if judge else ""}give {name} a value',
+            )  # fmt: skip
 
     def _unknown(self, spec: NodeSpec, found: Signature, key: str, value: Value) -> None:
         kind = "input port" if isinstance(value.value, Link | Broken) else "parameter"

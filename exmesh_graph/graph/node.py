@@ -54,7 +54,8 @@ class Auto:
 
         bounces: Annotated[int, Field(ge=0, le=16), Auto("needs")] = param(1, doc="...")
 
-    Limits stand before it, inside `Annotated`. `auto` with nothing wired to the port is an error of the graph.
+    Limits stand before it, inside `Annotated`. `auto` with nothing wired to the port is an error of the graph. In a
+    component it is a port of the node that the component plugs into.
     """
 
     port: str

@@ -61,9 +61,9 @@ def plan_memory(
     largest = max(pixels, default=0)
     size = settings.texture_size or carrier.texture.shape[0]
     texels = min(size * size, 4 * sum(pixels))
-    channels = 4 + settings.metallic
+    channels = 4 + settings.metallic + 2 * settings.normal_map
     environment = 8 * settings.environment_height**2 * 3 * 4 * TEXEL_COLUMNS
-    light = 0 if transport is None else _transport_bytes(transport)
+    light = 0 if transport is None else _transport_bytes(transport, settings.normal_map)
     parts = {
         "view buffers": sum(sizes[:held]) + (0 if held == len(views) else max(sizes)),
         "specular factors": FACTOR_BYTES * sum(pixels[held:]),
@@ -79,8 +79,10 @@ def _box_area(inside: np.ndarray) -> int:
     return 0 if len(rows) == 0 else int((rows[-1] - rows[0] + 1) * (columns[-1] - columns[0] + 1))
 
 
-def _transport_bytes(light: Transport) -> int:
-    """Operators T (float32), visibility (bytes), M and its transpose (CSR with int64 columns)."""
+def _transport_bytes(light: Transport, normal_map: bool) -> int:
+    """Operators T (float32), visibility (bytes), M and its transpose (CSR with int64 columns); for a normal map T and M
+    again for each axis."""
     points, directions = len(light.points), len(light.directions)
     entries = 0 if light.gather_point is None else len(light.gather_point)
-    return points * directions * (4 + 1 + 4) + 2 * 12 * entries
+    axes = 3 * normal_map
+    return points * directions * (4 + 1 + 4 + 4 * axes) + (2 + axes) * 12 * entries

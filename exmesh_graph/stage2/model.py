@@ -55,6 +55,12 @@ class Model:
     ) -> None:
         """`budget`: bytes that the views' buffers may take (stage2.stream); `seed`: of light that is sampled;
         `start`: the maps and the light to start from, None for `stage2.init.neutral_asset`."""
+        if start is None and settings.keep_light:
+            raise DataError(
+                "keep_light keeps the start's environment, but no start is given",
+                expected="an asset whose light is known, say of use.relight",
+                fix="wire `start`, or set keep_light: false",
+            )
         start = start or neutral_asset(carrier)
         check_start(start, carrier, settings.metallic, settings.normal_map)
         self.settings = settings

@@ -127,7 +127,7 @@ class SampledLight:
             drawn = self.light.draw(points, here, lit.query, lit.sampler, number, coarse)
         else:
             cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
-            drawn = cache.get(lit.step, self._keeping(buffer, points, lit))
+            drawn = cache.get(lit.step, self._keeping(buffer, lit))
         return self.light.shade(drawn, points, here, lit.query, lit.environment, lit.strength)
 
     def measure(
@@ -151,13 +151,14 @@ class SampledLight:
         self.frozen = None if frozen is None else (frozen[0].to(device), frozen[1].to(device))
         self.caches = {}
 
-    def _keeping(self, buffer: ViewBuffer, points: Points, lit: SampledLit) -> Callable[[int], monte_carlo.Drawn]:
+    def _keeping(self, buffer: ViewBuffer, lit: SampledLit) -> Callable[[int], monte_carlo.Drawn]:
         """How a slot of the view's kept rays is drawn: from the frozen maps and environment, by a seed of its own."""
         assert self.frozen is not None
         values, environment = self.frozen
 
         def draw(slot: int) -> monte_carlo.Drawn:
-            material = _material(lit.maps.read(values, buffer.texel, buffer.texel_weight))
+            read = lit.maps.read(values, buffer.texel, buffer.texel_weight)
+            points, material = self._points(buffer, read), _material(read)
             query = None if lit.query is None else self._query(lit.maps, values)
             number = self.seed * 1_000_003 + buffer.number * self.settings.kept + slot
             coarse = self._coarse(buffer.light, points, slot)

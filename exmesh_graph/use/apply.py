@@ -97,6 +97,11 @@ def _check(settings: EditSettings, views: Views | None, where: str) -> None:
         raise wrong(f"`picture` does nothing with operation: {settings.operation}", "set operation: paint")
     if settings.operation != "paint" and not settings.value:
         raise wrong(f"operation: {settings.operation} has no `value`", "give one number, or three for base_color")
+    if settings.operation == "paint" and settings.value:
+        raise wrong("`value` does nothing with operation: paint", "take it away, or set operation: set")
+    if any(value < 0 or (value > 1 and settings.operation == "set") for value in settings.value):
+        least = "no less than 0" if settings.operation == "scale" else "from 0 to 1 (base_color: linear RGB)"
+        raise wrong(f"`value` {settings.value} is out of range", f"give numbers {least}")
     if (settings.pixel is None) != (settings.view == ""):
         raise wrong("`view` and `pixel` belong together", "give both, or `center`")
     if settings.pixel is not None and settings.center is not None:

@@ -24,6 +24,19 @@ def test_auto_without_its_judge_is_found_by_check(bench: Any) -> None:
     bench.check(text.replace("count: auto", "count: 3"))
 
 
+def test_auto_of_a_component_needs_the_judge_of_its_node(bench: Any) -> None:
+    text = "nodes:\n  j: {type: toy.const, value: 4}\n  c: {type: curve.steep, slope: auto}\n"
+    text += '  s: {type: curve.sum, first: "@c"}\n'
+    told = problem_of(bench, text + '  x: {type: toy.mixed, item: "@s"}\n')
+    for words in ("graph.yaml:3", "c: slope is auto, but nothing is wired to x.inner", 'x.inner: "@node.port"'):
+        assert words in told
+    bench.check(text + '  x: {type: toy.mixed, item: "@s", inner: "@j.number"}\n')
+    bench.check(text.replace("auto", "3") + '  x: {type: toy.mixed, item: "@s"}\n')
+    told = problem_of(bench, text + '  x: {type: toy.evaluate, number: "@j.number", curve: "@c"}\n')
+    assert "toy.evaluate has no port inner" in told
+    assert "fix: give slope a value" in told
+
+
 def test_other_values_keep_their_limits(bench: Any) -> None:
     for value, words in (("0", "greater than or equal to 1"), ("true", "not true"), ("automatic", "valid integer")):
         assert words in problem_of(bench, f"nodes: {{x: {{type: toy.counted, count: {value}}}}}")

@@ -68,4 +68,4 @@ def test_what_was_not_looked_at_is_said():
     with pytest.raises(DataError, match=r"nothing about normal_map[\s\S]*metallic"):
         decided("auto", _needs(metallic=True), "normal_map")
     assert decided(3, None, "bounces") == 3
-    assert decided("texture", None, "base_color_init") == "texture"
+    assert decided("mis", None, "technique") == "mis"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.stage2.exposure import Exposure
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
@@ -82,6 +83,8 @@ def test_gains_rest_at_first_and_ignore_what_is_dark_or_cut_off(carrier, train_v
 
 def test_a_known_light_is_kept(carrier, train_views, transport, true_asset):
     settings = dataclasses.replace(SETTINGS, environment_height=16, exposure=False, keep_light=True, iterations=60)
+    with pytest.raises(DataError, match="keep_light keeps the start's environment"):
+        Model(carrier, train_views, transport, settings, "cpu")
     start = dataclasses.replace(neutral_asset(carrier, "gray"), environment=true_asset.environment)
     asset, curves = fit(carrier, train_views, transport, settings, start=start)
     np.testing.assert_allclose(asset.environment, true_asset.environment, rtol=1e-5, atol=1e-5)

@@ -17,6 +17,13 @@ def test_the_plan_counts_the_buffers_and_follows_the_budget(carrier, train_views
     assert plan.parts["view buffers"] == pytest.approx(sum(buffers.sizes), rel=0.25)
     assert plan.held == plan.views == 8
     assert plan.total == 2**30 + sum(plan.parts.values())
+    mapped = dataclasses.replace(SETTINGS, normal_map=True)
+    bent = plan_memory(carrier, train_views, transport, mapped, 1e12)
+    vectors = Model(carrier, train_views, transport, mapped, "cpu").light.vectors
+    entries = sum(matrix.values().numel() for matrix in vectors.gather)
+    added = vectors.transfer.numel() * 4 + 12 * entries
+    assert bent.parts["light transport"] - plan.parts["light transport"] == pytest.approx(added, rel=0.05)
+    assert bent.parts["maps and their optimiser"] > plan.parts["maps and their optimiser"]
     tight = plan_memory(carrier, train_views, transport, SETTINGS, 0.5 * sum(buffers.sizes), before=2**30)
     assert 0 < tight.held < 8
     assert tight.total < plan.total

@@ -129,6 +129,21 @@ def test_kept_rays_are_traced_once_between_measurements(carrier, train_views, mo
     assert len(drawn) == 8
 
 
+def test_kept_rays_are_drawn_again_for_the_normals_of_the_measurement(carrier, train_views):
+    """Whenever they are first asked for, in a resumed fit too, whose normal map has moved on since."""
+    settings = replace(SETTINGS, normal_map=True)
+    model, resumed = (Model(carrier, train_views, replace(FEW, kept=1), settings, "cpu", seed=3) for _ in range(2))
+    with torch.no_grad():
+        model.measure(1.0, torch.Generator())
+        buffer = model.buffers[1]
+        model.shade(buffer, model.lit(1.0, 0))  # drawn at the flat map
+        for one in (model, resumed):
+            one.maps.parameter[:, -2:] = 4.0
+        resumed.light.restore(resumed.buffers, model.light.state(model.buffers))
+        expected, found = (one.shade(one.buffers[1], one.lit(1.0, 1))[0] for one in (model, resumed))
+    assert torch.equal(found, expected)
+
+
 @pytest.mark.parametrize("technique", ["environment", "mis"])
 def test_kept_rays_light_what_a_turned_normal_newly_faces(carrier, train_views, technique):
     """Normals turn back to the surface's own after the rays were drawn: with `turning` they see what fresh rays see."""

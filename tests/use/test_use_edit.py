@@ -1,5 +1,7 @@
 """Local edits: the right texels change, and no others."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -137,6 +139,9 @@ def test_paint_is_linear_and_follows_alpha(tmp_path):
     [
         (EditSettings(operation="paint"), "nothing to paint with"),
         (EditSettings(), "no `value`"),
+        (EditSettings(operation="paint", picture=Path("decal.png"), value=(1.0,)), "`value` does nothing"),
+        (EditSettings(value=(200.0, 10.0, 10.0)), "out of range"),
+        (EditSettings(operation="scale", value=(-1.0,)), "out of range"),
         (EditSettings(value=(1.0, 0.0)), "2 values for base_color"),
         (EditSettings(channel="roughness", value=(1.0, 0.0, 0.0)), "3 values for roughness"),
         (EditSettings(value=(1.0,), center=(0, 0, 0)), "a middle and a radius"),

@@ -56,6 +56,16 @@ class Sum(Curve):
         return self.scale * (self.first.value(x) + rest)
 
 
+@component("curve.steep", version="1")
+class Steep(Curve):
+    """A line whose slope the node may decide that it plugs into."""
+
+    slope: Annotated[int, Field(ge=1), Auto("inner")] = param(1, doc="Rise per x.")
+
+    def value(self, x: float) -> float:
+        return self.slope * x
+
+
 @component("noise.none", version="1")
 class NoNoise(Noise):
     """No noise."""
