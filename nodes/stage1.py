@@ -6,6 +6,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
+from pydantic import model_validator
 
 from exmesh_graph.graph.node import Context, Params, facets, node, param
 from exmesh_graph.types import Carrier, DepthMaps, Mesh, Metrics, Stage1State, Views
@@ -74,6 +75,12 @@ class RefineParams(Params):
     fill_unseen: bool = param(True, doc="Fill texels that this round never touched from their neighbours.")
     device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+
+    @model_validator(mode="after")
+    def _share_of_something(self) -> RefineParams:
+        if self.share > 0 and self.total_iterations == 0:
+            raise ValueError("share is a part of total_iterations, which is 0: give total_iterations, or iterations")
+        return self
 
 
 class RefineOut(NamedTuple):

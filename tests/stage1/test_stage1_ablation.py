@@ -30,3 +30,9 @@ def test_a_share_stands_for_its_iterations():
     assert runs[0].iteration == runs[1].iteration == 5
     assert runs[0].vertices.tobytes() == runs[1].vertices.tobytes()
     assert (runs[0].vertices != start.vertices).any()
+
+
+def test_a_share_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="share is a part of total_iterations"):
+        stage1.RefineParams(share=0.3)
+    assert stage1.RefineParams(share=0.3, total_iterations=100).share == 0.3
