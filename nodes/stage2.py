@@ -52,9 +52,9 @@ class FitParams(Params):
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
     indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")
-    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, starting at 0.")
+    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, from `start`'s or 0.")
     normal_map: bool = param(
-        False, doc="Fit a tangent-space normal map (+Y up), starting flat; the probe does not judge it."
+        False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
     )
     corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
     correction_samples: int = param(16, ge=1, le=1024, unit="rays", doc="Rays per pixel each time.")

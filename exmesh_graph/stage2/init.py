@@ -51,6 +51,7 @@ def neutral_asset(
     """Where a fit starts that knows no better: one roughness, one metallic, white light of radiance 1.
 
     base_color  "texture" (Stage I's, linearised, kept `MARGIN` away from 0 and 1) or "gray"
+    metallic    kept `MARGIN` below 1; 0: no map
     size        side of the maps in texels; 0: the texture's
     """
     size = size or carrier.texture.shape[0]
@@ -61,7 +62,7 @@ def neutral_asset(
         roughness=np.full((size, size), roughness, np.float32),
         seen=np.zeros((size, size), bool),
         environment=np.ones((8, 16, 3), np.float32),
-        metallic=np.full((size, size), metallic, np.float32) if metallic > 0 else None,
+        metallic=np.full((size, size), min(metallic, 1 - MARGIN), np.float32) if metallic > 0 else None,
     )
 
 

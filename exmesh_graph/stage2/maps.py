@@ -66,8 +66,10 @@ class MaterialMaps:
         roughness = (texels_of(start.roughness) - settings.roughness_min) / span
         columns = [logit(texels_of(start.base_color), NARROW_MARGIN), logit(roughness, NARROW_MARGIN)]
         if settings.metallic:
-            metallic = np.zeros((1, 1), np.float32) if start.metallic is None else start.metallic
-            columns.append(logit(texels_of(metallic)))
+            if start.metallic is None:
+                columns.append(logit(texels_of(np.zeros((1, 1), np.float32))))
+            else:
+                columns.append(logit(texels_of(start.metallic), NARROW_MARGIN))
         if settings.normal_map:
             flat = np.zeros((1, 1, 2), np.float32)
             columns.append(texels_of(flat if start.normal is None else slopes_of(start.normal)) / SLOPE)

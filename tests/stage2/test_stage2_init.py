@@ -77,3 +77,11 @@ def test_starts_that_do_not_fit_are_refused(carrier, train_views, transport):
         fit(carrier, train_views, transport, SHORT, start=metal)
     model = Model(carrier, train_views, transport, dataclasses.replace(SHORT, metallic=True), "cpu", start=metal)
     torch.testing.assert_close(model.maps.values()[:, 4].detach(), torch.full((len(model.maps.texels),), 0.5))
+    assert float(neutral_asset(carrier, metallic=1.0).metallic.max()) < 0.99  # a texel at 1 could never leave it
+
+
+@pytest.mark.parametrize("fitted", [0.004, 0.996])
+def test_a_fitted_metallic_is_kept(carrier, train_views, transport, fitted):
+    start = dataclasses.replace(neutral_asset(carrier), metallic=np.full((16, 16), fitted, np.float32))
+    model = Model(carrier, train_views, transport, dataclasses.replace(SHORT, metallic=True), "cpu", start=start)
+    torch.testing.assert_close(model.maps.values()[:, 4].detach(), torch.full((len(model.maps.texels),), fitted))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from exmesh_graph.geometry.adjacency import face_areas
 from exmesh_graph.types import Carrier, Transport
 
 #: A point counts as occluded from this share of its cosine-weighted hemisphere on.
@@ -49,12 +50,6 @@ def _point_areas(light: Transport, vertices: np.ndarray, faces: np.ndarray) -> n
     """The surface [P] that each lattice point stands for: every face's area, shared evenly among its points."""
     per_point = np.repeat(face_areas(vertices, faces) / light.face_points.shape[1], light.face_points.shape[1])
     return np.bincount(light.face_points.reshape(-1), weights=per_point, minlength=len(light.points))
-
-
-def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Area of every face, float64 [F]."""
-    a, b, c = (np.asarray(vertices, np.float64)[faces[:, k]] for k in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 #: Pixels of all views that a texel should get at least, and the quarter of pixels that are finest on the surface.
