@@ -2,14 +2,16 @@
 every round.
 
     python benchmarks/stage1.py graphs/samples/spot --json curves.json     # adaptive against uniform, same vertices
-    python benchmarks/stage1.py SCENE --methods score --levels 1 --faces 5000 --hull-views 10
+    python benchmarks/stage1.py SCENE --methods score --hull-views 10 --faces 1250 --levels 1 --rounds 4 \
+        --vertex-lr 0.04
     python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --dissent 1 --faces 5000 \
         --levels 1 --silhouette-weight 1 --smoothness-weight 0.1 --gains --methods score
 
 Every method starts from the same hull, atlas and texture, takes the same iterations and ends at the same faces:
 `uniform` splits all faces into four at the end of each level's share, the others double their faces twice as often,
 finishing at the same iteration. Prints one line per round (seconds of Stage I so far, faces and vertices, Chamfer
-distance in thousandths of the bounding radius, held-out display PSNR, 1000 x mean |alpha - mask|).
+distance in thousandths of the bounding radius, held-out display PSNR, 1000 x mean |alpha - mask|, and how many faces
+cut others).
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from exmesh_nodes import data, init, regulariser, stage1, topology, uv
 
 from exmesh_graph.losses import display
 from exmesh_graph.metrics.image import psnr
+from exmesh_graph.metrics.mesh import bounding_radius, chamfer, count_self_intersections
 from exmesh_graph.stage1.render import render_carrier
 
 
@@ -61,6 +64,8 @@ def main() -> None:
     masks = some(scene.train, options.hull_views) if options.hull_views else scene.train
     mesh = init.visual_hull(ctx, masks, p=init.HullParams(resolution=96, dissent=options.dissent)).mesh
     mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=options.faces)).mesh
+    if options.photometric:
+        mesh = init.photometric(ctx, mesh, scene.train, p=init.PhotometricParams(passes=options.photometric)).mesh
     carrier = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=options.texels)).carrier
     hull_seconds = time.perf_counter() - began
     began = time.perf_counter()
@@ -99,6 +104,8 @@ def curve(method: str, state, scene, truth, seconds: float, options: argparse.Na
         began = time.perf_counter()
         if k:
             state = rearrange(ctx, method, state, target, scene.train)
+            if method != "uniform" and options.atlas_every and k % options.atlas_every == 0:
+                state = uv.regenerate(ctx, state, p=uv.RegenerateParams()).state
         params = stage1.RefineParams(iterations=iterations, total_iterations=options.iterations, **fixed)
         state, history = stage1.refine(ctx, state, scene.train, smoothness=smoothness, p=params)
         seconds += time.perf_counter() - began
@@ -111,11 +118,10 @@ def curve(method: str, state, scene, truth, seconds: float, options: argparse.Na
 
 def plan(method: str, faces: int, options: argparse.Namespace) -> list[tuple[int, int]]:
     """(faces to reach first, iterations) of every round; the last split comes after `split_until` of all iterations."""
-    number = options.levels if method == "uniform" else 2 * options.levels
+    number = options.levels if method == "uniform" else options.rounds or 2 * options.levels
     each = round(options.split_until * options.iterations / max(number, 1))
-    growth = 4 if method == "uniform" else 2
-    rounds = [(faces * growth**k, each) for k in range(number)]
-    return [*rounds, (faces * growth**number, options.iterations - number * each)]
+    rounds = [(round(faces * 4 ** (options.levels * k / max(number, 1))), each) for k in range(number)]
+    return [*rounds, (faces * 4**options.levels, options.iterations - number * each)]
 
 
 def rearrange(ctx: Quiet, method: str, state, faces: int, views):
@@ -156,10 +162,9 @@ def score(state, views, truth) -> dict[str, float]:
     exposed = np.clip(colours * gain[:, None, None], 0, 1)
     found["psnr_exposed"] = float(np.mean([psnr(a, b) for a, b in zip(exposed, target, strict=True)]))
     if truth is not None:
-        from exmesh_graph.metrics.mesh import bounding_radius, chamfer
-
         result = chamfer(state.vertices, state.faces, *truth)
         found["chamfer"] = 1000 * result.chamfer / bounding_radius(truth[0])
+    found["cutting"] = count_self_intersections(state.vertices, state.faces)
     return found
 
 
@@ -190,6 +195,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--hull-views", type=int, default=0, help="views that the hull may use; 0 = all")
     parser.add_argument("--faces", type=int, default=2000, help="of the start")
     parser.add_argument("--levels", type=int, default=2, help="each makes four times as many faces")
+    parser.add_argument("--rounds", type=int, default=0, help="of the adaptive methods; 0 = two for each level")
+    parser.add_argument("--atlas-every", type=int, default=0, help="rounds of the adaptive methods; 0 = never anew")
+    parser.add_argument("--photometric", type=int, default=0, help="passes of init.photometric on the coarse mesh")
     parser.add_argument("--iterations", type=int, default=3000)
     parser.add_argument("--split-until", type=float, default=0.53, help="share of the iterations before the last split")
     parser.add_argument("--methods", nargs="+", default=["uniform", "score"],
