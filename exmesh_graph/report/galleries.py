@@ -98,7 +98,7 @@ def carrier_gallery(root: Path, carrier: Carrier, views: Views, scores: CarrierS
 def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) -> None:
     if truth is not None and truth.environment is not None:
         true, ours = environment_panels([truth.environment, asset.environment])
-        caption = "Found, true; one exposure. Its scale against the base colour's cannot be known from photographs."
+        caption = "Found, true; one exposure. Its scale against the base colour's follows from highlights alone."
         writer.add("environment", "Environment", caption, [ours, true])
     else:
         caption = "As found: lat-long, up is up, the centre looks along +Z."
