@@ -11,6 +11,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.types import Asset
 from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.transfer import sample_bilinear
 
 Channel = Literal["base_color", "roughness", "metallic"]
 
@@ -114,11 +115,6 @@ def edited(
 
 
 def _sample(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Bilinear, clamped, at image coordinates u right and v down in [0, 1]."""
-    height, width = image.shape[:2]
-    x, y = (u * width - 0.5).clip(0, width - 1), (v * height - 0.5).clip(0, height - 1)
-    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    right, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    fx, fy = (x - left)[..., None].astype(np.float32), (y - top)[..., None].astype(np.float32)
-    upper = (1 - fx) * image[top, left] + fx * image[top, right]
-    return (1 - fy) * upper + fy * ((1 - fx) * image[below, left] + fx * image[below, right])
+    """Bilinear, clamped, at image coordinates [...] u right and v down in [0, 1]."""
+    uv = np.stack([u.reshape(-1), 1 - v.reshape(-1)], axis=-1)
+    return sample_bilinear(image, uv).reshape(*u.shape, image.shape[-1]).astype(np.float32)

@@ -150,6 +150,7 @@ def test_paint_is_linear_and_follows_alpha(tmp_path):
         (EditSettings(value=(1.0,), view="000", pixel=(1, 1), center=(0, 0, 0), radius=1.0), "both say"),
         (EditSettings(value=(1.0,), view="zebra", pixel=(1, 1), radius=1.0), "no view 'zebra'"),
         (EditSettings(value=(1.0,), view="000", pixel=(1, 1), radius=1.0), "does not show the mesh"),
+        (EditSettings(value=(1.0,), view="000", pixel=(65, 1), radius=1.0), "outside view 000"),
         (EditSettings(value=(1.0,), feather=0.5), "`feather` belongs to a ball"),
     ],
 )
