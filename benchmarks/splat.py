@@ -1,0 +1,80 @@
+"""Planar Gaussians drawn forward and backward: milliseconds by number and size on one thread, beside plain torch.
+
+python -m benchmarks.splat [--quick] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import torch
+
+from exmesh_graph.splat import Gaussians, render
+from exmesh_graph.splat.reference import render_reference
+
+
+def shell(count: int, axis: float, seed: int = 0) -> Gaussians:
+    """Flat Gaussians on a sphere of radius 0.8, of standard deviation `axis` along it."""
+    g = torch.Generator().manual_seed(seed)
+    means = torch.nn.functional.normalize(torch.randn(count, 3, generator=g), dim=1)
+    half = torch.nn.functional.normalize(means + torch.tensor([0.0, 0.0, 1.0001]), dim=1)
+    turn = torch.stack([torch.zeros(count), half[:, 0], half[:, 1], half[:, 2]], dim=1)  # takes z to the mean
+    scales = torch.tensor([axis, axis, axis / 10]).log().expand(count, 3).clone()
+    sh = 0.3 * torch.randn(count, 16, 3, generator=g)
+    return Gaussians(0.8 * means, scales, turn, 2 * torch.rand(count, generator=g), sh)
+
+
+def camera(size: int) -> tuple[torch.Tensor, torch.Tensor]:
+    f = 1.56 * size
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[2, 3] = 3.7
+    return torch.tensor([[f, 0, size / 2 + 3.3], [0, f, size / 2 - 2.1], [0, 0, 1.0]], dtype=torch.float64), pose
+
+
+def measure(gaussians: Gaussians, size: int, repeats: int, draw=render) -> dict[str, float]:
+    """Medians, in ms of this process's wall clock and processor time."""
+    gaussians = gaussians.map(lambda t: t.detach().requires_grad_())
+    rows = []
+    for _ in range(repeats + 1):
+        clocks = [(time.perf_counter(), time.process_time())]
+        drawing = draw(gaussians, *camera(size), size, size)
+        clocks.append((time.perf_counter(), time.process_time()))
+        planes = drawing[:4] if draw is render else [drawing]
+        sum(plane.square().sum() for plane in planes).backward()
+        clocks.append((time.perf_counter(), time.process_time()))
+        rows.append([1e3 * (b[i] - a[i]) for a, b in pairwise(clocks) for i in (0, 1)])
+    middle = [statistics.median(column) for column in zip(*rows[1:], strict=True)]
+    return dict(zip(("forward", "forward_cpu", "backward", "backward_cpu"), middle, strict=True))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="the 30 K row alone, three repeats")
+    parser.add_argument("--json", type=Path, help="write the table here too")
+    options = parser.parse_args()
+    cases = [(30_000, 0.008, 256)]
+    if not options.quick:
+        cases += [(10_000, 0.014, 256), (30_000, 0.03, 256), (100_000, 0.005, 256), (100_000, 0.005, 800)]
+    torch.set_num_threads(1)
+    table = []
+    print(f"{'Gaussians':>9} {'axis px':>7} {'picture':>7} {'forward':>8} {'backward':>8} ms (processor)")
+    for count, axis, size in cases:
+        row = measure(shell(count, axis), size, 3 if options.quick else 9)
+        pixels = axis * 1.56 * size / 2.9
+        table.append({"gaussians": count, "axis": pixels, "size": size, **row})
+        print(f"{count:9d} {pixels:7.1f} {size:7d} {row['forward']:8.1f} {row['backward']:8.1f}"
+              f"    ({row['forward_cpu']:.1f} {row['backward_cpu']:.1f})")  # fmt: skip
+    small = [measure(shell(1000, 0.04), 48, 3, draw) for draw in (render, render_reference)]
+    both = [row["forward_cpu"] + row["backward_cpu"] for row in small]
+    print(f"1000 Gaussians, 48 x 48: plain torch takes {both[1] / both[0]:.0f} times as long")
+    if options.json:
+        options.json.write_text(json.dumps({"rows": table, "plain_torch_ratio": both[1] / both[0]}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
