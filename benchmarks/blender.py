@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
+from exmesh_graph.export.usd import validate_usd, write_usd
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.images import display, read_image, write_image
-from exmesh_graph.io.usd import validate_usd, write_usd
 from exmesh_graph.metrics.image import psnr
 from exmesh_graph.types import Asset, SceneTruth, Views
 

@@ -10,6 +10,7 @@ class FakeContext:
 
     scratch: Path = Path()
     node: str = "probe"
+    key: str = "0" * 64
     seed: int = 0
     threads: int = 1
     warnings: list[str] = field(default_factory=list)

@@ -49,14 +49,14 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_asset_and_report_come_out(finished: Path) -> None:
-    from exmesh_graph.io.usd import validate_usd
+    from exmesh_graph.export.usd import validate_usd
 
     run = finished / "runs" / "latest"
-    for name in ("asset.usdz", "asset.usdc", "report.html", "report.json", "run.json"):
+    for name in ("asset.usdz", "asset.usda", "report.html", "report.json", "run.json"):
         assert (run / name).stat().st_size > 0, name
     assert any((run / "textures").iterdir())
     assert validate_usd(run / "asset.usdz") == []
-    assert validate_usd(run / "asset.usdc") == []
+    assert validate_usd(run / "asset.usda") == []
 
 
 def test_the_asset_beats_an_uninformed_guess(finished: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from exmesh_graph.cli import authoring, upkeep, variants, watching
+from exmesh_graph.cli import assets, authoring, upkeep, variants, watching
 from exmesh_graph.cli.options import (
     BackendChoice,
     BackendName,
@@ -181,6 +181,7 @@ def report(
     typer.echo(str(folder / "report.html"))
 
 
+assets.register(app)
 authoring.register(app)
 upkeep.register(app)
 variants.register(app)

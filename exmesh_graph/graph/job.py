@@ -169,6 +169,10 @@ class NodeContext:
         return self._job.name
 
     @property
+    def key(self) -> str:
+        return self._job.key
+
+    @property
     def seed(self) -> int:
         return self._job.seed
 

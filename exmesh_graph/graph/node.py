@@ -99,6 +99,10 @@ class Context(Protocol):
         """The node's name in the graph, e.g. `rounds[3].refine`."""
 
     @property
+    def key(self) -> str:
+        """The node's key: a hash of its inputs, parameters, code and libraries. For provenance."""
+
+    @property
     def seed(self) -> int:
         """The seed of this node; part of the key."""
 

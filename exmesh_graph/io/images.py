@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import OpenImageIO as oiio
@@ -162,8 +162,26 @@ def write_image(path: Path, image: np.ndarray, depth: Depth = "uint8") -> None:
         pixels = np.round(np.clip(pixels.astype(np.float64), 0, 1) * top).astype(depth)
     else:
         pixels = pixels.astype(np.float32)
+    _write(Path(path), pixels, depth, {})
+
+
+def write_codes(path: Path, codes: np.ndarray, *, color_space: str = "") -> None:
+    """Write uint8 or uint16 (H, W, C) as it is, fast (PNG compression level 3), and name its colour space if told to.
+
+    Raises DataError naming the file.
+    """
+    depth = str(codes.dtype)
+    if codes.ndim != 3 or depth not in ("uint8", "uint16"):
+        raise DataError(f"cannot write {depth} {codes.shape}", where=str(path), expected="uint8 or uint16 (H, W, C)")
+    named = {"oiio:ColorSpace": color_space} if color_space else {}
+    _write(path, codes, depth, {"png:compressionLevel": 3, **named})
+
+
+def _write(path: Path, pixels: np.ndarray, depth: str, attributes: dict[str, Any]) -> None:
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], depth)
     spec.attribute("oiio:UnassociatedAlpha", 1)
+    for name, value in attributes.items():
+        spec.attribute(name, value)
     if path.suffix.lower() == ".exr":
         spec.attribute("DateTime", "2000:01:01 00:00:00")  # the true time would make equal pictures differ
     target = oiio.ImageOutput.create(str(path))

@@ -60,7 +60,7 @@ class Gallery(Files):
 
 @dataclass(frozen=True, eq=False)
 class UsdAsset(Files):
-    """An exported USD asset: `asset.usdz`, `asset.usdc`, `textures/`, ..."""
+    """An exported USD asset: `asset.usdz`, `asset.usda` with its layers, `scene.usda`, `textures/`, ..."""
 
     type_name: ClassVar[str] = "UsdAsset"
     conventions: ClassVar[Mapping[str, Any]] = {"up": "y"}

@@ -1,39 +1,53 @@
-"""The export node: a validated asset, its warnings, and a refusal to hand out a bad one."""
+"""The export nodes: a judged asset with its provenance, its warnings, and a refusal to hand out a bad one."""
 
 import numpy as np
 import pytest
 from exmesh_nodes import export
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io import usd as usd_io
-from exmesh_graph.types import Frame, UsdAsset
+from exmesh_graph.export.usd import Problem, read_usd, write
+from exmesh_graph.types import Frame, Metrics, UsdAsset
+
+FRAME = Frame(np.diag([3.0, 3, 3, 1]), np.eye(4))
 
 
 def test_the_exported_files_survive_the_store(scene, context, tmp_path):
-    out = export.usd(context, scene.asset, Frame(np.diag([3.0, 3, 3, 1]), np.eye(4)), p=export.UsdParams())
+    scores = Metrics({"held_out": {"psnr": 30.5}})
+    out = export.usd(context, scene.asset, FRAME, scene.train, metrics=scores, p=export.UsdParams())
     assert isinstance(out.files, UsdAsset)
     assert out.files.main == "asset.usdz"
     (tmp_path / "kept").mkdir()
     out.files.save(tmp_path / "kept")
     back = UsdAsset.load(tmp_path / "kept")
-    contents = usd_io.read_usd(back.root / back.main)
+    contents = read_usd(back.root / back.main)
     np.testing.assert_allclose(contents.points, 3 * scene.asset.vertices, rtol=1e-6)
+    assert [camera.view for camera in contents.cameras] == list(scene.train.names)
+    assert contents.custom_data["metrics"] == {"held_out_psnr": 30.5}
+    assert contents.custom_data["key"] == context.key
     names = {str(path.relative_to(back.root)) for path in back.root.rglob("*") if path.is_file()}
-    assert {"asset.usdz", "asset.usdc", "scene.usda", "env.exr", "textures/base_color.png"} <= names
+    assert {"asset.usdz", "asset.usda", "geo.usdc", "scene.usda", "env.exr", "textures/base_color.png"} <= names
     assert "report.json" not in names  # the run keeps its own file of that name beside the published asset
     assert any("metric scale" in warning for warning in context.warnings)
 
 
+def test_levels_of_detail_are_wired_in(scene, context):
+    out = export.usd(context, scene.asset, low=scene.asset, p=export.UsdParams())
+    read_usd(out.files.root / "asset.usda", {"lod": "low"})
+    with pytest.raises(DataError, match="no variant lod=mid"):
+        read_usd(out.files.root / "asset.usda", {"lod": "mid"})
+
+
 def test_a_validation_error_fails_the_node(scene, context, monkeypatch):
-    problem = usd_io.Problem("error", "colorSpace", "/scene", "wrong")
-    monkeypatch.setattr(usd_io, "validate_usd", lambda path: [problem])
+    problem = Problem("error", "colorSpace", "/scene", "wrong")
+    monkeypatch.setattr(write, "validate_usd", lambda path, pictures: [problem])
     with pytest.raises(DataError, match="colorSpace at /scene: wrong"):
         export.usd(context, scene.asset, p=export.UsdParams())
+    assert list(context.scratch.iterdir()) == []
 
 
 def test_a_validation_warning_is_passed_on_once(scene, context, monkeypatch):
-    problem = usd_io.Problem("warning", "stMirrored", "/scene", "3 faces")
-    monkeypatch.setattr(usd_io, "validate_usd", lambda path: [problem])
+    problem = Problem("warning", "stMirrored", "/scene", "3 faces")
+    monkeypatch.setattr(write, "validate_usd", lambda path, pictures: [problem])
     export.usd(context, scene.asset, p=export.UsdParams())
     assert sum("stMirrored" in warning for warning in context.warnings) == 1
 

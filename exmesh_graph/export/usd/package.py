@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zipfile
 from pathlib import Path
+from typing import BinaryIO
 
 ALIGNMENT = 64  # bytes; usdz specification, "Layout"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
@@ -24,6 +25,13 @@ def write_usdz(path: Path, members: list[tuple[str, Path]]) -> None:
             info.external_attr = 0o644 << 16
             info.extra = _padding(archive.fp.tell() + _HEADER_SIZE + len(name.encode()))  # type: ignore[union-attr]
             archive.writestr(info, file.read_bytes())
+
+
+def data_offset(file: BinaryIO, member: zipfile.ZipInfo) -> int:
+    """Where in the opened package the data of `member` starts."""
+    file.seek(member.header_offset + 26)
+    name, extra = struct.unpack("<HH", file.read(4))
+    return member.header_offset + _HEADER_SIZE + name + extra
 
 
 def _padding(offset: int) -> bytes:

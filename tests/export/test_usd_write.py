@@ -9,16 +9,21 @@ import pytest
 from usd_example import SIZE, example_asset, tilted_normals
 
 from exmesh_graph.errors import DataError, ExmeshError
+from exmesh_graph.export.maps import MapSettings
+from exmesh_graph.export.usd import ExportSettings, read_usd, validate_usd, write_usd
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.images import read_raw
-from exmesh_graph.io.usd import read_usd, validate_usd, write_usd
 from exmesh_graph.types import Frame
 
-FILES = ("asset.usdc", "scene.usda", "asset.usdz")
+FILES = ("asset.usda", "scene.usda", "asset.usdz")
 FRAME = Frame(
     scene_from_normalised=np.array([[2.5, 0, 0, 1], [0, 2.5, 0, -2], [0, 0, 2.5, 3], [0, 0, 0, 1.0]]),
     dataset_from_scene=np.eye(4),
 )
+
+
+def _maps(**changes):
+    return ExportSettings(maps=MapSettings(**changes))
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +61,7 @@ def test_row_zero_of_the_array_is_the_top_of_the_picture_and_v_points_up(tmp_pat
     asset = example_asset(base_color=np.zeros((SIZE, SIZE, 3), np.float32))
     asset.base_color[5, 20] = 1.0
     write_usd(tmp_path / "out", asset)
-    contents = read_usd(tmp_path / "out" / "asset.usdc")
+    contents = read_usd(tmp_path / "out" / "asset.usda")
     row, column = np.argwhere(contents.textures["base_color"][..., 0] == 255)[0]
     assert (row, column) == (5, 20)
     # the lowest texture coordinate (v near 0) belongs to the last rows of the picture
@@ -65,7 +70,7 @@ def test_row_zero_of_the_array_is_the_top_of_the_picture_and_v_points_up(tmp_pat
 
 
 def test_the_component_has_no_light_and_the_scene_has_the_environment(exported):
-    assert read_usd(exported[0] / "asset.usdc").environment is None
+    assert read_usd(exported[0] / "asset.usda").environment is None
     for file in ("scene.usda", "asset.usdz"):
         environment = read_usd(exported[0] / file).environment
         np.testing.assert_allclose(environment, example_asset().environment, rtol=2**-11, atol=1e-7)
@@ -79,7 +84,7 @@ def test_stage_metadata_kinds_and_binding(exported):
     assert Usd.ModelAPI(stage.GetDefaultPrim()).GetKind() == "assembly"
     assert Usd.ModelAPI(model).GetKind() == "component"
     assert Usd.ModelAPI(model).GetAssetName() == "asset"
-    assert Usd.ModelAPI(model).GetAssetIdentifier().path == "./asset.usdc"
+    assert Usd.ModelAPI(model).GetAssetIdentifier().path == "./asset.usda"
     assert {str(child.GetTypeName()) for child in model.GetChildren()} == {"Scope"}
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/scene/asset/geo/mesh"))
     assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
@@ -92,10 +97,13 @@ def test_stage_metadata_kinds_and_binding(exported):
     assert dome.GetIntensityAttr().Get() == 1.0
     assert not dome.GetExposureAttr().HasAuthoredValue()
     assert not UsdGeom.Xformable(dome).GetOrderedXformOps()
+    root = Usd.Stage.Open(str(exported[0] / "asset.usda"), Usd.Stage.LoadNone)
+    assert root.GetDefaultPrim().GetVariantSets().GetNames() == ["lod", "shading"]  # seen before the payload is
+    assert not root.GetPrimAtPath("/asset/geo")
 
 
 def test_no_problem_is_found(exported):
-    for file in FILES:
+    for file in (*FILES, "asset_ar.usdz"):
         assert validate_usd(exported[0] / file) == []
 
 
@@ -104,7 +112,7 @@ def test_the_package_is_stored_aligned_and_equals_the_scene(exported):
     data = path.read_bytes()
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-    assert members[0].filename == "asset.usdc"
+    assert members[0].filename == "scene.usda"
     for member in members:
         assert member.compress_type == zipfile.ZIP_STORED
         name, extra = struct.unpack_from("<HH", data, member.header_offset + 26)
@@ -130,7 +138,7 @@ def test_equal_assets_give_equal_bytes(exported, tmp_path):
     first = {p.relative_to(exported[0]): p.read_bytes() for p in exported[0].rglob("*") if p.is_file()}
     again = {p.relative_to(tmp_path / "again"): p.read_bytes() for p in (tmp_path / "again").rglob("*") if p.is_file()}
     assert first == again
-    assert len(first) == 7
+    assert len(first) == 11
 
 
 def test_no_absolute_path_nor_place_is_written(exported):
@@ -153,8 +161,8 @@ def test_normal_and_metallic_maps(tmp_path):
 def test_the_roughness_floor_is_applied_and_counted(tmp_path):
     roughness = np.full((SIZE, SIZE), 0.5, np.float32)
     roughness[SIZE // 2 :, :] = 0.01
-    report = write_usd(tmp_path / "out", example_asset(roughness=roughness), roughness_floor=0.1)
-    pixels = read_usd(tmp_path / "out" / "asset.usdc").textures["roughness"]
+    report = write_usd(tmp_path / "out", example_asset(roughness=roughness), settings=_maps(roughness_floor=0.1))
+    pixels = read_usd(tmp_path / "out" / "asset.usda").textures["roughness"]
     assert pixels.min() == round(0.1 * 255)
     assert 0 < report["roughness_texels_raised"] < SIZE * SIZE / 2
     assert json.loads((tmp_path / "out" / "export.json").read_text())["roughness_floor"] == 0.1
@@ -167,10 +175,10 @@ def test_charts_are_padded(tmp_path):
     face, _ = rasterize_atlas(asset.uvs, asset.uv_faces, SIZE)
     asset.base_color[face < 0] = [1, 0, 0]
     asset.base_color[face >= 0] = [0, 0, 1]
-    write_usd(tmp_path / "out", asset, dilation=SIZE)
-    assert (read_usd(tmp_path / "out" / "asset.usdc").textures["base_color"] == [0, 0, 255]).all()
-    write_usd(tmp_path / "bare", asset, dilation=0)
-    bare = read_usd(tmp_path / "bare" / "asset.usdc").textures["base_color"]
+    write_usd(tmp_path / "out", asset, settings=_maps(dilation=SIZE))
+    assert (read_usd(tmp_path / "out" / "asset.usda").textures["base_color"] == [0, 0, 255]).all()
+    write_usd(tmp_path / "bare", asset, settings=_maps(dilation=0))
+    bare = read_usd(tmp_path / "bare" / "asset.usda").textures["base_color"]
     assert (bare[face < 0] == [255, 0, 0]).all()
 
 
@@ -178,7 +186,7 @@ def test_units_and_scale(tmp_path, exported):
     assert exported[1]["scale"] == "unknown"
     measured = Frame(FRAME.scene_from_normalised, FRAME.dataset_from_scene, metres_per_unit=0.001)
     report = write_usd(tmp_path / "out", example_asset(), measured)
-    contents = read_usd(tmp_path / "out" / "asset.usdc")
+    contents = read_usd(tmp_path / "out" / "asset.usda")
     assert contents.metres_per_unit == 0.001
     assert contents.custom_data["scale"] == report["scale"] == "measured"
     assert np.isclose(report["scene_units_per_normalised"], 2.5)
@@ -195,7 +203,7 @@ def test_a_turned_frame_turns_the_dome_with_the_mesh(tmp_path):
     dome = UsdGeom.Xformable(stage.GetPrimAtPath("/scene/environment"))
     seen = dome.ComputeLocalToWorldTransform(Usd.TimeCode.Default()).TransformDir(Gf.Vec3d(0, 0, 1))
     np.testing.assert_allclose(np.array(seen), turn[:3, :3] @ [0, 0, 1], atol=1e-12)
-    points = read_usd(tmp_path / "out" / "asset.usdc").points
+    points = read_usd(tmp_path / "out" / "asset.usda").points
     np.testing.assert_allclose(points, example_asset().vertices @ turn[:3, :3].T, atol=1e-6)
 
 
@@ -241,7 +249,7 @@ def test_bad_frames_names_and_targets_are_refused(tmp_path):
         with pytest.raises(ExmeshError, match="not a similarity"):
             write_usd(tmp_path / "out", example_asset(), Frame(frame, np.eye(4)))
     with pytest.raises(ExmeshError, match="not a USD identifier"):
-        write_usd(tmp_path / "out", example_asset(), name="my-asset")
+        write_usd(tmp_path / "out", example_asset(), settings=ExportSettings(name="my-asset"))
     (tmp_path / "there").mkdir()
     with pytest.raises(ExmeshError, match="the target exists"):
         write_usd(tmp_path / "there", example_asset())
@@ -249,12 +257,12 @@ def test_bad_frames_names_and_targets_are_refused(tmp_path):
 
 
 def test_a_failure_while_writing_leaves_nothing_behind(tmp_path, monkeypatch):
-    from exmesh_graph.io import usd
+    from exmesh_graph.export.usd import write
 
     def broken(*_args):
         raise OSError("disk full")
 
-    monkeypatch.setattr(usd, "write_usdz", broken)
+    monkeypatch.setattr(write, "write_usdz", broken)
     with pytest.raises(OSError, match="disk full"):
         write_usd(tmp_path / "out", example_asset())
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,178 @@
+"""What must hold of an asset before any file is written (bad input never leaves half an asset behind)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from exmesh_graph.errors import DataError, GeometryError, NumericsError
+from exmesh_graph.types import Asset, Frame, Views
+
+MAX_TEXTURE = 8192  # texels a side: what DCC tools and GPUs hold without tiling
+HALF_MAX = 65504.0  # largest finite half float: what an EXR half environment can hold
+_UV_TOLERANCE = 1e-6
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def check_name(name: str) -> None:
+    """Prim and file names are [A-Za-z_][A-Za-z0-9_]*; anything else is refused, never renamed silently."""
+    if not _NAME.fullmatch(name):
+        raise DataError(
+            f"asset name {name!r} is not a USD identifier",
+            where="export.usd, parameter name",
+            expected="letters, digits and _, not starting with a digit",
+            fix=f"use {re.sub(r'[^A-Za-z0-9_]', '_', name) or 'asset'!r}",
+        )
+
+
+def check_asset(asset: Asset, owner: str = "asset") -> None:
+    """Shapes, ranges and finiteness of everything that the export writes; `owner` names the asset in errors.
+
+    Raises GeometryError, NumericsError or DataError that names the array and the first offending element.
+    """
+    check = _Checker(owner)
+    check.mesh(asset)
+    check.uvs(asset)
+    check.maps(asset)
+    check.environment(asset.environment)
+
+
+def clipped(asset: Asset) -> tuple[Asset, dict[str, int]]:
+    """Base colour clipped to [0, 1] and light to what a half float holds, with counts; NaN stays for the checks."""
+    base = np.clip(asset.base_color, 0.0, 1.0)
+    light = np.clip(asset.environment, 0.0, HALF_MAX)
+    counts = {
+        "base_color_values_clipped": int((base != asset.base_color).sum()),
+        "environment_values_clipped": int((light != asset.environment).sum()),
+    }
+    return replace(asset, base_color=base, environment=light), counts
+
+
+def check_views(views: Views) -> None:
+    """Cameras must be rigid (camera_to_world a proper rotation and a place) and see with positive focal lengths."""
+    for name, pose, intrinsics in zip(views.names, views.camera_to_world, views.intrinsics, strict=True):
+        turn = pose[:3, :3]
+        rigid = np.isfinite(pose).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-5)
+        if not (rigid and np.linalg.det(turn) > 0 and np.allclose(pose[3], [0, 0, 0, 1])):
+            raise DataError(
+                "camera_to_world is not rigid", where=f"view {name}",
+                expected="a proper rotation without scale or mirroring, and a place", fix="mend the camera file",
+            )  # fmt: skip
+        if not (np.isfinite(intrinsics).all() and intrinsics[0, 0] > 0 and intrinsics[1, 1] > 0):
+            raise DataError("the focal length is not positive", where=f"view {name}", fix="mend the camera file")
+
+
+def check_frame(frame: Frame) -> tuple[np.ndarray, float]:
+    """The rotation [3, 3] and the scale of `frame.scene_from_normalised`; anything but a similarity is refused."""
+    matrix = np.asarray(frame.scene_from_normalised, np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise DataError("scene_from_normalised is not a finite 4x4 matrix", where="Frame", expected="float64 [4, 4]")
+    linear = matrix[:3, :3]
+    scale = float(np.cbrt(np.linalg.det(linear)))
+    # A similarity is x -> s R x + t with R orthonormal and det R = +1.
+    rotation = linear / scale if scale > 0.0 else linear
+    orthonormal = bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5))
+    if not (scale > 0.0 and orthonormal and np.allclose(matrix[3], [0, 0, 0, 1])):
+        raise DataError(
+            "scene_from_normalised is not a similarity",
+            where="Frame",
+            expected="one positive scale, a proper rotation and a translation",
+            fix="the loader that made the frame must return such a matrix",
+        )
+    return rotation, scale
+
+
+@dataclass(frozen=True)
+class _Checker:
+    owner: str
+
+    def mesh(self, asset: Asset) -> None:
+        vertices, faces = asset.vertices, asset.faces
+        self._shape("vertices", vertices, (None, 3))
+        self._shape("faces", faces, (None, 3))
+        if len(vertices) == 0 or len(faces) == 0:
+            raise GeometryError("the mesh is empty", where=f"{self.owner}.faces", expected="at least one triangle")
+        self._finite("vertices", vertices)
+        self._index_range("faces", faces, len(vertices), "vertices")
+
+    def uvs(self, asset: Asset) -> None:
+        self._shape("uvs", asset.uvs, (None, 2))
+        self._shape("uv_faces", asset.uv_faces, (len(asset.faces), 3))
+        if len(asset.uvs) == 0:
+            raise GeometryError(
+                "the mesh has no texture coordinates", where=f"{self.owner}.uvs", fix="unwrap it (uv.unwrap)"
+            )
+        self._finite("uvs", asset.uvs)
+        self._index_range("uv_faces", asset.uv_faces, len(asset.uvs), "uvs")
+        self._in_range("uvs", asset.uvs, -_UV_TOLERANCE, 1.0 + _UV_TOLERANCE)
+
+    def maps(self, asset: Asset) -> None:
+        self._shape("base_color", asset.base_color, (None, None, 3))
+        height, width = asset.base_color.shape[:2]
+        if max(height, width) > MAX_TEXTURE or min(height, width) < 1:
+            raise DataError(
+                f"the maps are {width} x {height}", where=f"{self.owner}.base_color",
+                expected=f"1 to {MAX_TEXTURE} texels a side", fix="fit smaller maps, or reduce them",
+            )  # fmt: skip
+        self._shape("roughness", asset.roughness, (height, width))
+        self._shape("seen", asset.seen, (height, width))
+        self._in_range("base_color", asset.base_color, 0.0, 1.0)
+        self._in_range("roughness", asset.roughness, 0.0, 1.0)
+        if asset.confidence is not None:
+            self._shape("confidence", asset.confidence, (height, width))
+            self._in_range("confidence", asset.confidence, 0.0, 1.0)
+        if asset.metallic is not None:
+            self._shape("metallic", asset.metallic, (height, width))
+            self._in_range("metallic", asset.metallic, 0.0, 1.0)
+        if asset.normal is not None:
+            self._shape("normal", asset.normal, (height, width, 3))
+            self._finite("normal", asset.normal)
+            length = np.linalg.norm(asset.normal, axis=-1)
+            self._first("normal", np.abs(length - 1.0) > 1e-3, "has a vector that is not of unit length")
+            self._first("normal", asset.normal[..., 2] <= 0.0, "has a vector below the surface (z <= 0)")
+
+    def environment(self, radiance: np.ndarray) -> None:
+        self._shape("environment", radiance, (None, None, 3))
+        height, width = radiance.shape[:2]
+        if width != 2 * height:
+            raise DataError(
+                f"the environment is {width} x {height}",
+                where=f"{self.owner}.environment",
+                expected="a lat-long map, twice as wide as high",
+            )
+        self._in_range("environment", radiance, 0.0, HALF_MAX)
+
+    def _shape(self, name: str, array: np.ndarray, shape: tuple[int | None, ...]) -> None:
+        fits = array.ndim == len(shape) and all(
+            want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+        )
+        if not fits:
+            wanted = ", ".join("*" if n is None else str(n) for n in shape)
+            raise DataError(
+                f"shape {list(array.shape)} does not fit", where=f"{self.owner}.{name}", expected=f"[{wanted}]"
+            )
+
+    def _finite(self, name: str, array: np.ndarray) -> None:
+        self._first(name, ~np.isfinite(array), "is not finite", NumericsError)
+
+    def _in_range(self, name: str, array: np.ndarray, low: float, high: float) -> None:
+        self._finite(name, array)
+        self._first(name, (array < low) | (array > high), f"lies outside [{low:g}, {high:g}]")
+
+    def _index_range(self, name: str, indices: np.ndarray, count: int, target: str) -> None:
+        bad = (indices < 0) | (indices >= count)
+        self._first(name, bad, f"points outside the {count} {target}", GeometryError)
+
+    def _first(
+        self, name: str, bad: np.ndarray, what: str, error: type[DataError | GeometryError | NumericsError] = DataError
+    ) -> None:
+        """Raise `error` naming the first True element of `bad`."""
+        if bad.any():
+            index = [int(i) for i in np.argwhere(bad)[0]]
+            raise error(
+                f"{name}{index} {what} ({int(bad.sum())} of {bad.size} such)",
+                where=f"{self.owner}.{name}",
+                fix="mend the node that made the asset; nothing was written",
+            )

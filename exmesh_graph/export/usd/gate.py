@@ -1,0 +1,82 @@
+"""Judging a USD file: OpenUSD's own validators, and the rules that they do not know.
+
+OpenUSD's validators pass a file whose base colour is read as raw, whose texture reader names a primvar that is not
+there, whose indices run out of range or whose paths are absolute: each of these is a wrong picture, or a crash, in
+some DCC tool. The rules here find them (docs/usd.md lists all).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.export.usd.problem import Pictures, Problem
+from exmesh_graph.export.usd.read import select_variant
+from exmesh_graph.export.usd.rules_light import dome_rules
+from exmesh_graph.export.usd.rules_material import material_rules
+from exmesh_graph.export.usd.rules_mesh import mesh_rules
+from exmesh_graph.export.usd.rules_stage import package_rules, path_rules, stage_rules
+
+
+def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
+    """All problems of a `.usda`, `.usdc` or `.usdz` file; an empty list means that none was found.
+
+    Every variant is judged, one variant set at a time. `pictures` may be shared by calls on files of one asset.
+    """
+    from pxr import Tf, Usd
+
+    if not Path(path).is_file():
+        return [Problem("error", "open", Path(path).name, "the file does not exist")]
+    problems = list(package_rules(path))
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        return [*problems, Problem("error", "open", path.name, str(error).strip().splitlines()[-1])]
+    pictures = pictures or Pictures()
+    problems += [*_openusd_findings(stage), *stage_rules(stage), *path_rules(stage)]
+    problems += _prim_rules(stage, pictures, ("Mesh", "Material", "DomeLight"))
+    for name, choice in _other_variants(stage):
+        varied = Usd.Stage.Open(stage.GetRootLayer(), Usd.Stage.LoadAll)
+        select_variant(varied, name, choice)
+        kinds = ("Mesh", "Material") if name == "lod" else ("Material",)
+        for problem in _prim_rules(varied, pictures, kinds):
+            if problem not in problems:
+                problems.append(
+                    Problem(problem.level, problem.rule, f"{problem.where} {{{name}={choice}}}", problem.what)
+                )
+    return problems
+
+
+def _prim_rules(stage: Any, pictures: Pictures, kinds: tuple[str, ...]) -> Iterator[Problem]:
+    for prim in stage.Traverse():
+        kind = str(prim.GetTypeName())
+        if kind == "Mesh" and kind in kinds:
+            yield from mesh_rules(prim)
+        elif kind == "Material" and kind in kinds:
+            yield from material_rules(prim, pictures)
+        elif kind.startswith("DomeLight") and "DomeLight" in kinds:
+            yield from dome_rules(prim, stage, pictures)
+
+
+def _other_variants(stage: Any) -> list[tuple[str, str]]:
+    """(variant set, alternative) of all alternatives that are not selected."""
+    found: dict[tuple[str, str], None] = {}
+    for prim in stage.Traverse():
+        sets = prim.GetVariantSets()
+        for name in sets.GetNames():
+            variants = sets.GetVariantSet(name)
+            found |= {(name, c): None for c in variants.GetVariantNames() if c != variants.GetVariantSelection()}
+    return list(found)
+
+
+def _openusd_findings(stage: Any) -> Iterator[Problem]:
+    from pxr import UsdValidation
+
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    for error in UsdValidation.ValidationContext(validators).Validate(stage):
+        if "MissingShaderIdInRegistry" in str(error.GetIdentifier()) and "ND_" in error.GetMessage():
+            continue  # the wheel has no UsdMtlx, so it knows no node of MaterialX
+        level = "error" if error.GetType() == UsdValidation.ValidationErrorType.Error else "warning"
+        sites = [str(site.GetPrim().GetPath()) for site in error.GetSites() if site.IsPrim()]
+        yield Problem(level, str(error.GetIdentifier()), ", ".join(sites) or "stage", error.GetMessage())

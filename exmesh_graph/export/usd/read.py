@@ -1,0 +1,232 @@
+"""Reading an exported asset back: for round-trip tests, for checks, and to render what a reader would see."""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.color import srgb_to_linear
+from exmesh_graph.io.images import read_raw
+from exmesh_graph.types import Asset
+
+_MAPS = {"diffuseColor": "base_color", "roughness": "roughness", "metallic": "metallic", "normal": "normal"}
+
+
+@dataclass(frozen=True, eq=False)
+class UsdCamera:
+    """A camera as types.Views has them: K in pixels, camera_to_world [4, 4] on the stage with OpenCV axes."""
+
+    view: str
+    intrinsics: np.ndarray
+    camera_to_world: np.ndarray
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, eq=False)
+class UsdContents:
+    """The one mesh of a USD file with its maps.
+
+    points, normals float32 [V, 3];  faces int32 [F, 3];  st float32 [T, 2], v up;  st_faces int32 [F, 3]
+    textures        name of each map that the material reads -> pixels as stored, [H, W, C]
+    constants       name -> value of inputs that no map feeds
+    environment     float32 [H, W, 3], or None without a dome light
+    rotation        float64 [3, 3], the dome's: light from d is E(rotation^T d)
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray
+    st: np.ndarray
+    st_faces: np.ndarray
+    textures: dict[str, np.ndarray]
+    environment: np.ndarray | None
+    up_axis: str
+    metres_per_unit: float
+    default_prim: str
+    constants: dict[str, Any] = field(default_factory=dict)
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    cameras: tuple[UsdCamera, ...] = ()
+    custom_data: dict[str, Any] = field(default_factory=dict)
+
+    def asset(self) -> Asset:
+        """What our renderer needs, in the normalised world of the environment's axes; see `normalised`.
+
+        Raises DataError without a dome light or a base colour map.
+        """
+        if self.environment is None or "base_color" not in self.textures:
+            raise DataError(
+                "no dome light or no base colour map", where=self.default_prim, expected="a scene.usda or its package"
+            )
+        shape = self.textures["base_color"].shape[:2]
+
+        def grey(name: str) -> np.ndarray:
+            if name in self.textures:
+                return _unit(self.textures[name])[..., 0]
+            return np.full(shape, float(self.constants.get(name, 0.0)), np.float32)
+
+        normal = None
+        if "normal" in self.textures:
+            normal = _unit(self.textures["normal"]) * 2 - 1
+            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        metallic = grey("metallic") if "metallic" in self.textures or self.constants.get("metallic") else None
+        return Asset(
+            vertices=self.normalised(self.points).astype(np.float32),
+            faces=self.faces,
+            uvs=self.st,
+            uv_faces=self.st_faces,
+            texture=_unit(self.textures["base_color"]),
+            base_color=srgb_to_linear(_unit(self.textures["base_color"])),
+            roughness=grey("roughness"),
+            seen=np.ones(shape, bool),
+            environment=self.environment,
+            normal=normal,
+            metallic=metallic,
+        )
+
+    def normalised(self, points: np.ndarray) -> np.ndarray:
+        """Stage points [N, 3] in the normalised world: as the exporter noted it, else the mesh in the unit sphere."""
+        size = self.custom_data.get("scene_units_per_normalised")
+        if size is None:
+            low, high = self.points.min(0).astype(np.float64), self.points.max(0).astype(np.float64)
+            centre = (low + high) / 2
+            size = max(float(np.linalg.norm(self.points - centre, axis=1).max()), 1e-300)
+        else:
+            centre = np.array([float(self.custom_data.get(f"origin_{axis}", 0.0)) for axis in "xyz"])
+        return (np.asarray(points, np.float64) - centre) @ self.rotation / size
+
+    def normalised_pose(self, camera: UsdCamera) -> np.ndarray:
+        """camera_to_world [4, 4] of a camera in the world of `asset`."""
+        out = np.eye(4)
+        out[:3, :3] = self.rotation.T @ camera.camera_to_world[:3, :3]
+        out[:3, 3] = self.normalised(camera.camera_to_world[None, :3, 3])[0]
+        return out
+
+
+def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdContents:
+    """Read `.usda`, `.usdc` or `.usdz` that holds exactly one Mesh; DataError otherwise.
+
+    `variants` (lod, shading) are chosen on the prim that has them.
+    """
+    from pxr import Usd, UsdGeom, UsdLux
+
+    stage = Usd.Stage.Open(str(path))
+    for name, choice in (variants or {}).items():
+        select_variant(stage, name, choice)
+    meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    if len(meshes) != 1:
+        raise DataError(f"{len(meshes)} meshes", where=str(path), expected="exactly one Mesh")
+    mesh = meshes[0]
+    st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
+    domes = [UsdLux.DomeLight(prim) for prim in stage.Traverse() if prim.IsA(UsdLux.DomeLight)]
+    environment, rotation = None, np.eye(3)
+    if domes:
+        environment = read_asset_pixels(domes[0].GetTextureFileAttr().Get().resolvedPath).astype(np.float32)
+        rotation = _matrix(domes[0])[:3, :3]
+    recon: dict[str, Any] = {}
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdGeom.Camera):
+            recon = recon or dict(prim.GetCustomDataByKey("recon") or {})
+    textures, constants = _maps(mesh)
+    return UsdContents(
+        points=_array(mesh.GetPointsAttr(), np.float32, 3),
+        normals=_array(mesh.GetNormalsAttr(), np.float32, 3),
+        faces=_array(mesh.GetFaceVertexIndicesAttr(), np.int32, 3),
+        st=np.array(st.Get(), np.float32).reshape(-1, 2),
+        st_faces=np.array(st.GetIndices(), np.int32).reshape(-1, 3),
+        textures=textures,
+        constants=constants,
+        environment=environment,
+        rotation=rotation,
+        up_axis=str(UsdGeom.GetStageUpAxis(stage)),
+        metres_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
+        default_prim=str(stage.GetDefaultPrim().GetName()),
+        cameras=tuple(_camera(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)),
+        custom_data=recon,
+    )
+
+
+def select_variant(stage: Any, name: str, choice: str) -> None:
+    """Choose `choice` of the variant set `name` wherever it is; DataError where there is no such choice."""
+    found = [prim for prim in stage.Traverse() if name in prim.GetVariantSets().GetNames()]
+    offered = sorted({c for prim in found for c in prim.GetVariantSets().GetVariantSet(name).GetVariantNames()})
+    if choice not in offered:
+        raise DataError(
+            f"there is no variant {name}={choice}",
+            where=str(stage.GetRootLayer().identifier),
+            expected=f"one of {', '.join(offered) or 'none'}",
+        )
+    from pxr import Usd
+
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for prim in found:
+            prim.GetVariantSets().GetVariantSet(name).SetVariantSelection(choice)
+
+
+def read_asset_pixels(resolved: str) -> np.ndarray:
+    """Pixels [H, W, C] of a resolved asset path; `package.usdz[member]` is looked up in the package."""
+    if not resolved.endswith("]"):
+        return read_raw(Path(resolved))
+    package, member = resolved[:-1].split("[", 1)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / Path(member).name
+        with zipfile.ZipFile(package) as archive:
+            copy.write_bytes(archive.read(member))
+        return read_raw(copy)
+
+
+def _maps(mesh: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """(textures, constants) that the surface of the mesh's material is fed by."""
+    from pxr import UsdShade
+
+    textures: dict[str, np.ndarray] = {}
+    constants: dict[str, Any] = {}
+    material, _ = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()
+    surface = material.ComputeSurfaceSource()[0] if material else None
+    for name, key in _MAPS.items():
+        shader_input = surface.GetInput(name) if surface else None
+        sources = shader_input.GetConnectedSources()[0] if shader_input else []
+        if sources:
+            file = UsdShade.Shader(sources[0].source.GetPrim()).GetInput("file").Get()
+            textures[key] = read_asset_pixels(file.resolvedPath)
+        elif shader_input and shader_input.Get() is not None:
+            constants[key] = shader_input.Get()
+    return textures, constants
+
+
+def _camera(prim: Any) -> UsdCamera:
+    from pxr import UsdGeom
+
+    camera, facts = UsdGeom.Camera(prim), prim.GetCustomDataByKey("recon") or {}
+    width, height = int(facts.get("width", 512)), int(facts.get("height", 512))
+    wide, high = camera.GetHorizontalApertureAttr().Get(), camera.GetVerticalApertureAttr().Get()
+    focal = camera.GetFocalLengthAttr().Get()
+    cx = width / 2 - camera.GetHorizontalApertureOffsetAttr().Get() / wide * width
+    cy = height / 2 + camera.GetVerticalApertureOffsetAttr().Get() / high * height
+    intrinsics = np.array([[focal * width / wide, 0, cx], [0, focal * height / high, cy], [0, 0, 1.0]])
+    pose = _matrix(camera) @ np.diag([1.0, -1, -1, 1])
+    return UsdCamera(str(facts.get("view", prim.GetName())), intrinsics, pose, width, height)
+
+
+def _matrix(schema: Any) -> np.ndarray:
+    """float64 [4, 4], local to world, for column vectors."""
+    from pxr import Usd
+
+    return np.array(schema.ComputeLocalToWorldTransform(Usd.TimeCode.Default())).T
+
+
+def _unit(codes: np.ndarray) -> np.ndarray:
+    if codes.dtype.kind != "u":
+        return codes.astype(np.float32)
+    return codes.astype(np.float32) / np.float32(np.iinfo(codes.dtype).max)
+
+
+def _array(attribute: Any, dtype: type, columns: int) -> np.ndarray:
+    return np.array(attribute.Get(), dtype).reshape(-1, columns)

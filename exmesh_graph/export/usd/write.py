@@ -1,0 +1,253 @@
+"""Exporting an asset as USD, for DCC tools. The files (docs/usd.md; `asset` stands for the asset's name):
+
+asset.usda      the component, light-free, without arrays: reference this one into other scenes
+payload.usda, geo.usdc, mtl.usda   what it loads (export.usd.layers)
+textures/       base_color.png (sRGB), roughness.png, normal.png and metallic.png where fitted (raw)
+env.exr         the recovered environment, OpenEXR lat-long on the Y-up world
+scene.usda      references asset.usda and adds the dome light and the capture cameras
+asset.usdz      scene.usda with all it needs in one package: what one double-clicks
+asset_ar.usdz   the component in one flat layer, without light: for augmented reality
+export.json     what the export measured, and where the asset comes from
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph import __version__
+from exmesh_graph.errors import DataError
+from exmesh_graph.export.content import LODS, AssetContent
+from exmesh_graph.export.folder import new_folder
+from exmesh_graph.export.geometry import UpAxis, camera_contents, mesh_content, mesh_report, place
+from exmesh_graph.export.inputs import check_asset, check_name, check_views, clipped
+from exmesh_graph.export.maps import MapSettings, prepare_maps, to_codes, write_environment, write_map
+from exmesh_graph.export.usd.gate import validate_usd
+from exmesh_graph.export.usd.layers import (
+    author_flat,
+    author_geometry,
+    author_materials,
+    author_payload,
+    author_root,
+    save_layer,
+)
+from exmesh_graph.export.usd.package import write_usdz
+from exmesh_graph.export.usd.problem import Pictures, Problem
+from exmesh_graph.export.usd.scene import author_scene
+from exmesh_graph.types import Asset, Frame, Views
+
+Plain = str | int | float
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """name             prim and file name: a USD identifier
+    maps             how textures are written
+    up_axis          "Y", or "Z": points, cameras and light turned by 90 degrees about x
+    gate             judge the files before they appear under their name; False is noted in the asset
+    clip             clip base colour to [0, 1] and light to half floats, counted; else values outside are errors
+    require_scale    an unknown metric scale is an error
+    require_closed   an open or non-manifold mesh is an error
+    """
+
+    name: str = "asset"
+    maps: MapSettings = field(default_factory=MapSettings)
+    up_axis: UpAxis = "Y"
+    gate: bool = True
+    clip: bool = False
+    require_scale: bool = False
+    require_closed: bool = False
+
+
+def write_usd(
+    folder: Path,
+    asset: Asset,
+    frame: Frame | None = None,
+    views: Views | None = None,
+    *,
+    lods: Mapping[str, Asset] | None = None,
+    settings: ExportSettings | None = None,
+    provenance: Mapping[str, Plain | Mapping[str, Plain]] | None = None,
+) -> dict[str, Any]:
+    """Write `asset` into the new `folder`; return the export's report (also written as export.json).
+
+    asset       maps linear, environment canonical; points in the normalised world
+    frame       its similarity returns the points to the scene's own units (Y-up kept); None: normalised units
+    views       become the cameras of scene.usda
+    lods        coarser versions, "mid" and "low", with the same maps apart from those that hold other values
+    provenance  plain values for `customData.recon`: what the asset comes from
+
+    Everything is checked before the first byte is written, written beside `folder`, judged by the gate, and moved
+    there at the end: no half or broken asset is ever seen under its name. Equal inputs give equal bytes. Warnings of
+    the gate are in the report's "problems". Raises DataError, GeometryError or NumericsError.
+    """
+    settings = settings or ExportSettings()
+    check_name(settings.name)
+    counts: dict[str, int] = {}
+    if settings.clip:
+        asset, counts = clipped(asset)
+    levels = _levels(asset, lods or {})
+    if views is not None:
+        check_views(views)
+    maps, report = prepare_maps(asset, settings.maps)
+    report |= counts
+    content, files = _content(levels, maps, frame, views, settings, report)
+    _demand(settings, report)
+
+    with new_folder(folder) as partial:
+        (partial / "textures").mkdir()
+        for file, codes in files.items():
+            write_map(partial / "textures" / file, codes, srgb=file.startswith("base_color"))
+        if asset.confidence is not None:  # no renderer reads it: it lies beside the maps, named in the custom data
+            write_map(partial / "textures" / "confidence.png", to_codes(asset.confidence[..., None]))
+            report["confidence_map"] = "textures/confidence.png"
+        error = write_environment(partial / "env.exr", asset.environment)
+        report["environment_size"] = [int(n) for n in asset.environment.shape[:2]]
+        report["environment_rounding"] = float(f"{error:.3g}")
+        report["gate"] = "passed" if settings.gate else "skipped"
+        plain = {
+            key: int(value) if isinstance(value, bool) else value
+            for key, value in report.items()
+            if isinstance(value, str | int | float)
+        }
+        report["provenance"] = {"tool": "exmesh-graph", "version": __version__, **(provenance or {})}
+        content = replace(content, provenance={**plain, **report["provenance"]})
+        _write_layers(partial, content, sorted(files))
+        report["bytes"] = {
+            str(path.relative_to(partial)): path.stat().st_size
+            for path in sorted(partial.rglob("*"))
+            if path.is_file()
+        }  # fmt: skip
+        if settings.gate:
+            report["problems"] = _judge(partial, settings.name)
+        text = json.dumps(report, sort_keys=True, indent=1, allow_nan=False)
+        (partial / "export.json").write_text(text + "\n", encoding="utf-8")
+    return report
+
+
+def _levels(asset: Asset, lods: Mapping[str, Asset]) -> dict[str, Asset]:
+    """The levels of detail, finest first, checked."""
+    strange = sorted(set(lods) - set(LODS[1:]))
+    if strange:
+        raise DataError(f"unknown level of detail {strange[0]!r}", where="lods", expected="mid or low")
+    levels = {"high": asset, **{lod: lods[lod] for lod in LODS if lod in lods}}
+    for lod, level in levels.items():
+        check_asset(level, lod if lods else "asset")
+    return levels
+
+
+def _content(
+    levels: Mapping[str, Asset],
+    maps: Mapping[str, np.ndarray],
+    frame: Frame | None,
+    views: Views | None,
+    settings: ExportSettings,
+    report: dict[str, Any],
+) -> tuple[AssetContent, dict[str, np.ndarray]]:
+    """The prims' data in scene units, and the texture files' codes; what is found out is added to `report`."""
+    high = levels["high"]
+    placement = place(frame, settings.up_axis)
+    report |= mesh_report(high) | placement.report
+    meshes = {lod: mesh_content(level, placement) for lod, level in levels.items()}
+    codes = {"high": maps}
+    for lod, level in levels.items():
+        if lod != "high":
+            codes[lod] = {**maps, **_own_maps(high, level, settings.maps)}
+            report[f"faces_{lod}"] = len(level.faces)
+    if any("normal" in found for found in codes.values()):  # a level without one reads a flat one
+        codes = {lod: {"normal": _flat_normal(settings.maps.normal_bits), **found} for lod, found in codes.items()}
+    names: dict[str, dict[str, str]] = {}
+    files: dict[str, np.ndarray] = {}
+    for lod, found in codes.items():
+        names[lod] = {}
+        for name, pixels in found.items():
+            shared = lod != "high" and name in names["high"] and pixels is codes["high"][name]
+            names[lod][name] = (
+                names["high"][name] if shared else f"{name}.png" if lod == "high" else f"{name}_{lod}.png"
+            )
+            files[names[lod][name]] = pixels
+    reach = float(np.linalg.norm(meshes["high"].points - placement.offset, axis=1).max())
+    content = AssetContent(
+        name=settings.name,
+        meshes=meshes,
+        files=names,
+        metres_per_unit=placement.metres_per_unit,
+        up_axis=settings.up_axis,
+        rotation=placement.rotation,
+        cameras=() if views is None else camera_contents(views, placement, reach),
+    )
+    return content, files
+
+
+def _demand(settings: ExportSettings, report: Mapping[str, Any]) -> None:
+    """Raise what the settings require and the asset does not have."""
+    if settings.require_scale and report["scale"] != "measured":
+        raise DataError(
+            f"the metric scale is {report['scale']}", where="export.usd", expected="a measured one (require_scale)",
+            fix="give the loader metres_per_unit and wire its frame in",
+        )  # fmt: skip
+    if settings.require_closed and not (report["closed"] and report["manifold"]):
+        raise DataError(
+            f"the mesh is {'not manifold' if report['closed'] else 'open'}", where="export.usd",
+            expected="a closed manifold mesh (require_closed)", fix="init.clean closes holes",
+        )  # fmt: skip
+
+
+def _own_maps(high: Asset, level: Asset, settings: MapSettings) -> dict[str, np.ndarray]:
+    """The maps of a coarser level that hold other values than those of the finest one."""
+
+    def same(name: str) -> bool:
+        ours, theirs = getattr(level, name), getattr(high, name)
+        return ours is theirs or (ours is not None and theirs is not None and np.array_equal(ours, theirs))
+
+    names = [name for name in ("base_color", "roughness", "metallic", "normal") if not same(name)]
+    prepared = prepare_maps(level, settings)[0] if names else {}
+    return {name: prepared[name] for name in names if name in prepared}
+
+
+def _flat_normal(bits: int) -> np.ndarray:
+    return to_codes(np.broadcast_to(np.array([0.5, 0.5, 1.0]), (4, 4, 3)), bits)
+
+
+def _write_layers(folder: Path, content: AssetContent, textures: list[str]) -> None:
+    name = content.name
+    # what a layer refers to is there before it: composing it would warn otherwise
+    save_layer(folder / "geo.usdc", author_geometry, content)
+    layers = {"mtl.usda": author_materials, "payload.usda": author_payload, f"{name}.usda": author_root}
+    for file, author in {**layers, "scene.usda": author_scene}.items():
+        save_layer(folder / file, author, content)
+    pictures = [(f"textures/{file}", folder / "textures" / file) for file in textures]
+    members = [
+        (file, folder / file)
+        for file in ("scene.usda", f"{name}.usda", "payload.usda", "mtl.usda", "geo.usdc", "env.exr")
+    ]
+    write_usdz(folder / f"{name}.usdz", [*members, *pictures])
+    flat = folder / "flat.usdc"
+    save_layer(flat, author_flat, content)
+    own = [picture for picture in pictures if picture[0].removeprefix("textures/") in content.files["high"].values()]
+    write_usdz(folder / f"{name}_ar.usdz", [(f"{name}.usdc", flat), *own])
+    flat.unlink()
+
+
+def _judge(folder: Path, name: str) -> list[str]:
+    """Warnings of the gate; DataError for any error. The package holds what scene.usda holds, and is its layout."""
+    errors: list[tuple[str, Problem]] = []
+    warnings: list[tuple[str, Problem]] = []
+    pictures = Pictures()
+    for file in (f"{name}.usda", "scene.usda", f"{name}.usdz", f"{name}_ar.usdz"):
+        for problem in validate_usd(folder / file, pictures):
+            (errors if problem.level == "error" else warnings).append((file, problem))
+    if errors:
+        raise DataError(
+            "the export does not pass its gate:\n    "
+            + "\n    ".join(f"{file}: {problem}" for file, problem in errors),
+            where="export.usd",
+            expected="no error",
+            fix="mend what the rule names (docs/usd.md); nothing was published",
+        )
+    return sorted({f"{problem.rule}: {problem.what}" for _, problem in warnings})
