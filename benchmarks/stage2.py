@@ -29,7 +29,7 @@ from exmesh_graph.shading.transport import with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.types import Carrier, Mesh
+from exmesh_graph.types import Carrier, Mesh, Stage1State
 
 #: The quickstart's schedule: short, with the weights chosen in docs/stage2.md.
 QUICK = FitSettings(
@@ -43,7 +43,7 @@ QUICK = FitSettings(
     environment_weight=0.002,
     indirect_ramp=50,
     corrections=2,
-    factor_rate=0.12,
+    factor_rate=0.03,
     chroma_weight=0.0,
 )
 
@@ -70,7 +70,7 @@ def main() -> None:
         options.iterations, options.downscale = [20], 4
     given = data.BlenderParams(path=options.scene, downscale=options.downscale, hdr=options.hdr)
     scene = data.blender(ctx, p=given)
-    carrier = Carrier.load(options.carrier) if options.carrier else true_carrier(ctx, scene)
+    carrier = stored_carrier(options.carrier) if options.carrier else true_carrier(ctx, scene)
     print(f"{len(carrier.vertices)} vertices, {len(carrier.faces)} faces, {len(scene.train)} training views")
     began, busy = time.perf_counter(), time.process_time()
     light = transport.direct(ctx, carrier, p=transport.DirectParams(directions=options.directions)).transport
@@ -126,6 +126,12 @@ def true_carrier(ctx: Quiet, scene: data.BlenderOut) -> Carrier:
     mesh = Mesh(vertices[kept].astype(np.float32), faces.reshape(-1, 3).astype(np.int32))
     atlas = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=512)).carrier
     return stage1.init(ctx, atlas, scene.train, p=stage1.InitParams()).state
+
+
+def stored_carrier(folder: Path) -> Carrier:
+    """A Carrier or Stage1State as the store keeps it, from the folder that holds its meta.json."""
+    is_state = "iteration" in json.loads((folder / "meta.json").read_text())
+    return (Stage1State if is_state else Carrier).load(folder)
 
 
 def assignment(text: str) -> tuple[str, object]:

@@ -17,7 +17,7 @@ from exmesh_graph.types import Asset, Carrier, Transport, Views
 
 BASE = (0.6, 0.4, 0.25)
 QUICK = replace(scenes.SETTINGS, iterations=120, material_rate=0.4, corrections=2, correction_samples=8)
-LONG = replace(scenes.SETTINGS, iterations=400, material_rate=0.5, rate_decay=0.05, corrections=10, material_weight=0.1)
+LONG = replace(scenes.SETTINGS, iterations=800, material_rate=0.5, rate_decay=0.05, corrections=10, material_weight=0.1)
 
 
 @cache
@@ -56,7 +56,7 @@ def sphere_color() -> Reached:
     return Reached(max(one_material(roughness)[0] for roughness in ROUGHNESS))
 
 
-@row("stage2", "the same sphere", "error of the median roughness", high=0.06, slow=True)
+@row("stage2", "the same sphere", "error of the median roughness", high=0.02, slow=True)
 def sphere_roughness() -> Reached:
     return Reached(max(one_material(roughness)[1] for roughness in ROUGHNESS))
 

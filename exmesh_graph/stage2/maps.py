@@ -13,6 +13,10 @@ from exmesh_graph.stage2.normal_map import slopes_of
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.types import Asset
 
+#: How far past 1 the sigmoid of roughness reaches, as a share of its span. A sigmoid that ends at 1 would need an
+#: infinite parameter for a matt surface (docs/stage2.md).
+PAST_ONE = 0.02
+
 #: Slope of the normal map per unit of its parameter, so that one learning rate serves all maps.
 SLOPE = 0.1
 
@@ -62,7 +66,7 @@ class MaterialMaps:
             resized = resize_texture(image.reshape(*image.shape[:2], -1), size)
             return resized.reshape(size * size, -1)[texels.cpu()].to(device)
 
-        span = 1 - settings.roughness_min
+        span = (1 - settings.roughness_min) * (1 + PAST_ONE)
         roughness = (texels_of(start.roughness) - settings.roughness_min) / span
         columns = [logit(texels_of(start.base_color), NARROW_MARGIN), logit(roughness, NARROW_MARGIN)]
         if settings.metallic:
@@ -80,7 +84,8 @@ class MaterialMaps:
         count = 5 if self.settings.metallic else 4
         values = torch.sigmoid(self.parameter[:, :count])
         low = self.settings.roughness_min
-        roughness = low + (1 - low) * values[:, 3:4]
+        raw = low + (1 - low) * (1 + PAST_ONE) * values[:, 3:4]
+        roughness = raw - (raw - 1).clamp_min(0).detach()  # cut at 1; the gradient passes, so that it can come back
         slopes = SLOPE * self.parameter[:, count:]
         return torch.cat([values[:, :3], roughness, values[:, 4:], slopes], dim=1)
 

@@ -9,6 +9,7 @@ import torch
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.common_factor import BRIGHTEST, CommonFactor
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.maps import PAST_ONE
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.settings import FitSettings
 
@@ -99,7 +100,9 @@ def test_a_wrong_start_is_brought_back(
             for image in truth
         )
         with torch.no_grad():
-            model.maps.parameter.copy_(torch.logit(torch.cat([color, (roughness - 0.08) / 0.92], 1).clamp(0.01, 0.99)))
+            model.maps.parameter.copy_(
+                torch.logit(torch.cat([color, (roughness - 0.08) / (0.92 * (1 + PAST_ONE))], 1).clamp(0.01, 0.99))
+            )
             model.environment.copy_(envmap.parameter_of(torch.from_numpy(true_asset.environment) / wrong))
 
     monkeypatch.setattr(Model, "start", start)
