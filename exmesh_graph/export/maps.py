@@ -34,11 +34,10 @@ def prepare_maps(asset: Asset, settings: MapSettings) -> tuple[dict[str, np.ndar
     nearest chart within `dilation` texels, so that mip levels do not bleed; roughness is raised to the floor.
     """
     from exmesh_graph.uv.dilate import dilation_sources
-    from exmesh_graph.uv.raster import rasterize_atlas
+    from exmesh_graph.uv.raster import coverage_counts
 
     height, width = asset.base_color.shape[:2]
-    face_id, _ = rasterize_atlas(asset.uvs, asset.uv_faces, (height, width))
-    inside = np.asarray(face_id) >= 0
+    inside = coverage_counts(asset.uvs, asset.uv_faces, (height, width)) > 0
     # A texel whose centre misses the chart is still fitted where bilinear lookups reach it: keep those values.
     valid = inside | asset.seen
     outside, source = dilation_sources(valid, settings.dilation)

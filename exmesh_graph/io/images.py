@@ -166,7 +166,10 @@ def write_image(path: Path, image: np.ndarray, depth: Depth = "uint8") -> None:
 
 
 def write_codes(path: Path, codes: np.ndarray, *, color_space: str = "") -> None:
-    """Write uint8 or uint16 (H, W, C) as it is, fast (PNG compression level 3), and name its colour space if told to.
+    """Write uint8 or uint16 (H, W, C) as it is, and name its colour space if told to.
+
+    PNG by one fixed row filter (average) and compression level 3: noisy maps come out as large as by libpng's search
+    for the best filter of each row, in half the time.
 
     Raises DataError naming the file.
     """
@@ -174,7 +177,7 @@ def write_codes(path: Path, codes: np.ndarray, *, color_space: str = "") -> None
     if codes.ndim != 3 or depth not in ("uint8", "uint16"):
         raise DataError(f"cannot write {depth} {codes.shape}", where=str(path), expected="uint8 or uint16 (H, W, C)")
     named = {"oiio:ColorSpace": color_space} if color_space else {}
-    _write(path, codes, depth, {"png:compressionLevel": 3, **named})
+    _write(path, codes, depth, {"png:compressionLevel": 3, "png:filter": 64, **named})
 
 
 def _write(path: Path, pixels: np.ndarray, depth: str, attributes: dict[str, Any]) -> None:
