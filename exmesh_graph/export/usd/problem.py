@@ -15,7 +15,7 @@ from exmesh_graph.export.usd.read import read_asset_pixels
 
 @dataclass(frozen=True)
 class Problem:
-    """One finding. `level` is "error" or "warning"; `rule` names the check; `where` the prim, layer or file."""
+    """One finding. `level` is "error", "warning" or "note"; `rule` names the check; `where` the prim, layer or file."""
 
     level: str
     rule: str

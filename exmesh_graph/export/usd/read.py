@@ -21,9 +21,13 @@ _MAPS = {"diffuseColor": "base_color", "roughness": "roughness", "metallic": "me
 
 @dataclass(frozen=True, eq=False)
 class UsdCamera:
-    """A camera as types.Views has them: K in pixels, camera_to_world [4, 4] on the stage with OpenCV axes."""
+    """A camera as types.Views has them: K in pixels, camera_to_world [4, 4] on the stage with OpenCV axes.
+
+    `view` is what the data set calls it, `prim` the name of its prim.
+    """
 
     view: str
+    prim: str
     intrinsics: np.ndarray
     camera_to_world: np.ndarray
     width: int
@@ -148,7 +152,7 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
         up_axis=str(UsdGeom.GetStageUpAxis(stage)),
         metres_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
         default_prim=str(stage.GetDefaultPrim().GetName()),
-        cameras=tuple(_camera(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)),
+        cameras=tuple(read_camera(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)),
         custom_data=recon,
     )
 
@@ -201,7 +205,8 @@ def _maps(mesh: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return textures, constants
 
 
-def _camera(prim: Any) -> UsdCamera:
+def read_camera(prim: Any) -> UsdCamera:
+    """A UsdGeomCamera; its picture's size is what the exporter noted, 512 x 512 without a note."""
     from pxr import UsdGeom
 
     camera, facts = UsdGeom.Camera(prim), prim.GetCustomDataByKey("recon") or {}
@@ -212,7 +217,8 @@ def _camera(prim: Any) -> UsdCamera:
     cy = height / 2 + camera.GetVerticalApertureOffsetAttr().Get() / high * height
     intrinsics = np.array([[focal * width / wide, 0, cx], [0, focal * height / high, cy], [0, 0, 1.0]])
     pose = _matrix(camera) @ np.diag([1.0, -1, -1, 1])
-    return UsdCamera(str(facts.get("view", prim.GetName())), intrinsics, pose, width, height)
+    name = str(prim.GetName())
+    return UsdCamera(str(facts.get("view", name)), name, intrinsics, pose, width, height)
 
 
 def _matrix(schema: Any) -> np.ndarray:
