@@ -3,7 +3,7 @@
 from typing import Literal, NamedTuple
 
 from exmesh_graph.graph.node import Context, Params, node, param
-from exmesh_graph.types import Asset, Frame, Metrics, UsdAsset, Views
+from exmesh_graph.types import Asset, Frame, GltfAsset, Metrics, ObjAsset, UsdAsset, Views
 
 
 class UsdParams(Params):
@@ -46,8 +46,8 @@ def usd(
     key are kept in the asset as its provenance.
     """
     from exmesh_graph.export.maps import MapSettings
+    from exmesh_graph.export.provenance import provenance_of
     from exmesh_graph.export.usd import ExportSettings, write_usd
-    from exmesh_graph.export.usd.provenance import provenance_of
 
     settings = ExportSettings(
         name=p.name,
@@ -71,3 +71,46 @@ def usd(
         ctx.warn(problem)
     ctx.log(f"{report['bytes'][f'{p.name}.usdz'] / 1e6:.1f} MB in {p.name}.usdz")
     return UsdOut(UsdAsset(root=ctx.scratch / "usd", main=f"{p.name}.usdz"))
+
+
+class MapParams(Params):
+    name: str = param("asset", doc="Name of the asset and its files: letters, digits and _.")
+    roughness_floor: float = param(0.04, ge=0.0, le=1.0, doc="Lowest roughness written.")
+    dilation: int = param(8, ge=0, le=64, unit="texels", doc="Padding of the charts, so that mip levels do not bleed.")
+
+
+class GltfOut(NamedTuple):
+    files: GltfAsset
+
+
+@node("export.gltf", version="1", libraries=("OpenImageIO", "scipy"))
+def gltf(
+    ctx: Context, asset: Asset, frame: Frame | None = None, metrics: Metrics | None = None, *, p: MapParams
+) -> GltfOut:
+    """Write mesh, tangents and maps as one binary glTF file, in metres; glTF holds no environment."""
+    from exmesh_graph.export.gltf import write_gltf
+    from exmesh_graph.export.maps import MapSettings
+    from exmesh_graph.export.provenance import provenance_of
+
+    origin = provenance_of(ctx.key, metrics.values if metrics else {})
+    maps = MapSettings(p.roughness_floor, p.dilation)
+    report = write_gltf(ctx.scratch / "gltf", asset, frame, name=p.name, maps=maps, provenance=origin)
+    if report["scale"] != "measured":
+        ctx.warn("the metric scale is not known: one unit is exported as one metre")
+    ctx.log(f"{report['bytes'] / 1e6:.1f} MB, {report['vertices_split']} vertices")
+    return GltfOut(GltfAsset(root=ctx.scratch / "gltf", main=f"{p.name}.glb"))
+
+
+class ObjOut(NamedTuple):
+    files: ObjAsset
+
+
+@node("export.obj", version="1", libraries=("OpenImageIO", "scipy"))
+def obj(ctx: Context, asset: Asset, frame: Frame | None = None, *, p: MapParams) -> ObjOut:
+    """Write mesh and maps as Wavefront OBJ with an MTL file; OBJ holds neither light nor units."""
+    from exmesh_graph.export.maps import MapSettings
+    from exmesh_graph.export.obj import write_textured_obj
+
+    maps = MapSettings(p.roughness_floor, p.dilation)
+    write_textured_obj(ctx.scratch / "obj", asset, frame, name=p.name, maps=maps)
+    return ObjOut(ObjAsset(root=ctx.scratch / "obj", main=f"{p.name}.obj"))

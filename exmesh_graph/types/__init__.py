@@ -4,7 +4,7 @@ from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
 from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
 from exmesh_graph.types.needs import Decision, SceneNeeds, decided
-from exmesh_graph.types.results import Files, Gallery, Metrics, UsdAsset
+from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, UsdAsset
 from exmesh_graph.types.transport import Transport
 from exmesh_graph.types.views import DepthMaps, Frame, SceneTruth, Views
 
@@ -18,8 +18,10 @@ __all__ = [
     "Files",
     "Frame",
     "Gallery",
+    "GltfAsset",
     "Mesh",
     "Metrics",
+    "ObjAsset",
     "SceneNeeds",
     "SceneTruth",
     "Stage1State",

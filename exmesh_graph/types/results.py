@@ -64,3 +64,19 @@ class UsdAsset(Files):
 
     type_name: ClassVar[str] = "UsdAsset"
     conventions: ClassVar[Mapping[str, Any]] = {"up": "y"}
+
+
+@dataclass(frozen=True, eq=False)
+class GltfAsset(Files):
+    """An asset as one binary glTF file, in metres."""
+
+    type_name: ClassVar[str] = "GltfAsset"
+    conventions: ClassVar[Mapping[str, Any]] = {"up": "y"}
+
+
+@dataclass(frozen=True, eq=False)
+class ObjAsset(Files):
+    """An asset as Wavefront OBJ with MTL and pictures."""
+
+    type_name: ClassVar[str] = "ObjAsset"
+    conventions: ClassVar[Mapping[str, Any]] = {"up": "y"}

@@ -9,8 +9,8 @@ from usd_example import SIZE, example_asset, tilted_normals
 
 from exmesh_graph.errors import DataError, ExmeshError
 from exmesh_graph.export.maps import MapSettings
+from exmesh_graph.export.provenance import provenance_of
 from exmesh_graph.export.usd import ExportSettings, read_usd, validate_usd, write_usd
-from exmesh_graph.export.usd.provenance import provenance_of
 from exmesh_graph.types import Frame, Views
 from exmesh_graph.use.cameras import orbit
 

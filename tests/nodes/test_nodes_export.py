@@ -5,6 +5,7 @@ import pytest
 from exmesh_nodes import export
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.export.gltf import read_glb
 from exmesh_graph.export.usd import Problem, read_usd, write
 from exmesh_graph.types import Frame, Metrics, UsdAsset
 
@@ -56,3 +57,13 @@ def test_raised_roughness_and_a_missing_frame_are_told(scene, context):
     export.usd(context, scene.asset, p=export.UsdParams(roughness_floor=0.6))
     assert any("no frame is wired in" in warning for warning in context.warnings)
     assert any("roughness floor 0.6" in warning for warning in context.warnings)
+
+
+def test_gltf_and_obj_nodes_name_their_files(scene, context):
+    glb = export.gltf(context, scene.asset, FRAME, Metrics({"psnr": 30.5}), p=export.MapParams(name="spot")).files
+    assert (glb.root / glb.main).name == "spot.glb"
+    document, _ = read_glb(glb.root / glb.main)
+    assert document["asset"]["extras"]["metrics"] == {"psnr": 30.5}
+    assert any("metric scale" in warning for warning in context.warnings)
+    files = export.obj(context, scene.asset, FRAME, p=export.MapParams()).files
+    assert (files.root / files.main).is_file()

@@ -1,0 +1,190 @@
+"""glTF 2.0 as one binary file (.glb): positions in metres, tangents, maps packed as the format wants them.
+
+Vertices are split where texture coordinates or tangent frames differ. Base colour is sRGB; roughness and metallic share
+one picture (green and blue; red, the place of occlusion, is 1); texture coordinates have v down. Tangents are those of
+geometry.tangents (MikkTSpace's rules): bitangent = w normal x tangent, w = -1 in mirrored charts. glTF's core has no
+environment: the light goes into no file here. Specification: Khronos glTF 2.0, sections 3.7 and 3.9.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exmesh_graph import __version__
+from exmesh_graph.errors import DataError
+from exmesh_graph.export.folder import new_folder
+from exmesh_graph.export.geometry import MeshContent, Placement, mesh_content, mesh_report, place
+from exmesh_graph.export.inputs import check_asset, check_name
+from exmesh_graph.export.maps import MapSettings, prepare_maps, write_map
+from exmesh_graph.types import Asset, Frame
+
+_FLOAT, _UINT = 5126, 5125
+_ARRAY, _ELEMENTS = 34962, 34963
+_LINEAR, _MIPMAPPED, _CLAMP = 9729, 9987, 33071
+
+
+def write_gltf(
+    folder: Path,
+    asset: Asset,
+    frame: Frame | None = None,
+    *,
+    name: str = "asset",
+    maps: MapSettings | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Write `<name>.glb` into the new `folder`; return what was measured.
+
+    asset, frame as `export.usd.write_usd`; normal maps are written in 8 bits. `provenance` goes into the file's
+    `asset.extras`. Equal inputs give equal bytes. Raises DataError, GeometryError or NumericsError.
+    """
+    check_name(name)
+    check_asset(asset)
+    settings = maps or MapSettings()
+    prepared, report = prepare_maps(asset, MapSettings(settings.roughness_floor, settings.dilation, 8))
+    placement = place(frame)
+    report |= mesh_report(asset) | placement.report
+    with new_folder(folder) as partial:
+        blob = _Blob()
+        primitive = _primitive(blob, asset, mesh_content(asset, placement), placement)
+        pictures = {"base_color": prepared["base_color"], "orm": _packed(prepared)}
+        if "normal" in prepared:
+            pictures["normal"] = prepared["normal"]
+        images = {key: blob.add(_png(partial, key, codes)) for key, codes in pictures.items()}
+        document = {
+            "asset": {
+                "version": "2.0",
+                "generator": f"exmesh-graph {__version__}",
+                "extras": {"scale": report["scale"], **(provenance or {})},
+            },
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "name": name}],
+            "meshes": [{"name": name, "primitives": [primitive]}],
+            "materials": [_material(list(images), metallic="metallic" in prepared)],
+            "textures": [{"source": number, "sampler": 0, "name": key} for number, key in enumerate(images)],
+            "images": [{"bufferView": view, "mimeType": "image/png", "name": key} for key, view in images.items()],
+            "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPPED, "wrapS": _CLAMP, "wrapT": _CLAMP}],
+            "accessors": blob.accessors,
+            "bufferViews": blob.views,
+            "buffers": [{"byteLength": len(blob.data)}],
+        }
+        _write_glb(partial / f"{name}.glb", document, bytes(blob.data))
+    report["vertices_split"] = blob.accessors[0]["count"]
+    report["bytes"] = (folder / f"{name}.glb").stat().st_size
+    return report
+
+
+def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
+    """(JSON document, binary chunk) of a .glb; DataError for a broken container."""
+    data = path.read_bytes()
+    if len(data) < 20 or data[:4] != b"glTF" or struct.unpack_from("<II", data, 4) != (2, len(data)):
+        raise DataError("not a whole glTF 2.0 binary file", where=str(path))
+    length = struct.unpack_from("<I", data, 12)[0]
+    return json.loads(data[20 : 20 + length]), data[28 + length :]
+
+
+class _Blob:
+    """The binary chunk with its views and accessors."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def add(self, data: bytes, target: int | None = None) -> int:
+        """A new buffer view, at a multiple of 4 bytes."""
+        self.data += bytes(-len(self.data) % 4)
+        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
+        self.views.append(view | ({"target": target} if target else {}))
+        self.data += data
+        return len(self.views) - 1
+
+    def accessor(self, array: np.ndarray, kind: str, *, bounds: bool = False) -> int:
+        """A new accessor of float32 [N, C] or uint32 [N]."""
+        indices = array.dtype == np.uint32
+        view = self.add(np.ascontiguousarray(array).tobytes(), _ELEMENTS if indices else _ARRAY)
+        entry = {"bufferView": view, "componentType": _UINT if indices else _FLOAT, "count": len(array), "type": kind}
+        if bounds:
+            entry |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
+        self.accessors.append(entry)
+        return len(self.accessors) - 1
+
+
+def _primitive(blob: _Blob, asset: Asset, mesh: MeshContent, placement: Placement) -> dict[str, Any]:
+    from exmesh_graph.geometry.tangents import corner_tangents
+
+    tangent, sign = corner_tangents(asset.vertices, asset.faces, asset.uvs, asset.uv_faces)
+    corner = np.stack(
+        [mesh.faces.reshape(-1), mesh.st_faces.reshape(-1), np.repeat(sign > 0, 3).astype(np.int32)], axis=1
+    )
+    key = (corner[:, 0].astype(np.int64) * len(mesh.st) + corner[:, 1]) * 2 + corner[:, 2]
+    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    vertex, st = corner[first, 0], corner[first, 1]
+    turned = tangent.reshape(-1, 3)[first].astype(np.float64) @ placement.rotation.T
+    normal = _unit(mesh.normals[vertex].astype(np.float64))
+    turned = _unit(turned - (turned * normal).sum(-1, keepdims=True) * normal)
+    four = np.concatenate([turned, np.where(corner[first, 2:] > 0, 1.0, -1.0)], axis=1)
+    coordinates = np.stack([mesh.st[st, 0], 1 - mesh.st[st, 1]], axis=1)
+    attributes = {
+        "POSITION": blob.accessor(
+            (mesh.points[vertex].astype(np.float64) * placement.metres_per_unit).astype(np.float32), "VEC3", bounds=True
+        ),
+        "NORMAL": blob.accessor(normal.astype(np.float32), "VEC3"),
+        "TEXCOORD_0": blob.accessor(coordinates.astype(np.float32), "VEC2"),
+    }
+    if asset.normal is not None:  # without a normal map nothing reads them
+        attributes["TANGENT"] = blob.accessor(four.astype(np.float32), "VEC4")
+    return {
+        "attributes": attributes,
+        "indices": blob.accessor(index.reshape(-1).astype(np.uint32), "SCALAR"),
+        "material": 0,
+    }
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-30)
+
+
+def _packed(maps: Mapping[str, np.ndarray]) -> np.ndarray:
+    """uint8 [R, R, 3]: 255, roughness, metallic (0 without a map)."""
+    roughness = maps["roughness"][..., 0]
+    metallic = maps["metallic"][..., 0] if "metallic" in maps else np.zeros_like(roughness)
+    return np.stack([np.full_like(roughness, 255), roughness, metallic], axis=-1)
+
+
+def _png(folder: Path, name: str, codes: np.ndarray) -> bytes:
+    """The bytes of a PNG file, read back and compared."""
+    file = folder / f"{name}.png"
+    write_map(file, codes, srgb=name == "base_color")
+    data = file.read_bytes()
+    file.unlink()
+    return data
+
+
+def _material(names: list[str], *, metallic: bool) -> dict[str, Any]:
+    material: dict[str, Any] = {
+        "name": "surface",
+        "pbrMetallicRoughness": {
+            "baseColorTexture": {"index": names.index("base_color")},
+            "metallicRoughnessTexture": {"index": names.index("orm")},
+            "metallicFactor": 1.0 if metallic else 0.0,
+        },
+    }
+    if "normal" in names:
+        material["normalTexture"] = {"index": names.index("normal")}
+    return material
+
+
+def _write_glb(path: Path, document: Mapping[str, Any], binary: bytes) -> None:
+    text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    binary += bytes(-len(binary) % 4)
+    header = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    path.write_bytes(header + chunks)
