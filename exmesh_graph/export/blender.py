@@ -98,8 +98,10 @@ def compare_with_blender(
 
     contents = read_usd(usd, variants)
     views = {camera.view: camera for camera in contents.cameras}
-    view = view or next(iter(views), None)
-    theirs = render_in_blender(usd, settings, cameras=[view] if view else None, variants=variants)[view or ""]
+    pictures = render_in_blender(
+        usd, settings, cameras=[view or next(iter(views))] if views else None, variants=variants
+    )
+    view, theirs = next(iter(pictures.items()))
     camera = views[view]
     rendered = render_views(
         contents.asset(), camera.intrinsics[None], contents.normalised_pose(camera)[None], camera.height, camera.width,
@@ -107,15 +109,15 @@ def compare_with_blender(
     )  # fmt: skip
     ours = np.concatenate([rendered.images[0], rendered.alpha[0][..., None]], axis=-1)
     inside = (theirs[..., 3] > 0.999) & (ours[..., 3] > 0.999)
-    shown = [display(picture[..., :3], picture[..., 3]) for picture in (theirs, ours)]
-    linear = [np.clip(picture[..., :3], 0, 1) for picture in (theirs, ours)]
+    shown, ours_shown = (display(picture[..., :3], picture[..., 3]) for picture in (theirs, ours))
+    linear, ours_linear = (np.clip(picture[..., :3], 0, 1) for picture in (theirs, ours))
     cover = np.minimum(theirs[..., 3], ours[..., 3]).sum() / np.maximum(theirs[..., 3], ours[..., 3]).sum()
     gain = theirs[inside][:, :3].mean(0) / np.maximum(ours[inside][:, :3].mean(0), 1e-9)
     return {
         "view": view,
-        "psnr": psnr(*shown, inside),
-        "psnr_linear": psnr(*linear, inside),
-        "whole_psnr": psnr(*shown),
+        "psnr": psnr(shown, ours_shown, inside),
+        "psnr_linear": psnr(linear, ours_linear, inside),
+        "whole_psnr": psnr(shown, ours_shown),
         "iou": float(cover),
         "gain": [float(g) for g in gain],
         "blender": theirs,
