@@ -34,6 +34,20 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
+def read_points(path: Path) -> np.ndarray:
+    """Positions float64 [N, 3] of a PLY file, which may be a point cloud. DataError as for `read_mesh`."""
+    path = Path(path)
+    if not path.is_file():
+        raise DataError("the point cloud does not exist", where=str(path), fix="correct the path")
+    try:
+        points, _ = _read_ply(path)
+    except (ValueError, IndexError, UnicodeDecodeError, KeyError) as error:
+        raise DataError(f"the point cloud cannot be read ({error})", where=str(path), fix="copy it again") from error
+    if len(points) == 0 or not np.isfinite(points).all():
+        raise DataError(f"the point cloud has {len(points)} points or values that are not finite", where=str(path))
+    return points
+
+
 def check_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
     """DataError unless there are faces, all indices are in range and all positions finite."""
     if len(vertices) == 0 or len(faces) == 0:

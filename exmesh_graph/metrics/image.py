@@ -52,19 +52,23 @@ def ssim(image: np.ndarray, reference: np.ndarray, mask: np.ndarray | None = Non
     return float(inner.mean())
 
 
-def ssim_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """SSIM at every pixel, same shape as the inputs; near the border it is extrapolated by reflection."""
+def ssim_map(image: np.ndarray, reference: np.ndarray, *, radius: int = _RADIUS, mode: str = "reflect") -> np.ndarray:
+    """SSIM at every pixel, same shape as the inputs; near the border it is extrapolated by reflection.
+
+    `radius` is the window's (5: 11 x 11), `mode` scipy's name for what lies beyond the border.
+    """
     if image.shape != reference.shape:
         raise NumericsError(f"cannot compare images of shapes {image.shape} and {reference.shape}")
     x, y = image.astype(np.float64), reference.astype(np.float64)
-    mean_x, mean_y = _blur(x), _blur(y)
+
+    def blur(values: np.ndarray) -> np.ndarray:
+        sigma = (_SIGMA, _SIGMA) + (0,) * (values.ndim - 2)
+        return gaussian_filter(values, sigma, truncate=radius / _SIGMA, mode=mode)
+
+    mean_x, mean_y = blur(x), blur(y)
     # Differences of nearly equal numbers: a variance may come out as -1e-17.
-    var_x = np.maximum(_blur(x * x) - mean_x**2, 0)
-    var_y = np.maximum(_blur(y * y) - mean_y**2, 0)
-    cov = _blur(x * y) - mean_x * mean_y
+    var_x = np.maximum(blur(x * x) - mean_x**2, 0)
+    var_y = np.maximum(blur(y * y) - mean_y**2, 0)
+    cov = blur(x * y) - mean_x * mean_y
     c1, c2 = 0.01**2, 0.03**2
     return ((2 * mean_x * mean_y + c1) * (2 * cov + c2)) / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
-
-
-def _blur(image: np.ndarray) -> np.ndarray:
-    return gaussian_filter(image, (_SIGMA, _SIGMA) + (0,) * (image.ndim - 2), truncate=_RADIUS / _SIGMA)
