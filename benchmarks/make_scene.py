@@ -31,7 +31,7 @@ from exmesh_graph.shading.directions import fibonacci_sphere
 
 SKY = Path(__file__).parent.parent / "graphs" / "samples" / "spot" / "env_train.exr"
 RADIUS, DISTANCE, FIELD = 1.2, 4.0, math.radians(35.5)
-DIRECTIONS, GLOSS = 192, 0.08
+DIRECTIONS = 192
 RELIEF = np.array([0.0, 0.62, 0.0])
 
 
@@ -42,7 +42,7 @@ def main() -> None:
     folder: Path = options.folder
     (folder / "mesh").mkdir(parents=True, exist_ok=True)
     write_ply(folder / "mesh" / "mesh.ply", vertices, faces)
-    light = Light(vertices, faces, colours)
+    light = Light(vertices, faces, colours, options.gloss)
     for split, count, first in (("train", options.views, 0.0), ("test", options.test_views, 0.37)):
         (folder / split).mkdir(exist_ok=True)
         frames = []
@@ -129,7 +129,8 @@ def poses(count: int, first: float) -> list[np.ndarray]:
 class Light:
     """Light at the vertices: matt and a broad gloss (Phong, exponent 20) under a blurred sky with exact shadows."""
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> None:
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, gloss: float) -> None:
+        self.gloss = gloss
         normals = area_weighted_normals(vertices, faces)
         towards = fibonacci_sphere(DIRECTIONS)
         sky = torch.from_numpy(envmap.resample(canonical_from_blender(read_environment(SKY)), 8, 16))
@@ -154,7 +155,7 @@ class Light:
         view = torch.nn.functional.normalize(torch.from_numpy(eye).float() - self.vertices, dim=1)
         mirror = 2 * (view * self.normals).sum(1, keepdim=True) * self.normals - view
         lobe = (mirror @ self.towards.T).clamp(min=0).pow(20) * self.open_sky
-        return self.matt + GLOSS * 21 / (2 * math.pi) * (lobe @ self.radiance)
+        return self.matt + self.gloss * 21 / (2 * math.pi) * (lobe @ self.radiance)
 
 
 def photograph(light: Light, faces: np.ndarray, pose: np.ndarray, size: int, fine: int = 3) -> np.ndarray:
@@ -183,6 +184,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--views", type=int, default=48)
     parser.add_argument("--test-views", type=int, default=12)
     parser.add_argument("--grid", type=int, default=192, help="samples along each axis of the distance field")
+    parser.add_argument("--gloss", type=float, default=0.08, help="share of light in the broad highlights")
     parser.add_argument("--quick", action="store_true", help="small")
     options = parser.parse_args()
     if options.quick:

@@ -2,8 +2,7 @@
 every round.
 
     python benchmarks/stage1.py graphs/samples/spot --json curves.json     # adaptive against uniform, same vertices
-    python benchmarks/stage1.py SCENE --methods score --hull-views 10 --faces 1250 --levels 1 --rounds 4 \
-        --vertex-lr 0.04
+    python benchmarks/stage1.py SCENE --methods score --hull-views 10 --faces 1250 --levels 1 --rounds 4
     python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --dissent 1 --faces 5000 \
         --levels 1 --silhouette-weight 1 --smoothness-weight 0.1 --gains --methods score
 
@@ -89,17 +88,18 @@ def curve(method: str, state, scene, truth, seconds: float, options: argparse.Na
         "bilaplacian": regulariser.Bilaplacian,
         "large_steps": regulariser.LargeSteps,
     }
-    smoothness = (
-        kinds[options.smoothness]()
-        if options.smoothness == "large_steps"
-        else kinds[options.smoothness](weight=options.smoothness_weight)
+    smooth, firm = (
+        kinds[options.smoothness](**({} if options.smoothness == "large_steps" else {"weight": weight}))
+        for weight in (options.smoothness_weight, options.firm_weight)
     )
     fixed = {
         key: getattr(options, key)
-        for key in ("vertex_lr", "texture_lr", "silhouette_weight", "gains", "ssim_weight", "decay")
+        for key in ("vertex_lr", "vertex_decay", "texture_lr", "texture_decay", "silhouette_weight", "gains",
+                    "ssim_weight")
     } | {"uv_gradient": not options.no_uv_gradient, "threads": options.threads}  # fmt: skip
     first = len(state.faces)
-    for k, (target, iterations) in enumerate(plan(method, first, options)):
+    rounds = plan(method, first, options)
+    for k, (target, iterations) in enumerate(rounds):
         ctx = Quiet(options.seed + k)
         began = time.perf_counter()
         if k:
@@ -107,7 +107,8 @@ def curve(method: str, state, scene, truth, seconds: float, options: argparse.Na
             if method != "uniform" and options.atlas_every and k % options.atlas_every == 0:
                 state = uv.regenerate(ctx, state, p=uv.RegenerateParams()).state
         params = stage1.RefineParams(iterations=iterations, total_iterations=options.iterations, **fixed)
-        state, history = stage1.refine(ctx, state, scene.train, smoothness=smoothness, p=params)
+        term = firm if k + 1 == len(rounds) else smooth
+        state, history = stage1.refine(ctx, state, scene.train, smoothness=term, p=params)
         seconds += time.perf_counter() - began
         rows.append({"seconds": seconds, "train_psnr": history.values["psnr"][-1], **score(state, scene.test, truth)})
         show(rows[-1])
@@ -203,12 +204,14 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--methods", nargs="+", default=["uniform", "score"],
                         choices=("uniform", "score", "area", "random"))  # fmt: skip
     parser.add_argument("--start", choices=("views", "grey"), default="views")
-    parser.add_argument("--vertex-lr", type=float, default=0.02)
+    parser.add_argument("--vertex-lr", type=float, default=0.08)
+    parser.add_argument("--vertex-decay", type=float, default=0.00625)
     parser.add_argument("--texture-lr", type=float, default=0.02)
-    parser.add_argument("--decay", type=float, default=0.05)
+    parser.add_argument("--texture-decay", type=float, default=0.05)
     parser.add_argument("--ssim-weight", type=float, default=0.2)
     parser.add_argument("--smoothness", choices=("laplacian", "bilaplacian", "large_steps"), default="bilaplacian")
     parser.add_argument("--smoothness-weight", type=float, default=0.3)
+    parser.add_argument("--firm-weight", type=float, default=2.0, help="of smoothness after the last split")
     parser.add_argument("--silhouette-weight", type=float, default=5.0)
     parser.add_argument("--no-uv-gradient", action="store_true")
     parser.add_argument("--gains", action="store_true")

@@ -52,14 +52,15 @@ class RefineParams(Params):
         0.0, ge=0, le=1, doc="This round's part of total_iterations; above 0 it stands in place of iterations."
     )
     vertex_lr: float = param(
-        0.02,
+        0.08,
         ge=0,
         le=1,
         unit="mean edge lengths",
         doc="Length of a vertex's step at the start (mean edge of the round's mesh).",
     )
+    vertex_decay: float = param(0.00625, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
-    decay: float = param(0.05, gt=0, le=1, doc="Both learning rates end at this share of their start.")
+    texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")
     ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
     silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
     silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")

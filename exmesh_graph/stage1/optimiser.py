@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-VERTEX_BETAS = (0.9, 0.999)
+VERTEX_BETAS = (0.9, 0.99)
 TEXTURE_BETAS = (0.9, 0.99)
 EPSILON = 1e-15
 """Far below any gradient of a mean over an image; it only keeps 0 / 0 from happening."""

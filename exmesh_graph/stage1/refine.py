@@ -168,8 +168,8 @@ class _Loop:
         # paper eq. 1
         self.gradient_ema.lerp_(norm, 1 - settings.gradient_decay)
         total = settings.total_iterations or (self.state.iteration + settings.iterations)
-        self.move(vertex_grad, k, decayed(settings.vertex_lr, settings.decay, iteration, total) * self.mean_edge)
-        rate = decayed(settings.texture_lr, settings.decay, iteration, total)
+        self.move(vertex_grad, k, decayed(settings.vertex_lr, settings.vertex_decay, iteration, total) * self.mean_edge)
+        rate = decayed(settings.texture_lr, settings.texture_decay, iteration, total)
         self.look.step(look_grad, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
         self.terms.follow(surface.vertices)
         return value, error

@@ -14,9 +14,10 @@ class RefineSettings:
 
     iterations: int = 500
     total_iterations: int = 0
-    vertex_lr: float = 0.02
+    vertex_lr: float = 0.08
+    vertex_decay: float = 0.00625
     texture_lr: float = 0.02
-    decay: float = 0.05
+    texture_decay: float = 0.05
     ssim_weight: float = 0.2
     silhouette: Literal["l1", "bce"] = "l1"
     silhouette_weight: float = 5.0

@@ -257,25 +257,25 @@ def test_repeated_and_resumed_fits_end_with_the_same_bytes(kind, views):
     assert history == same_history
 
 
-def test_stage_one_is_scored_by_its_model_and_the_baked_texture_beside_it(views):
+def test_stage_one_is_scored_by_its_model_and_the_baked_texture_beside_it(views, tmp_path):
     state = begun("per_vertex")
     state = replace(state, texture=np.zeros_like(state.texture))
     test = replace(views, split="test")
-    values = evaluate.stage1(FakeContext(), state, test, p=evaluate.Stage1Params(pictures=0)).metrics.values
+    values = evaluate.stage1(FakeContext(tmp_path), state, test, p=evaluate.Stage1Params(pictures=0)).metrics.values
     assert values["held_out"]["psnr"] > 25
     assert values["held_out"]["psnr_baked"] < 20
-    plain = evaluate.stage1(FakeContext(), ball(), test, p=evaluate.Stage1Params(pictures=0)).metrics.values
+    plain = evaluate.stage1(FakeContext(tmp_path), ball(), test, p=evaluate.Stage1Params(pictures=0)).metrics.values
     assert "psnr_baked" not in plain["held_out"]
 
 
-def test_views_without_masks_may_be_scored_where_another_surface_shows(views):
+def test_views_without_masks_may_be_scored_where_another_surface_shows(views, tmp_path):
     """What a carrier leaves bare inside the region counts against it."""
     walled = views.images + (1 - views.alpha[..., None]) * np.float32(0.4)
     test = replace(views, images=walled, alpha=np.ones_like(views.alpha), has_masks=False, split="test")
     p = evaluate.Stage1Params(pictures=0)
 
     def score(carrier, region=None):
-        return evaluate.stage1(FakeContext(), carrier, test, region, p=p).metrics.values["held_out"]
+        return evaluate.stage1(FakeContext(tmp_path), carrier, test, region, p=p).metrics.values["held_out"]
 
     assert score(ball(), ball(radius=0.5))["psnr"] > 30
     assert score(ball(), ball(radius=0.5))["region"] == "where the wired region shows"

@@ -40,7 +40,13 @@ def test_silhouette_alone_finds_the_radius(views):
     """Colour is given no say: a grey texture that must stay grey, and no gradient through the uv."""
     start = fresh_state(ball(radius=0.52), fill=0.5)
     settings = RefineSettings(
-        iterations=160, vertex_lr=0.03, texture_lr=0.0, uv_gradient=False, ssim_weight=0.0, fill_unseen=False
+        iterations=160,
+        vertex_lr=0.03,
+        vertex_decay=0.05,
+        texture_lr=0.0,
+        uv_gradient=False,
+        ssim_weight=0.0,
+        fill_unseen=False,
     )
     black = replace(views, images=views.alpha[..., None] * np.float32(0.2140411) * np.ones(3, np.float32))
     state, _ = refine(start, black, settings)
@@ -120,7 +126,7 @@ def test_depth_moves_the_surface_towards_the_prior(views):
     depth = (3 + 0.02 * columns + 0.03 * rows).astype(np.float32)[None]
     settings = RefineSettings(
         iterations=30, vertex_lr=0.02, texture_lr=0, ssim_weight=0, silhouette_weight=0.0,
-        smoothness=Bilaplacian(0.01), depth_weight=10.0, decay=1.0,
+        smoothness=Bilaplacian(0.01), depth_weight=10.0, vertex_decay=1.0,
     )  # fmt: skip
     _, without = refine(start, one, replace(settings, depth_weight=0.0))
     _, history = refine(start, one, settings, depths=DepthMaps(one.names, depth))

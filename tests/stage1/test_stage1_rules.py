@@ -42,7 +42,12 @@ def pick(views, index):
 def test_a_run_cut_in_two_is_the_same_run(views):
     """Order of the views, decay, step counts and moments go on where the first part stopped."""
     settings = RefineSettings(
-        iterations=22, total_iterations=30, decay=0.01, vertex_lr=0.0, fill_unseen=False, smoothness=Bilaplacian(0.0)
+        iterations=22,
+        total_iterations=30,
+        texture_decay=0.01,
+        vertex_lr=0.0,
+        fill_unseen=False,
+        smoothness=Bilaplacian(0.0),
     )
     start = fresh_state(ball(), fill=0.5)
     whole, _ = refine(start, views, settings, seed=3)
