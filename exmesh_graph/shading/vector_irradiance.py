@@ -28,17 +28,22 @@ class VectorTransport:
         self.transfer = (above[:, None] * directions.T[None]).to(directions).reshape(-1, len(directions))
         self.gather = [_component(operators, axis) for axis in range(3)] if operators.gather is not None else []
 
-    def vector(self, radiance: torch.Tensor, sent: torch.Tensor | None = None) -> torch.Tensor:
+    def vector(
+        self, radiance: torch.Tensor, sent: torch.Tensor | None = None, received: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """F [P, 9] (x, y, z of red, green, blue: [3, 3] flattened) of binned light `radiance` [K, 3].
 
-        sent  diffuse radiance [P, 3] of the points, which adds the mesh's own light; it gets no gradient. The light
-              does.
+        sent      diffuse radiance [P, 3] of the points, which adds the mesh's own light; it gets no gradient. The
+                  light does.
+        received  [P, 3], what to multiply the mesh's own light with where it arrives; None: nothing
         """
         direct = (self.transfer @ radiance).reshape(-1, 9)
         if sent is None or not self.gather:
             return direct
         with torch.no_grad():
             arrived = torch.stack([matrix @ sent.detach() for matrix in self.gather], dim=1)
+            if received is not None:
+                arrived = arrived * received.detach()[:, None]
         return direct + arrived.reshape(-1, 9)
 
 

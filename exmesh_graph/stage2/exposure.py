@@ -2,8 +2,9 @@
 
 A view's gain is the factor that brings the rendering to its photograph: where it is visited, its logarithm follows the
 median over the view's pixels of log(photograph / rendering), which no highlight moves. Gains enter divided by their
-geometric mean, so that together they cannot brighten the light. They rest for the first part of the fit: before the
-sky has its shape, views that look at the bright side would be taken for overexposed ones.
+median, so that together they cannot brighten the light and one view's wrong exposure stays its own. They rest for the
+first part of the fit: before the sky has its shape, views that look at the bright side would be taken for overexposed
+ones.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Exposure:
 
     def gain(self, number: int) -> torch.Tensor:
         """What to multiply the rendering of a view with."""
-        return (self.logs[number] - self.logs.mean()).exp()
+        return (self.logs[number] - self.logs.quantile(0.5)).exp()
 
     @torch.no_grad()
     def follow(self, buffer: ViewBuffer, predicted: torch.Tensor, progress: float) -> None:

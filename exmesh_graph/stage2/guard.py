@@ -164,13 +164,16 @@ class Guard:
             parameter.grad = None
 
     def _snapshot(self) -> Mapping[str, Any]:
-        # what a light model measured is replaced, never changed in place: it need not be copied
+        # what a light model measured and the gains are replaced, never changed in place: they need not be copied
         light = self.model.light.state(self.model.buffers.held)
-        return {"optimiser": _copied(self.optimiser.state()), "light": light}
+        exposure = None if self.model.exposure is None else self.model.exposure.logs
+        return {"optimiser": _copied(self.optimiser.state()), "light": light, "exposure": exposure}
 
     def _restore(self, kept: Mapping[str, Any]) -> None:
         self.optimiser.restore(kept["optimiser"])
         self.model.light.restore(self.model.buffers.held, kept["light"])
+        if self.model.exposure is not None:
+            self.model.exposure.logs = kept["exposure"].to(self.model.exposure.logs)
 
     def _need_views(self) -> None:
         buffers = self.model.buffers

@@ -118,12 +118,20 @@ class PrecomputedLight:
             irradiance = self.operators.irradiance(binned, diffuse, strength)
             vector = None
             if self.vectors is not None:
-                vector = self.vectors.vector(binned, None if diffuse is None else strength * diffuse * irradiance)
+                vector = self._vector(binned, irradiance, None if diffuse is None else strength * diffuse)
             return PrecomputedLit(self.stack.build(environment), irradiance, vector=vector)
         flux = self.suns.suns.flux(environment)
         irradiance = self.suns.operators.irradiance(torch.cat([binned, flux]), diffuse, strength)
         irradiance = irradiance - self.suns.lattice @ flux
         return PrecomputedLit(self.stack.build(environment), irradiance, flux)
+
+    def _vector(self, binned: torch.Tensor, irradiance: torch.Tensor, diffuse: torch.Tensor | None) -> torch.Tensor:
+        assert self.vectors is not None
+        if diffuse is None:
+            return self.vectors.vector(binned)
+        if self.operators.light.secondary_material:
+            return self.vectors.vector(binned, diffuse * irradiance)
+        return self.vectors.vector(binned, irradiance, diffuse)
 
     def radiance(self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit) -> torch.Tensor:
         kept, metallic = buffer.light, material.metallic

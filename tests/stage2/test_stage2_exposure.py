@@ -33,8 +33,8 @@ def test_steps_of_exposure_are_found_and_do_not_reach_the_materials(carrier, tra
     asset, curves = fit(carrier, _exposed(train_views, gains), transport, SETTINGS, log=said.append)
     line = next(message for message in said if message.startswith("exposure"))
     found = np.array([float(part.split()[1]) for part in line.removeprefix("exposure found: ").split(", ")])
-    assert np.exp(np.log(found).mean()) == pytest.approx(1, abs=1e-3)
-    np.testing.assert_allclose(found, gains / np.exp(np.log(gains).mean()), rtol=0.06)
+    assert np.median(found) == pytest.approx(1, abs=1e-3)
+    np.testing.assert_allclose(found, gains, rtol=0.06)
     blind, plain = fit(carrier, _exposed(train_views, gains), transport, dataclasses.replace(SETTINGS, exposure=False))
     assert np.mean(curves["image"][-5:]) < 0.5 * np.mean(plain["image"][-5:])
     seen = asset.seen

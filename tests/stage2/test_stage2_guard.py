@@ -100,6 +100,25 @@ def test_a_term_that_fails_once_costs_a_return_to_the_last_good_state(spoil, car
     assert curves["image"][-1] < 0.5 * curves["image"][0]
 
 
+def test_a_return_takes_the_exposures_back_too(spoil, carrier, train_views, transport):
+    calls, gains = [], []
+
+    def once(step, view, model):
+        calls.append(step)
+        gains.append(model.exposure.logs.clone())
+        return step == 30 and calls.count(30) == 1
+
+    def change(terms, model):
+        model.exposure.logs = torch.full_like(model.exposure.logs, 1.0)
+        terms["image"] = terms["image"] * math.nan
+
+    spoil(once, change)
+    said = []
+    fit(carrier, train_views, transport, dataclasses.replace(SETTINGS, exposure=True), warn=said.append)
+    assert len(said) == 1
+    assert not bool((gains[-1] == 1.0).any())
+
+
 @pytest.mark.parametrize("kind", ["value", "gradient"])
 def test_a_view_that_always_fails_is_left_out_by_name_and_term(spoil, carrier, train_views, transport, kind):
     def change(terms, model):

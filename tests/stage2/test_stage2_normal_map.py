@@ -180,3 +180,20 @@ def test_bounced_light_is_part_of_the_vector(carrier):
     dark = torch.zeros(len(light.directions), 3)
     assert float(vectors.vector(dark, sent).abs().max()) > 0.05
     assert float(vectors.vector(dark).abs().max()) == 0
+
+
+@pytest.mark.parametrize("secondary_material", [True, False])
+def test_the_bounced_vector_along_the_smooth_normal_is_the_bounced_irradiance(carrier, secondary_material):
+    light = with_bounces(trace_transport(carrier.vertices, carrier.faces, 64), 1, secondary_material)
+    operators = LightTransport(light)
+    generator = torch.Generator().manual_seed(0)
+    radiance = torch.rand(len(light.directions), 3, generator=generator)
+    diffuse = torch.rand(len(light.points), 3, generator=generator)
+    direct = operators.irradiance(radiance)
+    vectors, strength = VectorTransport(operators), 0.7
+    if secondary_material:
+        vector = vectors.vector(radiance, strength * diffuse * direct)
+    else:
+        vector = vectors.vector(radiance, direct, strength * diffuse)
+    along = (torch.from_numpy(light.normals)[:, :, None] * vector.reshape(-1, 3, 3)).sum(1)
+    torch.testing.assert_close(along, operators.irradiance(radiance, diffuse, strength), rtol=1e-4, atol=1e-4)
