@@ -137,6 +137,11 @@ def judged(usd: Path, python: Path) -> list[Problem]:
     return [Problem("note" if good else "error", "blender", f"camera {found['view']}", what)]
 
 
+def camera_names(usd: Path) -> list[str]:
+    """The views that the file's cameras show, in its order."""
+    return [camera.view for camera in _cameras(usd)]
+
+
 def _cameras(usd: Path) -> tuple[UsdCamera, ...]:
     from pxr import Usd, UsdGeom
 

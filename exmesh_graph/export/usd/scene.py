@@ -19,16 +19,16 @@ def author_scene(layer: Sdf.Layer, content: AssetContent) -> None:
     scene = UsdGeom.Xform.Define(stage, "/scene")
     Usd.ModelAPI(scene.GetPrim()).SetKind(Kind.Tokens.assembly)
     stage.SetDefaultPrim(scene.GetPrim())
-    _define_dome(stage, scene.GetPath().AppendChild("environment"), content.rotation)
+    define_dome(stage, scene.GetPath().AppendChild("environment"), content.rotation)
     if content.cameras:
         UsdGeom.Scope.Define(stage, "/scene/cameras")
     for camera in content.cameras:
-        _define_camera(stage, Sdf.Path(f"/scene/cameras/{camera.name}"), camera)
+        define_camera(stage, Sdf.Path(f"/scene/cameras/{camera.name}"), camera)
     model = UsdGeom.Xform.Define(stage, scene.GetPath().AppendChild(content.name))
     model.GetPrim().GetReferences().AddReference(f"./{content.name}.usda")
 
 
-def _define_dome(stage: Usd.Stage, path: Sdf.Path, rotation: np.ndarray) -> None:
+def define_dome(stage: Usd.Stage, path: Sdf.Path, rotation: np.ndarray) -> None:
     """A plain DomeLight: L(d) = E(rotation^T d), E the OpenEXR lat-long map. (DomeLight_1 comes out turned in Blender.)
 
     Absolute radiance lies in the pixels: intensity is 1, exposure, which Blender ignores, is not authored.
@@ -43,7 +43,7 @@ def _define_dome(stage: Usd.Stage, path: Sdf.Path, rotation: np.ndarray) -> None
         dome.AddTransformOp().Set(_row_matrix(turn))
 
 
-def _define_camera(stage: Usd.Stage, path: Sdf.Path, content: CameraContent) -> None:
+def define_camera(stage: Usd.Stage, path: Sdf.Path, content: CameraContent) -> None:
     """Aperture and focal length from K; the principal point by the aperture's offsets (y up there, down in pixels).
 
     The window's left edge is at -cx / fx = (-aperture / 2 + offset) / focal, hence offset = -(cx - W / 2) aperture / W.

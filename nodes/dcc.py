@@ -1,0 +1,101 @@
+"""Exported assets in a DCC tool's hands: scenes of several, and pictures by Blender."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, node, param
+from exmesh_graph.types import EnvMap, Gallery, UsdAsset
+
+
+class UsdFileParams(Params):
+    path: Path = param(doc="A USD package (.usdz), which holds all that it needs.")
+
+
+class UsdFileOut(NamedTuple):
+    files: UsdAsset
+
+
+def _package_source(p: UsdFileParams) -> Mapping[str, Path]:
+    from exmesh_graph.errors import DataError
+
+    if p.path.suffix != ".usdz" or not p.path.is_file():
+        raise DataError("not a USD package", where=str(p.path), expected="a .usdz file", fix="correct `path`")
+    return {p.path.name: p.path}
+
+
+@node("data.usd", version="1", libraries=("usd-core",), sources=_package_source)
+def usd_file(ctx: Context, *, p: UsdFileParams) -> UsdFileOut:
+    """A USD package from elsewhere, to be composed with others; what the gate finds in it is a warning."""
+    import shutil
+
+    from exmesh_graph.export.usd import validate_usd
+
+    for problem in validate_usd(p.path):
+        ctx.warn(str(problem))
+    (ctx.scratch / "usd").mkdir()
+    shutil.copyfile(p.path, ctx.scratch / "usd" / p.path.name)
+    return UsdFileOut(UsdAsset(root=ctx.scratch / "usd", main=p.path.name))
+
+
+class ComposeParams(Params):
+    height: float = param(0.3, gt=0, unit="m", doc="Every piece is scaled to this height.")
+    turn: tuple[float, ...] = param(
+        (), unit="rad", doc="Turn of each piece about the vertical, in the order of the ports."
+    )
+    gap: float = param(0.15, ge=0, doc="Room between the pieces, in heights.")
+    table_color: tuple[float, float, float] = param((0.30, 0.19, 0.11), doc="Base colour of the table, linear.")
+    table_roughness: float = param(0.35, ge=0, le=1, doc="Roughness of the table.")
+    width: int = param(640, ge=16, le=8192, unit="px", doc="Width of the camera's picture.")
+
+
+class ComposeOut(NamedTuple):
+    files: UsdAsset
+
+
+@node("usd.compose", version="1", libraries=("usd-core", "OpenImageIO"))
+def compose(
+    ctx: Context,
+    light: EnvMap,
+    first: UsdAsset,
+    second: UsdAsset | None = None,
+    third: UsdAsset | None = None,
+    *,
+    p: ComposeParams,
+) -> ComposeOut:
+    """Assets side by side on a table top under one light, as a USD scene that references them; with a camera."""
+    from exmesh_graph.export.usd.compose import TableSettings, compose_on_table
+
+    given = {"first": first, "second": second, "third": third}
+    pieces = {name: files.root / files.main for name, files in given.items() if files is not None}
+    settings = TableSettings(
+        height=p.height, turn=p.turn, gap=p.gap, color=p.table_color, roughness=p.table_roughness, width=p.width
+    )
+    compose_on_table(ctx.scratch / "scene", pieces, light.radiance, settings)
+    return ComposeOut(UsdAsset(root=ctx.scratch / "scene", main="scene.usda"))
+
+
+class BlenderParams(Params):
+    python: str = param(doc="Path of a Python with bpy (docs/usd.md); not looked for anywhere else.")
+    cameras: tuple[str, ...] = param((), doc="Names of the file's cameras; none: the first `pictures` of them.")
+    pictures: int = param(3, ge=1, le=64, doc="How many cameras are rendered where `cameras` names none.")
+    samples: int = param(64, ge=1, unit="paths per pixel", doc="Cycles' samples.")
+    scale: float = param(1.0, gt=0, le=8, doc="Factor on the pictures' sides.")
+    background: bool = param(False, doc="Show the light behind the objects.")
+
+
+class BlenderOut(NamedTuple):
+    gallery: Gallery
+
+
+@node("use.blender", version="1", libraries=("usd-core", "OpenImageIO"), resources={"cpu": 0})
+def blender(ctx: Context, files: UsdAsset, *, p: BlenderParams) -> BlenderOut:
+    """Pictures of an exported file by Blender's Cycles, from the file's own cameras."""
+    from exmesh_graph.report.blender_gallery import blender_gallery
+
+    return BlenderOut(
+        blender_gallery(
+            ctx.scratch / "gallery", files.root / files.main, p.python, p.cameras, p.pictures,
+            samples=p.samples, scale=p.scale, background=p.background, threads=ctx.threads,
+        )
+    )  # fmt: skip
