@@ -2,6 +2,7 @@
 
 from typing import Literal, NamedTuple
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.graph.node import Context, Params, node, param
 from exmesh_graph.types import Asset, Frame, GltfAsset, Metrics, ObjAsset, UsdAsset, Views
 
@@ -114,3 +115,42 @@ def obj(ctx: Context, asset: Asset, frame: Frame | None = None, *, p: MapParams)
     maps = MapSettings(p.roughness_floor, p.dilation)
     write_textured_obj(ctx.scratch / "obj", asset, frame, name=p.name, maps=maps)
     return ObjOut(ObjAsset(root=ctx.scratch / "obj", main=f"{p.name}.obj"))
+
+
+class LodParams(Params):
+    share: float = param(0.25, gt=0, le=1, doc="Faces of the result, as a share of the asset's.")
+    texture_size: int = param(
+        0, ge=0, le=8192, unit="texels", doc="Side of the maps, a divisor of theirs; 0: as they are."
+    )
+    fit_pixels: bool = param(
+        False,
+        doc="Side of the maps at which a texel is no larger than a pixel in the wired views, for 95 % of the surface.",
+    )
+
+
+class LodOut(NamedTuple):
+    asset: Asset
+
+
+@node("export.lod", version="1", libraries=("scipy",))
+def lod(ctx: Context, asset: Asset, views: Views | None = None, *, p: LodParams) -> LodOut:
+    """A coarser level of detail: fewer faces on the same atlas, normals baked from the fine mesh, smaller maps.
+
+    Wire it into `mid` or `low` of export.usd; evaluate.asset tells what it costs in dB.
+    """
+    from exmesh_graph.export.lod import footprint_size, reduced
+
+    size = p.texture_size
+    if p.fit_pixels:
+        if views is None or size:
+            raise DataError(
+                "fit_pixels needs views, and texture_size left at 0", where=f"node {ctx.node}",
+                fix="wire views in, or give texture_size",
+            )  # fmt: skip
+        size = footprint_size(asset, views)
+    wanted = max(round(p.share * len(asset.faces)), 4)
+    result = reduced(asset, wanted, min(size, asset.base_color.shape[0]))
+    ctx.log(f"{len(asset.faces)} -> {len(result.faces)} faces, maps {result.base_color.shape[0]}")
+    if len(result.faces) > 1.1 * wanted:
+        ctx.warn(f"{len(result.faces)} faces are left of {wanted} wanted: seams of the atlas hold the others")
+    return LodOut(result)

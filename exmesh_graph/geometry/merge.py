@@ -116,7 +116,7 @@ def plan_merges(
     score, candidate, options = _candidates(vertices, faces, edges, seen, settings, rng)
     order = np.lexsort((candidate, score))
     halfedge = (3 * candidate[:, None] + options)[order]
-    removed, survivor, legal = _orient(state, edges, halfedge.reshape(-1), settings)
+    removed, survivor, legal = orient(state, edges, halfedge.reshape(-1), settings)
     legal &= link_condition(faces, edges, edges.face_edges.reshape(-1)[halfedge.reshape(-1)], len(vertices))
     start, around = incident_faces(faces, len(vertices))
     # Of each face the first edge that may collapse; several faces may ask for the same collapse: the first one counts.
@@ -124,7 +124,7 @@ def plan_merges(
     for option in range(halfedge.shape[1]):
         at = np.arange(len(halfedge)) * halfedge.shape[1] + option
         at = at[(choice < 0) & legal[at]]
-        at = at[_shape_is_kept(state, removed[at], survivor[at], settings, start, around)]
+        at = at[shape_is_kept(state, removed[at], survivor[at], settings, start, around)]
         choice[at // halfedge.shape[1]] = at
     choice = choice[choice >= 0]
     removed, survivor = removed[choice], survivor[choice]
@@ -200,13 +200,14 @@ def _candidates(
     return shape, face, np.argsort(relative - 2.0 * boundary, axis=1, kind="stable")
 
 
-def _orient(
-    state: Topology, edges: Edges, halfedge: np.ndarray, settings: MergeSettings
+def orient(
+    state: Topology, edges: Edges, halfedge: np.ndarray, settings: MergeSettings, prefer: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(removed, survivor, legal) for each edge.
 
-    The end of lower degree goes (paper), the higher index of equals; but a boundary vertex outlives an inner one, so
-    that the outline stays, and a seam vertex outlives an inner one of its chart, so that the seam stays.
+    The end of lower degree goes (paper), the higher index of equals, or the start where `prefer` bool [N] says so; but
+    a boundary vertex outlives an inner one, so that the outline stays, and a seam vertex outlives an inner one of its
+    chart, so that the seam stays.
     """
     faces, n = state.faces, len(state.vertices)
     flat = faces.reshape(-1)
@@ -222,7 +223,7 @@ def _orient(
     i_goes = np.where(
         fixed[i] != fixed[j],
         fixed[i] < fixed[j],
-        np.where(degree[i] != degree[j], degree[i] < degree[j], i > j),
+        np.where(degree[i] != degree[j], degree[i] < degree[j], i > j) if prefer is None else prefer,
     )
     edge = edges.face_edges.reshape(-1)[halfedge]
     legal = edges.count[edge] <= 2
@@ -254,7 +255,7 @@ def _outline_cosine(points: np.ndarray, faces: np.ndarray, border: np.ndarray) -
     return np.where(number == 0, 1.0, np.where((number == 1) & np.isfinite(cosine), cosine, -1.0))
 
 
-def _shape_is_kept(
+def shape_is_kept(
     state: Topology,
     removed: np.ndarray,
     survivor: np.ndarray,
