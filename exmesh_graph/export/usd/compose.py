@@ -164,8 +164,8 @@ def _define_table(stage: Usd.Stage, box: np.ndarray, settings: TableSettings) ->
     quads = 4 * np.arange(6)[:, None]
     faces = np.concatenate([quads + np.array(corners) for corners in ([0, 1, 2], [0, 2, 3])]).astype(np.int32)
     positions = np.array(points, np.float32)
-    a, b, c = (positions[faces[:6, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
+    first, second, third = (positions[faces[:6, k]] for k in range(3))
+    normals = np.cross(second - first, third - first)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     mesh = UsdGeom.Mesh.Define(stage, "/scene/table")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(positions))
