@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields
 
 import torch
 
+from exmesh_graph.types import PlanarGaussians
+
 SH_DEGREE = 3
 
 
@@ -26,6 +28,11 @@ class Gaussians:
     rotations: torch.Tensor
     opacities: torch.Tensor
     sh: torch.Tensor
+
+    @classmethod
+    def of(cls, artifact: PlanarGaussians, device: torch.device | str = "cpu") -> Gaussians:
+        """The wire's arrays as tensors of their own, which may be changed."""
+        return cls(**{field.name: torch.tensor(getattr(artifact, field.name), device=device) for field in fields(cls)})
 
     def __len__(self) -> int:
         return len(self.means)

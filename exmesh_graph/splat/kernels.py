@@ -3,7 +3,10 @@
 A Gaussian has mean p, rotation R, scales s, opacity o. With the camera's x_c = W p + t, pixel = A (x_c, y_c) / z_c + c:
 
     J = A [[1, 0, -u], [0, 1, -v]] / z_c,  (u, v) = (x_c, y_c) / z_c      local affine map (Zwicker et al. 2001, EWA)
-    M = J W R diag(s),   Sigma' = M M^T + BLUR I,   conic = Sigma'^-1
+    M = J W R diag(s),   Sigma' = M M^T + BLUR I,   conic = Sigma'^-1,   o' = o sqrt(det M M^T / det Sigma')
+
+The factor on the opacity keeps a Gaussian's contribution as it was before the blur (Yu et al. 2024, Mip-Splatting):
+without it, planes seen edge on would show half a pixel of rim, and the fit would shrink the object by as much.
 
 Its plane goes through the mean, square to the axis of the smallest scale: n = +-W R e_k turned to the camera, distance
 d = n . x_c < 0 (planar Gaussians: Chen et al. 2024). Colour is spherical harmonics in the direction camera -> mean.
@@ -33,7 +36,7 @@ ONE = wp.constant(REAL(1.0))
 TWO = wp.constant(REAL(2.0))
 THREE = wp.constant(REAL(3.0))
 FOUR = wp.constant(REAL(4.0))
-BLUR = wp.constant(REAL(0.3))
+BLUR = wp.constant(REAL(0.1))
 LEAST = wp.constant(REAL(1.0 / 255.0))
 MARGIN = wp.constant(REAL(0.15))
 """J is taken at a point at most this share of the picture outside it: far outside, the affine map is meaningless."""
@@ -188,7 +191,7 @@ def project(
     box: wp.array(dtype=wp.vec4i),
     depth: wp.array(dtype=REAL),
 ):
-    """Splat of each Gaussian: mean on screen, (conic a, b, c; opacity), (rgb, normal, distance, 1), pixel box.
+    """Splat of each Gaussian: mean on screen, (conic a, b, c; o'), (rgb, normal, distance, 1), pixel box.
 
     scales are logarithms, opacities logits, rotations need not be unit. Nothing is written for what is not drawn:
     behind `near`, outside the picture, fainter than 1/255, or not finite.
@@ -201,8 +204,7 @@ def project(
     s = Vec3(wp.exp(scales[g][0]), wp.exp(scales[g][1]), wp.exp(scales[g][2]))
     q = rotations[g]
     length = wp.length(q)
-    o = ONE / (ONE + wp.exp(-opacities[g]))
-    if not (length > ZERO and o >= LEAST):
+    if not length > ZERO:
         return
     r = rotation_of(q / length)
     rc = w * r
@@ -219,6 +221,9 @@ def project(
     det = wp.dot(both, both) + BLUR * (xx + yy) + BLUR * BLUR
     sum = det + x + y + xx + yy
     if sum - sum != ZERO:
+        return
+    o = wp.length(both) / wp.sqrt(det) / (ONE + wp.exp(-opacities[g]))
+    if o < LEAST:
         return
     reach = TWO * wp.log(o / LEAST)
     half_x = wp.sqrt(reach * (xx + BLUR))
@@ -404,11 +409,23 @@ def project_adjoint(
     s00 = -(h00 * a + h01 * b)
     s01 = -(h00 * b + h01 * c)
     s11 = -(h10 * b + h11 * c)
-    # Sigma' = M M^T : dL/dM = 2 dL/dSigma' M, with M = (t0; t1) diag(s)
+    # Sigma' = M M^T + ... : dL/dM = 2 dL/dSigma' M, with M = (t0; t1) diag(s)
     m0 = Vec3(t0[0] * s[0], t0[1] * s[1], t0[2] * s[2])
     m1 = Vec3(t1[0] * s[0], t1[1] * s[1], t1[2] * s[2])
     g0 = TWO * (s00 * m0 + s01 * m1)
     g1 = TWO * (s01 * m0 + s11 * m1)
+    # o' = o |c| / sqrt(det), c = m0 x m1, det = |c|^2 + BLUR (|m0|^2 + |m1|^2) + BLUR^2
+    both = wp.cross(m0, m1)
+    area = wp.length(both)
+    det = area * area + BLUR * (wp.dot(m0, m0) + wp.dot(m1, m1)) + BLUR * BLUR
+    share = area / wp.sqrt(det)
+    o = ONE / (ONE + wp.exp(-opacities[g]))
+    grad_opacities[g] = grad[13] * share * o * (ONE - o)
+    by_share = grad[13] * o / wp.sqrt(det)
+    by_both = (by_share * (ONE - area * area / det) / area) * both
+    by_trace = by_share * area * BLUR / det
+    g0 += wp.cross(m1, by_both) - by_trace * m0
+    g1 += wp.cross(by_both, m0) - by_trace * m1
     grad_scales[g] = Vec3(g0[0] * m0[0] + g1[0] * m1[0], g0[1] * m0[1] + g1[1] * m1[1], g0[2] * m0[2] + g1[2] * m1[2])
     g0 = Vec3(g0[0] * s[0], g0[1] * s[1], g0[2] * s[2])
     g1 = Vec3(g1[0] * s[0], g1[1] * s[1], g1[2] * s[2])
@@ -444,9 +461,6 @@ def project_adjoint(
     gd = harmonics_adjoint(d, degree, sh, g, gcol, grad_sh)
     grad_means[g] = wp.transpose(w) * gp + (gd - wp.dot(gd, d) * d) / far
 
-    o = shape[g][3]
-    grad_opacities[g] = grad[13] * o * (ONE - o)
-
     # rotation matrix -> unit quaternion -> raw quaternion
     gr = wp.transpose(w) * grad_rc
     qw = q[0]
@@ -463,3 +477,33 @@ def project_adjoint(
         - TWO * v * (gr[0, 0] + gr[1, 1]),
     )  # fmt: skip
     grad_rotations[g] = (gq - wp.dot(gq, q) * q) / length
+
+
+@wp.kernel
+def adam(
+    value: wp.array2d(dtype=REAL),
+    grad: wp.array2d(dtype=REAL),
+    m: wp.array2d(dtype=REAL),
+    v: wp.array2d(dtype=REAL),
+    steps: wp.array(dtype=REAL),
+    seen: wp.array(dtype=wp.bool),
+    rate: REAL,
+    rate_rest: REAL,
+    epsilon: REAL,
+):
+    """Adam on the rows that are seen; `rate_rest` holds from column 3 on."""
+    g = wp.tid()
+    if not seen[g]:
+        return
+    first = ONE - wp.pow(REAL(0.9), steps[g])
+    second = ONE - wp.pow(REAL(0.999), steps[g])
+    for c in range(value.shape[1]):
+        d = grad[g, c]
+        a = REAL(0.9) * m[g, c] + REAL(0.1) * d
+        b = REAL(0.999) * v[g, c] + REAL(0.001) * d * d
+        m[g, c] = a
+        v[g, c] = b
+        r = rate
+        if c > 2:
+            r = rate_rest
+        value[g, c] = value[g, c] - r * (a / first) / (wp.sqrt(b / second) + epsilon)

@@ -61,9 +61,11 @@ def blend(
     out: wp.array(dtype=Vec8),
     left: wp.array(dtype=REAL),
     last: wp.array(dtype=wp.int32),
+    middle: wp.array(dtype=wp.int32),
     weights: wp.array(dtype=REAL),
 ):
-    """`out` [P] sums of w f; `left` [P] transmittance (1 before); `last` [P] one past the last entry that was blended.
+    """`out` [P] sums of w f; `left` [P] transmittance (1 before); `last` [P] one past the last entry that was blended;
+    `middle` [P] the Gaussian at which transmittance falls below 1/2 (-1 before).
 
     `weights` [slots] receives each slot's sum of w: what the splat contributes to the picture.
     """
@@ -99,6 +101,8 @@ def blend(
                 w = t * alpha
                 out[pixel] = out[pixel] + w * f
                 total += w
+                if t >= HALF and t * (ONE - alpha) < HALF:
+                    middle[pixel] = g
                 t = t * (ONE - alpha)
                 left[pixel] = t
                 last[pixel] = e + 1

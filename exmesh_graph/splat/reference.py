@@ -6,9 +6,10 @@ import torch
 
 from exmesh_graph.raster.camera import pixel_centres
 from exmesh_graph.splat.gaussians import Gaussians, rotation_matrices
+from exmesh_graph.splat.harmonics import harmonics
 from exmesh_graph.splat.render import NEAR
 
-_BLUR, _LEAST, _MOST, _OPAQUE, _MARGIN = 0.3, 1 / 255, 0.99, 1e-4, 0.15
+_BLUR, _LEAST, _MOST, _OPAQUE, _MARGIN = 0.1, 1 / 255, 0.99, 1e-4, 0.15
 
 
 def render_reference(
@@ -28,7 +29,7 @@ def render_reference(
     points = gaussians.means @ rotation.T + shift
     depth = points[:, 2]
     opacity = torch.sigmoid(gaussians.opacities)
-    keep = torch.nonzero((depth > near) & (opacity >= _LEAST))[:, 0]
+    keep = torch.nonzero(depth > near)[:, 0]
     keep = keep[torch.argsort(depth[keep], stable=True)]
     points, opacity = points[keep], opacity[keep]
     world = rotation_matrices(gaussians.rotations[keep])
@@ -39,7 +40,9 @@ def render_reference(
     slope = torch.stack([_held(points[:, :2] / points[:, 2:], matrix, height, width)[:, i] for i in (0, 1)], dim=1)
     flat = torch.cat([torch.eye(2, dtype=dtype).expand(len(keep), 2, 2), -slope[:, :, None]], dim=2)
     jacobian = matrix[:2, :2] @ flat / points[:, 2, None, None]
-    spread = jacobian @ covariance @ jacobian.mT + _BLUR * torch.eye(2, dtype=dtype)
+    sharp = jacobian @ covariance @ jacobian.mT
+    spread = sharp + _BLUR * torch.eye(2, dtype=dtype)
+    opacity = opacity * (_determinant(sharp) / _determinant(spread)).clamp(min=1e-30).sqrt()
     conic = torch.linalg.inv(spread)
     centre = (points[:, :2] / points[:, 2:]) @ matrix[:2, :2].T + matrix[:2, 2]
 
@@ -64,29 +67,8 @@ def render_reference(
     return (weight @ feature).view(height, width, 8)
 
 
-def harmonics(direction: torch.Tensor) -> torch.Tensor:
-    """[G, 16] real harmonics to degree 3 at unit directions [G, 3]; (l, m) in order, Condon-Shortley signs."""
-    x, y, z = direction.unbind(1)
-    pi = torch.pi
-    return torch.stack(
-        [
-            torch.full_like(x, (1 / (4 * pi)) ** 0.5),
-            *((3 / (4 * pi)) ** 0.5 * t for t in (-y, z, -x)),
-            (15 / (4 * pi)) ** 0.5 * x * y,
-            -((15 / (4 * pi)) ** 0.5) * y * z,
-            (5 / (16 * pi)) ** 0.5 * (2 * z * z - x * x - y * y),
-            -((15 / (4 * pi)) ** 0.5) * x * z,
-            (15 / (16 * pi)) ** 0.5 * (x * x - y * y),
-            -((35 / (32 * pi)) ** 0.5) * y * (3 * x * x - y * y),
-            (105 / (4 * pi)) ** 0.5 * x * y * z,
-            -((21 / (32 * pi)) ** 0.5) * y * (4 * z * z - x * x - y * y),
-            (7 / (16 * pi)) ** 0.5 * z * (2 * z * z - 3 * x * x - 3 * y * y),
-            -((21 / (32 * pi)) ** 0.5) * x * (4 * z * z - x * x - y * y),
-            (105 / (16 * pi)) ** 0.5 * z * (x * x - y * y),
-            -((35 / (32 * pi)) ** 0.5) * x * (x * x - 3 * y * y),
-        ],
-        dim=1,
-    )
+def _determinant(m: torch.Tensor) -> torch.Tensor:
+    return m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] * m[:, 1, 0]
 
 
 def _held(slope: torch.Tensor, matrix: torch.Tensor, height: int, width: int) -> torch.Tensor:

@@ -29,12 +29,14 @@ class Drawn:
 
     box       int32 [G, 4], first and last column and row reached (x0, y0, x1, y1); x1 < x0 where not drawn
     weight    [G], sum over the pixels of the blending weight: 0 for what is not seen
+    middle    int32 [H, W], the Gaussian at which half of the light is gone; -1 where less than half is covered
     gradient  [G, 2], filled by the backward pass: |dL/d(x, y)| on screen of the mean in pixels, and the length of the
               sums over pixels of |dL/dx| and |dL/dy|, which do not cancel (the absolute-gradient rule)
     """
 
     box: torch.Tensor
     weight: torch.Tensor
+    middle: torch.Tensor
     gradient: torch.Tensor
 
     @property
@@ -92,6 +94,7 @@ def render(
     drawn = Drawn(
         torch.zeros((len(gaussians), 4), dtype=torch.int32, device=device),
         gaussians.means.new_zeros(len(gaussians)),
+        torch.full((height, width), -1, dtype=torch.int32, device=device),
         gaussians.means.new_zeros((len(gaussians), 2)),
     )
     view = (camera.to(gaussians.means.dtype), height, width, near, degree, tile or TILE[device.type])
@@ -137,7 +140,9 @@ class _Splat(torch.autograd.Function):
                 lists = (pairs.start, pairs.sorted, pairs.of, screen, shape, feature, drawn.box)
                 weights = means.new_zeros(len(pairs.of))
                 size = (pairs.tile, pairs.across, height, width)
-                launch(blending.blend, len(pairs.start) - 1, *lists, *size, out, left, last, weights)
+                launch(
+                    blending.blend, len(pairs.start) - 1, *lists, *size, out, left, last, drawn.middle.view(-1), weights
+                )
                 launch(splats.sum_slots, len(pairs.order), pairs.order, pairs.first, weights, drawn.weight)
                 ctx.pairs = pairs
                 ctx.lists, ctx.rest, ctx.drawn = lists, (left, last), drawn

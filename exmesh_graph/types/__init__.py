@@ -2,6 +2,7 @@
 
 from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
 from exmesh_graph.types.asset import Asset, EnvMap
+from exmesh_graph.types.gaussians import PlanarGaussians, PointCloud
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
 from exmesh_graph.types.needs import Decision, SceneNeeds, decided
 from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, UsdAsset
@@ -22,6 +23,8 @@ __all__ = [
     "Mesh",
     "Metrics",
     "ObjAsset",
+    "PlanarGaussians",
+    "PointCloud",
     "SceneNeeds",
     "SceneTruth",
     "Stage1State",

@@ -20,6 +20,8 @@ from exmesh_graph.types import (
     Gallery,
     Mesh,
     Metrics,
+    PlanarGaussians,
+    PointCloud,
     SceneNeeds,
     SceneTruth,
     Stage1State,
@@ -53,6 +55,8 @@ def _examples(folder: Path) -> list[Artifact]:
     (folder / "pictures").mkdir(parents=True)
     (folder / "pictures" / "a.png").write_bytes(b"\x89PNG\x00")
     return [
+        PlanarGaussians(noise(3, 3), noise(3, 3), noise(3, 4), noise(3), noise(3, 4, 3)),
+        PointCloud(noise(5, 3), noise(5, 3)),
         SceneNeeds(
             {
                 "bounces": Decision(2, 0.31, 0.04, 1.2, "It pays.", {"concavity": 0.2}),
