@@ -74,11 +74,13 @@ def sweep_table(
 
 
 def write_sweep(folder: Path, table: Mapping[str, Any]) -> Path:
-    """sweep.json, sweep.csv and the self-contained sweep.html; returns the path of the page."""
+    """sweep.json, sweep.csv, sweep.md and the self-contained sweep.html; returns the path of the page."""
+    from exmesh_graph.report.sweep_markdown import sweep_markdown
     from exmesh_graph.report.sweep_page import render_sweep
 
     _replace(folder / "sweep.json", json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     _replace(folder / "sweep.csv", sweep_csv(table))
+    _replace(folder / "sweep.md", sweep_markdown(table))
     _replace(folder / "sweep.html", render_sweep(table))
     return folder / "sweep.html"
 

@@ -178,3 +178,17 @@ def test_texts() -> None:
     assert verdict({"better": "lower"}, {"difference": 1.0, "exceeds": True}) == "worse"
     assert verdict({"better": ""}, {"difference": 1.0, "exceeds": None}) == "other"
     assert verdict({"better": "lower"}, {"difference": 1.0, "exceeds": False}) == "same"
+
+
+def test_the_markdown_table_marks_what_exceeds_the_spread_and_says_why_a_row_failed(sweep: Any, tmp_path: Path) -> None:
+    table = table_of(sweep)
+    write_sweep(tmp_path, table)
+    head, rule, *rows = (tmp_path / "sweep.md").read_text().splitlines()
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in (head, rule, *rows[:4])]
+    assert {len(row) for row in cells} == {len(cells[0])}
+    column = next(k for k, name in enumerate(cells[0]) if name.startswith("PSNR"))
+    assert [row[0] for row in cells[2:]] == ["`base`", "`good`", "`odd`", "`bad`"]
+    assert cells[3][column].startswith("36")
+    assert cells[3][column].endswith("▲")
+    assert "▲" not in rows[0]
+    assert "no rays left" in rows[3]
