@@ -1,4 +1,4 @@
-"""`exmesh check-usd`: judging finished assets."""
+"""`exmesh check-usd` and `exmesh view`: judging and looking at finished assets."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import typer
 def register(app: typer.Typer) -> None:
     """Add the commands."""
     app.command("check-usd")(check_usd)
+    app.command()(view)
 
 
 def check_usd(
@@ -40,3 +41,41 @@ def check_usd(
             typer.echo(f"{file}: {problem}")
         typer.echo(f"{len(files)} file{'s'[: len(files) > 1]}, {errors} errors, {warnings} warnings")
     raise typer.Exit(1 if errors else 0)
+
+
+def view(
+    run: Annotated[Path, typer.Argument(help="A run folder, or a USD file with its light.")] = Path("runs/latest"),
+    light: Annotated[
+        list[Path] | None, typer.Option("--light", metavar="FILE", help="A further lat-long EXR or HDR; repeatable.")
+    ] = None,
+    convention: Annotated[str, typer.Option(help="Of these files: openexr or blender.")] = "openexr",
+    out: Annotated[Path | None, typer.Option("--out", help="The page (default: view.html beside the asset).")] = None,
+    show: Annotated[bool, typer.Option("--open/--no-open", help="Open it in the browser.")] = True,
+) -> None:
+    """Write one page that shows the asset under its light in any browser, without a network."""
+    import webbrowser
+
+    from exmesh_graph.errors import DataError, ExmeshError
+    from exmesh_graph.export.usd import read_usd
+    from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
+    from exmesh_graph.view.page import view_page
+
+    if convention not in ("openexr", "blender"):
+        raise ExmeshError(f"unknown convention {convention!r}", expected="openexr or blender")
+    file = run
+    if run.is_dir():
+        found = [path for path in sorted(run.glob("*.usdz")) if not path.stem.endswith("_ar")]
+        if not found:
+            raise DataError("the run holds no USD package", where=str(run), fix="give a .usdz or scene.usda file")
+        file = found[0]
+    if not file.is_file():
+        raise DataError("the file does not exist", where=str(file), fix="exmesh status lists the runs")
+    lights = {path.stem: read_environment(path) for path in light or ()}
+    if convention == "blender":
+        lights = {name: canonical_from_blender(radiance) for name, radiance in lights.items()}
+    page = view_page(read_usd(file).asset(), file.resolve().parent.name, lights)
+    target = (out or file.with_name("view.html")).resolve()
+    target.write_text(page, encoding="utf-8")
+    typer.echo(str(target))
+    if show:
+        webbrowser.open(target.as_uri())

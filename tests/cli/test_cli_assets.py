@@ -41,3 +41,14 @@ def test_good_and_broken_files(exmesh: Callable[..., Any], tmp_path: Path) -> No
         ("out/asset.usda", "colorSpace"),
         ("none.usdc", "open"),
     ]
+
+
+def test_view_writes_one_page_beside_the_asset(exmesh: Callable[..., Any], tmp_path: Path) -> None:
+    write_usd(tmp_path / "out", small_asset())
+    shown = exmesh("view", "out", "--no-open", "--light", "out/env.exr").stdout
+    assert shown.strip() == str(tmp_path / "out" / "view.html")
+    page = (tmp_path / "out" / "view.html").read_text()
+    assert '"name": "env"' in page
+    assert exmesh("view", "out/scene.usda", "--no-open", "--out", "page.html").stdout.strip().endswith("page.html")
+    assert "no USD package" in exmesh("view", ".", "--no-open", code=1).stderr
+    assert "no dome light" in exmesh("view", "out/asset.usda", "--no-open", code=1).stderr

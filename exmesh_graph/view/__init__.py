@@ -1,0 +1,1 @@
+"""A page that shows an asset in any browser, without a network."""
