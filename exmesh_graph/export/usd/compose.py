@@ -196,7 +196,7 @@ def _camera(length: float, depth: float, settings: TableSettings) -> CameraConte
     width, height = settings.width, round(settings.width * 0.6)
     focal = 1.6 * width
     middle = np.array([length / 2, 0.42 * settings.height, 0.0])
-    reach = max(length + 0.35 * settings.height, 1.25 * settings.height / 0.6)
+    reach = max(length + 0.5 * settings.height, 1.4 * settings.height / 0.6)
     distance = reach * focal / width + depth / 2
     back = np.array([0.0, math.sin(settings.elevation), math.cos(settings.elevation)])
     matrix = np.eye(4)
