@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.export.blender import BlenderSettings, compare_with_blender, render_in_blender
+from exmesh_graph.export.lod import reduced
 from exmesh_graph.export.usd import ExportSettings, read_usd, write_usd
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import srgb_to_linear
@@ -37,6 +38,7 @@ def main() -> None:
     parser.add_argument("--bpy", required=True, type=Path, help="a Python in which bpy 5 is installed")
     parser.add_argument("--samples", type=int, default=64)
     parser.add_argument("--quick", action="store_true", help="16 samples; the file as it is and one control")
+    parser.add_argument("--row", default="", help="only rows whose label holds this")
     parser.add_argument("--picture", type=Path, help="write Blender | ours | photograph | 4 x difference here")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -48,6 +50,8 @@ def main() -> None:
     for number, (label, row) in enumerate(variations(asset, scene.frame).items()):
         if options.quick and label not in ("scene.usda", "control: light turned 20 degrees"):
             continue
+        if options.row not in label:
+            continue
         with tempfile.TemporaryDirectory(prefix="exmesh-blender-") as folder:
             figures = judge(Path(folder), scene.test, settings, **row)
         if number == 0:
@@ -58,7 +62,7 @@ def main() -> None:
             f"  gain {' '.join(f'{g:.3f}' for g in figures['gain'])}",
             flush=True,
         )
-    for label, degrees in light_errors(asset, settings).items():
+    for label, degrees in ({} if options.row else light_errors(asset, settings)).items():
         print(f"direction of the light, {label:<11}{degrees:8.4f} degrees", flush=True)
         rows[f"light {label}"] = degrees
     if options.json:
@@ -86,6 +90,12 @@ def variations(asset: Asset, frame: Frame) -> dict[str, dict]:
         "turned 50 degrees, twice the size": {"asset": asset, "frame": Frame(turn, np.eye(4))},
         "principal point off by 20 %": {"asset": asset, "frame": frame, "shift": 0.2},
         "shading=base_only": {"asset": asset, "frame": frame, "variants": {"shading": "base_only"}},
+        "lod=low (a quarter of the faces)": {
+            "asset": asset,
+            "frame": frame,
+            "lods": {"low": reduced(asset, len(asset.faces) // 4)},
+            "variants": {"lod": "low"},
+        },
         "normal map": {"asset": replace(asset, normal=bumps), "frame": frame},
         "normal map, shading=no_normal": {
             "asset": replace(asset, normal=bumps),
@@ -106,6 +116,7 @@ def judge(
     frame: Frame,
     file: str = "scene.usda",
     up_axis: str = "Y",
+    lods: dict | None = None,
     variants: dict | None = None,
     shift: float = 0.0,
     swap: np.ndarray | None = None,
@@ -117,7 +128,7 @@ def judge(
         intrinsics[:, 1, 2] -= shift * views.height / 2
         views = replace(views, intrinsics=intrinsics)
     options = ExportSettings(up_axis="Z" if up_axis == "Z" else "Y")
-    write_usd(folder / "usd", asset, frame, views, settings=options)
+    write_usd(folder / "usd", asset, frame, views, lods=lods, settings=options)
     figures = compare_with_blender(folder / "usd" / file, settings, views.names[0], variants)
     if swap is not None:
         write_usd(folder / "swapped", replace(asset, environment=swap), frame, views, settings=options)
