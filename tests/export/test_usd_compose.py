@@ -44,6 +44,8 @@ def test_pieces_stand_side_by_side_under_one_light(pieces, tmp_path):
     assert np.isclose(box["theirs"][0, 0] - box["ours"][1, 0], 0.2 * 0.4, atol=0.15)  # boxes of turned boxes are wider
     domes = [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI)]
     assert [str(prim.GetPath()) for prim in domes] == ["/scene/environment"]
+    # the package lies there unpacked: Blender mixes up equally named pictures of several packages
+    assert (tmp_path / "scene" / "theirs" / "textures" / "base_color.png").is_file()
     width = np.ptp(box["theirs"][:, 0])
     assert np.isclose(width, 0.8, atol=1e-4)  # flat as it is, twice as wide as high: it was turned upright
 

@@ -22,7 +22,7 @@ def test_a_package_from_disk_and_our_own_asset_on_one_table(scene, context, tmp_
     table = dcc.compose(context, light, ours, other, p=dcc.ComposeParams(turn=(0.2, 0.4))).files
     assert [p for p in validate_usd(table.root / table.main) if p.level == "error"] == []
     assert (table.root / "first" / "ours.usda").is_file()  # the component, without its light
-    assert (table.root / "second" / "other.usdz").is_file()
+    assert (table.root / "second" / "scene.usda").is_file()  # unpacked
     with pytest.raises(DataError, match="cannot be started"):
         dcc.blender(context, table, p=dcc.BlenderParams(python=str(tmp_path / "none")))
 

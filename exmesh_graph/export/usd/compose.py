@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import shutil
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,8 +135,12 @@ def _reference(
         for part in (file.name, "payload.usda", "geo.usdc", "mtl.usda"):
             shutil.copyfile(file.with_name(part), target / part)
         shutil.copytree(file.parent / "textures", target / "textures")
+        layer = file.name
+    elif file.suffix == ".usdz":
+        layer = _unpack(file, target)
     else:
         shutil.copyfile(file, target / file.name)
+        layer = file.name
     holder = UsdGeom.Xform.Define(stage, f"/scene/{name}")
     holder.AddTranslateOp().Set(offset)
     holder.AddRotateYOp().Set(math.degrees(turn))
@@ -143,10 +148,21 @@ def _reference(
     model = UsdGeom.Xform.Define(stage, f"/scene/{name}/model")
     if not upright:
         model.AddRotateXOp(opSuffix="upright").Set(-90)
-    model.GetPrim().GetReferences().AddReference(f"./{name}/{file.name}")
+    model.GetPrim().GetReferences().AddReference(f"./{name}/{layer}")
     for prim in Usd.PrimRange(model.GetPrim()):
         if prim.HasAPI(UsdLux.LightAPI) or prim.IsA(UsdGeom.Camera):
             prim.SetActive(False)
+
+
+def _unpack(package: Path, target: Path) -> str:
+    """Unpack a package and name its root layer.
+
+    Blender's importer unpacks pictures by their base names: two packages with a base_color.png in one scene would both
+    show the first one's.
+    """
+    with zipfile.ZipFile(package) as archive:
+        archive.extractall(target)  # keeps within the folder, whatever the members are called
+        return archive.namelist()[0]
 
 
 def _define_table(stage: Usd.Stage, box: np.ndarray, settings: TableSettings) -> None:
