@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.graph.node import Context, Params, facets, node, param
-from exmesh_graph.types import DepthMaps, Frame, SceneTruth, Views
+from exmesh_graph.types import DepthMaps, Frame, LitViews, SceneTruth, Views
 
 Up = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -158,6 +158,76 @@ def idr(ctx: Context, *, p: IdrParams) -> ViewsOut:
     for note in scene.notes:
         ctx.warn(note)
     return ViewsOut(scene.train, scene.test, scene.frame)
+
+
+class Synthetic4RelightParams(Params):
+    path: Path = param(doc="Folder of a scene, with transforms_train.json and test_rli/; envmaps/ in it or beside it.")
+    lights: tuple[str, ...] = param(("envmap6", "envmap12"), doc="Relit test pictures that are scored.")
+    downscale: int = param(1, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
+    max_views: int = param(0, ge=0, unit="views", doc="Keep at most so many training views, evenly spread; 0 = all.")
+    max_test_views: int = param(0, ge=0, unit="views", doc="Keep at most so many test views; 0 = all.")
+
+
+def _s4r_options(p: Synthetic4RelightParams):
+    from exmesh_graph.io.synthetic4relight import Synthetic4RelightOptions
+
+    return Synthetic4RelightOptions(**{n: getattr(p, n) for n in Synthetic4RelightParams.model_fields if n != "path"})
+
+
+def _s4r_sources(p: Synthetic4RelightParams) -> Mapping[str, Path]:
+    from exmesh_graph.io.synthetic4relight import synthetic4relight_files
+
+    return synthetic4relight_files(p.path, _s4r_options(p))
+
+
+@node("data.synthetic4relight", version="1", libraries=_PICTURES, sources=_s4r_sources)
+def synthetic4relight(ctx: Context, *, p: Synthetic4RelightParams) -> BlenderOut:
+    """A scene of Synthetic4Relight: linear training pictures, test views with materials, relit pictures."""
+    from exmesh_graph.io.synthetic4relight import load_synthetic4relight
+
+    scene = load_synthetic4relight(p.path, _s4r_options(p))
+    for note in scene.notes:
+        ctx.warn(note)
+    return BlenderOut(scene.train, scene.test, scene.frame, scene.truth or SceneTruth(names=()))
+
+
+class OrbParams(Params):
+    path: Path = param(doc="Folder of a capture, blender_HDR/<object>_scene00x; ground_truth/ beside blender_HDR/.")
+    downscale: int = param(4, ge=1, le=16, doc="Reduce by this factor; the benchmark scores 2048 / 4 pixels.")
+    max_views: int = param(0, ge=0, unit="views", doc="Keep at most so many training views, evenly spread; 0 = all.")
+    max_test_views: int = param(0, ge=0, unit="views", doc="Keep at most so many test views; 0 = all.")
+    max_novel_views: int = param(0, ge=0, unit="views", doc="Keep at most so many views under other lights; 0 = all.")
+
+
+class OrbOut(NamedTuple):
+    train: Train
+    test: Test
+    frame: Frame
+    truth: SceneTruth
+    novel: LitViews
+
+
+def _orb_options(p: OrbParams):
+    from exmesh_graph.io.stanford_orb import OrbOptions
+
+    return OrbOptions(**{n: getattr(p, n) for n in OrbParams.model_fields if n != "path"})
+
+
+def _orb_sources(p: OrbParams) -> Mapping[str, Path]:
+    from exmesh_graph.io.stanford_orb import orb_files
+
+    return orb_files(p.path, _orb_options(p))
+
+
+@node("data.stanford_orb", version="1", libraries=_PICTURES, sources=_orb_sources)
+def stanford_orb(ctx: Context, *, p: OrbParams) -> OrbOut:
+    """A capture of Stanford-ORB: HDR photographs, scanned truth, and views under two other measured lights."""
+    from exmesh_graph.io.stanford_orb import load_orb
+
+    scene, novel = load_orb(p.path, _orb_options(p))
+    for note in scene.notes:
+        ctx.warn(note)
+    return OrbOut(scene.train, scene.test, scene.frame, scene.truth or SceneTruth(names=()), novel)
 
 
 class DepthFilesParams(Params):

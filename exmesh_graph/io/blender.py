@@ -2,7 +2,8 @@
 
 scene/transforms_train.json, transforms_test.json (or transforms.json): frames of {file_path, transform_matrix}, with
 `camera_angle_x` or `fl_x, fl_y, cx, cy, w, h` for all frames or each. `file_path` may lack its ending; `train/000`
-stands for train/000_rgba.exr, 000_rgba.png, 000.exr, 000.png or 000.jpg.
+stands for train/000_rgba.exr, 000_rgb.exr, 000.exr, 000_rgba.png, 000.png or 000.jpg. A picture without alpha takes its
+mask from train/000_mask.png where that is there.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 Hdr = Literal["auto", "true", "false"]
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 _ENDINGS = {
-    "auto": ("_rgba.exr", ".exr", "_rgba.png", ".png", ".jpg", ".jpeg"),
-    "true": ("_rgba.exr", ".exr"),
+    "auto": ("_rgba.exr", "_rgb.exr", ".exr", "_rgba.png", ".png", ".jpg", ".jpeg"),
+    "true": ("_rgba.exr", "_rgb.exr", ".exr"),
     "false": ("_rgba.png", ".png", ".jpg", ".jpeg"),
 }
 
@@ -55,11 +56,11 @@ def list_blender(path: Path, options: BlenderOptions) -> tuple[list[Shot], list[
     train_file = folder / "transforms_train.json"
     if not train_file.is_file():
         train_file = folder / "transforms.json"
-    train = _read_frames(folder, train_file, options.hdr)
+    train = read_frames(folder, train_file, options.hdr)
     test_file = folder / "transforms_test.json"
     test: list[Shot] = []
     if options.test != "holdout" and (test_file.is_file() or options.test == "file"):
-        test = _read_frames(folder, test_file, options.hdr)
+        test = read_frames(folder, test_file, options.hdr)
     own = len(test) >= options.min_test_views or (options.test == "file" and len(test) > 0)
     if not own:
         kept, held = hold_out(len(train), options.holdout, options.holdout // 2)
@@ -105,7 +106,8 @@ def blender_files(path: Path, options: BlenderOptions) -> dict[str, Path]:
     return relative_names(folder, files)
 
 
-def _read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
+def read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
+    """The shots a transforms file lists, pictures below `folder`. DataError names file and frame."""
     content = read_json(file)
     frames = content.get("frames") if isinstance(content, dict) else None
     if not frames:
@@ -115,7 +117,7 @@ def _read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
     shots = []
     for index, frame in enumerate(frames):
         try:
-            shots.append(_read_frame(folder, file, index, {**content, **frame}, hdr))
+            shots.append(read_frame(folder, file, index, {**content, **frame}, hdr))
         except (KeyError, ValueError, TypeError) as error:
             raise DataError(
                 f"the frame cannot be read ({type(error).__name__}: {error})", where=f"{file}, frame {index}",
@@ -124,7 +126,8 @@ def _read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
     return shots
 
 
-def _read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr: Hdr) -> Shot:
+def read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr: Hdr) -> Shot:
+    """One entry of a transforms file, together with what the file says for all."""
     where = f"{file}, frame {index}"
     stem = str(frame["file_path"]).removeprefix("./")
     pose = np.array(frame["transform_matrix"], dtype=np.float64)
@@ -137,7 +140,7 @@ def _read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr
         raise DataError(f"the camera has lens distortion ({', '.join(bent)})", where=where,
                         expected="undistorted images", fix="undistort them (colmap image_undistorter)")  # fmt: skip
     image = _resolve(folder / stem, hdr)
-    mask = image.with_name(image.name.removesuffix(image.suffix).removesuffix("_rgba") + "_mask.png")
+    mask = image.with_name(image.stem.removesuffix("_rgba").removesuffix("_rgb") + "_mask.png")
     size = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else None
     shot = Shot(
         name=stem.removesuffix(".png").removesuffix(".jpg").removesuffix(".exr").replace("/", "_"),

@@ -7,7 +7,7 @@ from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
 from exmesh_graph.types.needs import Decision, SceneNeeds, decided
 from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, UsdAsset
 from exmesh_graph.types.transport import Transport
-from exmesh_graph.types.views import DepthMaps, Frame, SceneTruth, Views
+from exmesh_graph.types.views import DepthMaps, Frame, LitViews, SceneTruth, Views
 
 __all__ = [
     "Artifact",
@@ -20,6 +20,7 @@ __all__ = [
     "Frame",
     "Gallery",
     "GltfAsset",
+    "LitViews",
     "Mesh",
     "Metrics",
     "ObjAsset",

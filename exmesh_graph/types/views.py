@@ -90,6 +90,28 @@ class Views(Artifact):
 
 
 @dataclass(frozen=True, eq=False)
+class LitViews(Views):
+    """Photographs that each have a measured light of their own, for scoring under it: never an input of a fit.
+
+    environments  float32 [N, h, w, 3], canonical lat-long (types.EnvMap) in the normalised world
+    """
+
+    type_name: ClassVar[str] = "LitViews"
+    environments: np.ndarray | None = None
+
+    def save(self, folder: Path) -> None:
+        super().save(folder)
+        (folder / "lights").mkdir()
+        save_arrays(folder / "lights", {"environments": self.environments}, {})
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        lights, _ = load_arrays(folder / "lights")
+        return cls(names=tuple(meta.pop("names")), **arrays, **meta, **lights)
+
+
+@dataclass(frozen=True, eq=False)
 class Frame(Artifact):
     """The recorded similarity between the normalised world and the scene's own units.
 
@@ -153,6 +175,8 @@ class SceneTruth(Artifact):
     names           the M test views the maps below belong to
     albedo          float32 [M, H, W, 3] linear, averaged over the covered part of a pixel, or None
     roughness       float32 [M, H, W] or None
+    depth           float32 [M, H, W] along the camera's z axis in normalised units, 0 where unknown, or None
+    normal          float32 [M, H, W, 3], unit, OpenCV camera axes, 0 where unknown, or None
     environment     float32 [h, w, 3] canonical lat-long (types.EnvMap), the training light, or None
     relit           name -> (environment float32 [h, w, 3], images float32 [M, H, W, 3] linear premultiplied)
     relit_alpha     name -> float32 [M, H, W]
@@ -167,8 +191,12 @@ class SceneTruth(Artifact):
     environment: np.ndarray | None = None
     relit: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     relit_alpha: dict[str, np.ndarray] = field(default_factory=dict)
+    depth: np.ndarray | None = None
+    normal: np.ndarray | None = None
 
-    _plain: ClassVar[tuple[str, ...]] = ("mesh_vertices", "mesh_faces", "albedo", "roughness", "environment")
+    _plain: ClassVar[tuple[str, ...]] = (
+        "mesh_vertices", "mesh_faces", "albedo", "roughness", "depth", "normal", "environment",
+    )  # fmt: skip
 
     def save(self, folder: Path) -> None:
         arrays = {name: getattr(self, name) for name in self._plain if getattr(self, name) is not None}
