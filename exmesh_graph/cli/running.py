@@ -50,6 +50,7 @@ def run_graph(
         typer.echo(f"  again: exmesh report {folder.path}", err=True)
         code = 1
     summary(folder.path, record)
+    show_benchmarks(folder.path, record, store)
     return code
 
 
@@ -70,6 +71,17 @@ def make_report(folder: Path, record: Mapping[str, Any], store: Store) -> None:
     from exmesh_graph.report import build_report
 
     build_report(folder, record, loader(store))
+
+
+def show_benchmarks(folder: Path, record: Mapping[str, Any], store: Store) -> None:
+    """Print the paper's table of every benchmark that the run scored, and write it as <table>.md into its folder."""
+    from exmesh_graph.report.published import as_markdown, as_text, collect_benchmarks, paper_table
+
+    scored = collect_benchmarks(record, loader(store))
+    for name in dict.fromkeys(entry["table"] for entry in scored):
+        rows = paper_table(name, [entry for entry in scored if entry["table"] == name])
+        (folder / f"{name}.md").write_text(as_markdown(rows), encoding="utf-8")
+        typer.echo(f"\n{as_text(rows)}\n  {_short(folder / f'{name}.md')}")
 
 
 def loader(store: Store) -> Callable[[str], Artifact]:

@@ -13,7 +13,7 @@ import typer
 
 from exmesh_graph.cli.live import view
 from exmesh_graph.cli.options import checked_variants
-from exmesh_graph.cli.running import loader
+from exmesh_graph.cli.running import loader, show_benchmarks
 from exmesh_graph.cli.show import clock
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.backends import Backend
@@ -150,6 +150,7 @@ def run_sweep(
     table = sweep_table(work.record, study.members(), loader(store), failures)
     page = write_sweep(folder.path, table)
     show_table(table)
+    show_benchmarks(folder.path, work.record, store)
     for record in [record for record in records if record["job"] is not None][:5]:
         typer.echo(
             f"  {record['node']} alone, on the same inputs: exmesh replay {_short(folder.path / record['file'])}"

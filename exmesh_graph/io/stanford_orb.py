@@ -169,7 +169,7 @@ def _truth(shots: OrbShots, frame: Frame, downscale: int) -> SceneTruth:
             if name == "albedo":  # averaged as stored, then decoded, as the benchmark does
                 small = srgb_to_linear(small)
             elif name == "normal":
-                small = small * np.float32([1, -1, -1])
+                small = small * np.array([1, -1, -1], np.float32)
             else:
                 small = small.reshape(small.shape[:2]) / np.float32(frame_scale(frame))
             read.append(small.astype(np.float32))

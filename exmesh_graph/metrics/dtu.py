@@ -147,7 +147,7 @@ def cull(
 
 
 def points_of_mesh(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> np.ndarray:
-    """Vertices and a grid inside each face, float64 [P, 3].
+    """Vertices that a face uses and a grid inside each face, float64 [P, 3].
 
     With edges e1, e2 of lengths l1, l2 at a corner, the step is spacing sqrt(l1 l2 / |e1 x e2|), which makes the
     grid as dense on slanted faces; n_i = floor(l_i / step) cells along e_i, points at the middles of the cells,
@@ -161,7 +161,7 @@ def points_of_mesh(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> n
     solid = area > 0
     step = spacing * np.sqrt(l1 * l2 / np.where(solid, area, 1))
     n1, n2 = (np.where(solid, np.floor(length / np.where(step > 0, step, 1)), 0).astype(int) for length in (l1, l2))
-    parts = [vertices]
+    parts = [vertices[np.unique(faces)]]
     cells, group = np.unique(np.stack([n1, n2], 1), axis=0, return_inverse=True)
     order = np.argsort(group.ravel(), kind="stable")
     ends = np.cumsum(np.bincount(group.ravel(), minlength=len(cells)))

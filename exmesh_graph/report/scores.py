@@ -17,7 +17,7 @@ import numpy as np
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import display
 from exmesh_graph.metrics.image import psnr, ssim
-from exmesh_graph.metrics.material import albedo_psnr, albedo_scale, roughness_mse
+from exmesh_graph.metrics.material import ScaleRule, albedo_psnr, albedo_scale, roughness_mse
 from exmesh_graph.report.renders import (
     GRAY_ALBEDO,
     GRAY_ROUGHNESS,
@@ -39,6 +39,7 @@ class AssetScores:
     values  the content of the Metrics artifact
     views   indices of the scored views;  held_out, relit[light]: (ours, truth) per view
     albedo, roughness: (ours, truth) per view, albedo scaled and sRGB-encoded
+    albedo_maps  (ours, truth, coverage) [M, H, W, 3], linear, unscaled
     indirect  (view, the view as rendered, its interreflected light alone), None where no bounces are rendered
     """
 
@@ -48,6 +49,7 @@ class AssetScores:
     relit: dict[str, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
     albedo: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
     roughness: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    albedo_maps: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     indirect: tuple[int, np.ndarray, np.ndarray] | None = None
 
 
@@ -60,11 +62,13 @@ def score_asset(
     max_views: int = 0,
     quality: Quality | None = None,
     progress: Progress | None = None,
+    rule: ScaleRule = "median",
 ) -> AssetScores:
     """Score `asset` on held-out `views`, and on `truth`'s relit images and materials where there are any.
 
     train      the training views, for the level of the floor's uniform light; the scored views stand in without it
     max_views  score this many, evenly spread; 0: all
+    rule       how the albedo's scale is found (metrics.material)
     """
     quality = quality or Quality()
     chosen = spread(len(views), max_views)
@@ -88,7 +92,7 @@ def score_asset(
     if truth is None or not paired:
         return scores
     rows = [chosen.index(i) for i, _ in paired]
-    scales = _score_materials(scores, take(rendered, rows), views, truth, paired, headline)
+    scales = _score_materials(scores, take(rendered, rows), views, truth, paired, headline, rule)
     if lights:
         _score_relit(scores, ours, guess, truth, lights, paired, scales)
         relit, floor = scores.values["relit"], scores.values["floor"]["relit_psnr"]
@@ -174,6 +178,7 @@ def _score_materials(
     truth: SceneTruth,
     paired: Sequence[tuple[int, int]],
     headline: list[dict[str, Any]],
+    rule: ScaleRule,
 ) -> _AlbedoScales:
     """Fill `material`; returns the scales that bring our albedo and the gray guess's to the truth's level."""
     cameras, rows = [i for i, _ in paired], [k for _, k in paired]
@@ -184,8 +189,9 @@ def _score_materials(
         true = truth.albedo[list(rows)]
         covered = _coverage(views, cameras, true)
         gray = np.full_like(true, GRAY_ALBEDO)
-        scale = albedo_scale(rendered.albedo, true, covered)
-        gray_scale = albedo_scale(gray, true, covered)
+        scale = albedo_scale(rendered.albedo, true, covered, rule)
+        gray_scale = albedo_scale(gray, true, covered, rule)
+        scores.albedo_maps = (rendered.albedo, true, covered)
         scales = _AlbedoScales(scale, gray_scale)
         material["albedo_scale"] = scale.tolist()
         for space in ("linear", "srgb"):

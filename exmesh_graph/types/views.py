@@ -100,6 +100,7 @@ class LitViews(Views):
     environments: np.ndarray | None = None
 
     def save(self, folder: Path) -> None:
+        assert self.environments is not None  # a default only because fields of Views have some
         super().save(folder)
         (folder / "lights").mkdir()
         save_arrays(folder / "lights", {"environments": self.environments}, {})
