@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from exmesh_graph.cli import assets, authoring, upkeep, variants, watching
+from exmesh_graph.cli import assets, authoring, bench, upkeep, variants, watching
 from exmesh_graph.cli.options import (
     BackendChoice,
     BackendName,
@@ -183,6 +183,7 @@ def report(
 
 assets.register(app)
 authoring.register(app)
+bench.register(app)
 upkeep.register(app)
 variants.register(app)
 watching.register(app)

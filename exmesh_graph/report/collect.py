@@ -207,7 +207,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         pictures=pictures,
         state=str(record.get("state") or ""),
         machine={str(key): str(value) for key, value in (record.get("machine") or {}).items()},
-        versions=_versions(),
+        versions=library_versions(),
     )
     report.headline.append(
         Figure("Seconds, total", round(report.total_seconds, 1), "s", better="lower", node="all nodes")
@@ -283,7 +283,7 @@ def _number(value: Any) -> float | None:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
-def _versions() -> dict[str, str]:
+def library_versions() -> dict[str, str]:
     """Versions of Python, this project and the libraries that carry the work, without importing them."""
     versions = {"python": platform.python_version()}
     for name in ("exmesh-graph", *_LIBRARIES):

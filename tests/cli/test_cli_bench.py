@@ -1,0 +1,84 @@
+"""`exmesh bench` on a folder of stand-in benchmarks: what is kept, what is compared, what is refused."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from exmesh_graph.cli.app import app
+from exmesh_graph.cli.bench import KERNELS, changes, flat
+from exmesh_graph.errors import ExmeshError, GraphError
+
+SCRIPT = """
+import argparse, json
+p = argparse.ArgumentParser()
+p.add_argument("--quick", action="store_true")
+p.add_argument("--json")
+o = p.parse_args()
+{extra}
+rows = [{{"name": "one ray", "seconds": 0.5, "same": True}}]
+json.dump({{"rate": {rate}, "rows": rows, "quick": int(o.quick)}}, open(o.json, "w"))
+"""
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    (tmp_path / "benchmarks").mkdir()
+    (tmp_path / "graphs").mkdir()
+    for name in (*KERNELS, "framework"):
+        (tmp_path / "benchmarks" / f"{name}.py").write_text(SCRIPT.format(rate=2.0, extra=""))
+    return tmp_path
+
+
+def bench(checkout, *words):
+    words = ["bench", *words, "--root", str(checkout), "--history", str(checkout / "kept")]
+    return CliRunner().invoke(app, words, catch_exceptions=False)
+
+
+def test_figures_are_named_after_where_they_stand():
+    values = {"a": {"b": 1}, "rows": [{"name": "x", "mode": "fast", "seconds": 2.5}, {"seconds": 3}], "ok": True}
+    assert dict(flat(values, "f")) == {"f.a.b": 1, "f.rows.x fast.seconds": 2.5, "f.rows.1.seconds": 3}
+    assert changes({"a": 3.0, "b": 1.0, "c": 1.0}, {"a": 2.0, "b": 0.0}) == {"a": 1.5}
+
+
+def test_a_result_is_kept_and_the_next_is_compared_with_it(checkout):
+    out = bench(checkout, "kernels", "framework", "--quick")
+    kept = list((checkout / "kept").glob("*-quick.json"))
+    assert len(kept) == 1
+    result = json.loads(kept[0].read_text())
+    assert result["schema"] == "exmesh.bench.v1"
+    assert set(result["suites"]) == {"kernels", "framework"}
+    assert result["suites"]["kernels"]["rays.rows.one ray.seconds"] == 0.5
+    assert result["suites"]["kernels"]["rays.quick"] == 1
+    assert result["machine"]["cpus"] > 0
+    assert "x 1.00" not in out.stdout
+    (checkout / "benchmarks" / "rays.py").write_text(SCRIPT.format(rate=3.0, extra=""))
+    kept[0].rename(checkout / "kept" / "2000-quick.json")
+    again = bench(checkout, "kernels", "--quick", "--compare", "latest", "--json", str(checkout / "now.json"))
+    changed = next(line for line in again.stdout.splitlines() if "rays.rate" in line)
+    assert "x 1.50  <--" in changed
+    assert "x 1.00" in again.stdout
+    assert json.loads((checkout / "now.json").read_text())["suites"]["kernels"]["rays.rate"] == 3.0
+
+
+def test_what_is_refused_before_anything_runs(checkout, tmp_path):
+    with pytest.raises(GraphError, match="no suite 'kernel'") as caught:
+        bench(checkout, "kernel")
+    assert "kernels" in caught.value.expected
+    with pytest.raises(GraphError, match="no earlier quick result"):
+        bench(checkout, "kernels", "--quick", "--compare", "latest")
+    with pytest.raises(GraphError, match="no benchmarks/"):
+        CliRunner().invoke(app, ["bench", "--root", str(tmp_path / "graphs")], catch_exceptions=False)
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(GraphError, match="no result of `exmesh bench`"):
+        bench(checkout, "kernels", "--compare", str(tmp_path / "other.json"))
+    long = {"schema": "exmesh.bench.v1", "quick": False, "suites": {}}
+    (tmp_path / "long.json").write_text(json.dumps(long))
+    with pytest.raises(GraphError, match="without --quick"):
+        bench(checkout, "kernels", "--quick", "--compare", str(tmp_path / "long.json"))
+
+
+def test_a_benchmark_that_fails_says_why(checkout):
+    (checkout / "benchmarks" / "losses.py").write_text(SCRIPT.format(rate=1, extra="raise ValueError('no such scene')"))
+    with pytest.raises(ExmeshError, match="no such scene"):
+        bench(checkout, "kernels")
