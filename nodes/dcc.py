@@ -24,7 +24,7 @@ def _package_source(p: UsdFileParams) -> Mapping[str, Path]:
     return {p.path.name: p.path}
 
 
-@node("data.usd", version="1", libraries=("usd-core",), sources=_package_source)
+@node("data.usd", version="1", libraries=("usd-core", "OpenImageIO"), sources=_package_source)
 def usd_file(ctx: Context, *, p: UsdFileParams) -> UsdFileOut:
     """A USD package from elsewhere, to be composed with others; what the gate finds in it is a warning."""
     import shutil

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 import tempfile
@@ -36,10 +35,22 @@ def warp() -> Any:
 
 @cache
 def kernels(of: Literal["visibility", "texture", "silhouette"] = "visibility") -> Any:
-    """A module of Warp kernels, imported after `warp()` has been configured."""
+    """A module of Warp kernels, imported after `warp()` has been configured.
+
+    By plain imports: a module imported by a computed name would be missing from the code fingerprints of nodes.
+    """
     warp()
-    name = "kernels" if of == "visibility" else f"kernels_{of}"
-    return importlib.import_module(f"exmesh_graph.raster.{name}")
+    if of == "texture":
+        from exmesh_graph.raster import kernels_texture
+
+        return kernels_texture
+    if of == "silhouette":
+        from exmesh_graph.raster import kernels_silhouette
+
+        return kernels_silhouette
+    from exmesh_graph.raster import kernels as kernels_visibility
+
+    return kernels_visibility
 
 
 def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:

@@ -23,7 +23,14 @@ LATE = {
     "import_depth_anything": "depth-anything-3",
 }  # by a computed name, in exmesh_graph.io.native
 UNUSED = {  # imported by a module of the node's code, but by no function that the node calls
+    "benchmark.dtu": {"OpenImageIO", "embreex", "open3d", "pymeshlab", "scikit-image", "torch", "warp-lang"},
+    "benchmark.nerf_synthetic": {"OpenImageIO", "open3d", "pymeshlab", "scikit-image", "torch", "warp-lang"},
+    "benchmark.stanford_orb": {"open3d", "pymeshlab", "scikit-image"},
+    "benchmark.synthetic4relight": {"open3d", "pymeshlab", "scikit-image"},
     "data.environment": {"scipy"},
+    "data.usd": {"scipy"},
+    "usd.compose": {"scipy"},
+    "use.blender": {"embreex", "scipy", "torch", "warp-lang"},
     "evaluate.round": {"pymeshlab", "open3d", "embreex"},
     "evaluate.mesh": {"pymeshlab", "open3d", "embreex", "torch", "warp-lang", "OpenImageIO"},
     "evaluate.stage1": {"pymeshlab", "open3d", "embreex"},
@@ -79,3 +86,13 @@ def imports_of(path: Path) -> set[str]:
 def test_the_key_holds_the_versions_of_all_libraries(node_type: str) -> None:
     declared, imported = set(BUILTIN[node_type].libraries), libraries_of(node_type)
     assert imported - UNUSED.get(node_type, set()) == declared
+
+
+def test_the_kernels_of_the_rasteriser_and_the_rays_are_part_of_the_code_of_nodes_that_use_them():
+    """Imported by a computed name, an edited kernel would give a stale hit."""
+    inside = {name: set(fingerprint(BUILTIN[name]).modules) for name in ("stage1.refine", "stage2.fit", "init.pgsr")}
+    raster = {f"exmesh_graph.raster.{name}" for name in ("kernels", "kernels_texture", "kernels_silhouette")}
+    assert raster <= inside["stage1.refine"]
+    assert {"exmesh_graph.raster.kernels", "exmesh_graph.rays.warp_kernels"} <= inside["stage2.fit"]
+    splat = {Path(file).name for file in BUILTIN["init.pgsr"].code}
+    assert {"kernels.py", "kernels_blend.py"} <= splat | {f"{m.rpartition('.')[2]}.py" for m in inside["init.pgsr"]}
