@@ -91,6 +91,9 @@ class DepthParams(Params):
     incidence: float = param(80.0, gt=0, le=90, unit="degrees", doc="Drop planes seen at more than this angle.")
     agreeing: int = param(1, ge=0, unit="views", doc="Neighbours that must show the same point; 0: none asked.")
     tolerance: float = param(0.01, gt=0, le=1, doc="How far those may be off, as a share of the depth.")
+    outward: float = param(
+        0.5, ge=0, le=4, unit="px", doc="Added along the surface's normal: a fit shrinks the object by about so much."
+    )
     device: Device = param("auto", doc="Where to compute.")
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 

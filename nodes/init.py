@@ -78,17 +78,45 @@ class TsdfParams(Params):
     masked: bool = param(True, doc="Ignore depth where alpha < 1/2.")
     min_weight: float = param(1.0, ge=1, unit="views", doc="Views that must have seen a voxel.")
     radius: float = param(0.0, ge=0, doc="Ignore depth of points farther than this from the origin; 0: none.")
+    solid: bool = param(
+        False,
+        doc="Cut what the depth maps look through out of the visual hull, which fills what they do not see: closed "
+        "(needs masks; resolution is along the object's longest side).",
+    )
+    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point (solid).")
+    parts: int = param(0, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
 
 
-@node("init.tsdf", version="1", libraries=("open3d", "scipy"))
+@node("init.tsdf", version="1", libraries=("open3d", "scipy", "scikit-image"))
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
-    """Fuse depth maps into one surface (truncated signed distance, Open3D)."""
-    from exmesh_graph.geometry.tsdf import fuse
+    """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
+    from exmesh_graph.errors import DataError
+    from exmesh_graph.geometry.clean import largest_components, require_sound
 
-    vertices, faces = fuse(
-        views, depths, voxel=2.0 / p.resolution, truncation=p.truncation, masked=p.masked, min_weight=p.min_weight,
-        radius=p.radius,
-    )  # fmt: skip
+    if p.solid:
+        from exmesh_graph.geometry.carve import carve
+        from exmesh_graph.geometry.hull import SilhouetteField
+
+        if not views.masked.all():
+            raise DataError(
+                "solid needs a mask for every view", where=ctx.node, fix="set solid: false, then init.clean close_holes"
+            )
+        field = SilhouetteField.from_masks(
+            views.alpha, views.intrinsics, views.world_to_camera, dissent=p.dissent, names=views.names
+        )
+        vertices, faces = carve(
+            field, views, depths, resolution=p.resolution, truncation=p.truncation, min_weight=p.min_weight
+        )
+    else:
+        from exmesh_graph.geometry.tsdf import fuse
+
+        vertices, faces = fuse(
+            views, depths, voxel=2.0 / p.resolution, truncation=p.truncation, masked=p.masked, min_weight=p.min_weight,
+            radius=p.radius,
+        )  # fmt: skip
+    vertices, faces = largest_components(vertices, faces, p.parts)
+    if p.solid:
+        require_sound(vertices, faces, closed=True, where=ctx.node)
     return MeshOut(Mesh(vertices, faces))
 
 

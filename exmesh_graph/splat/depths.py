@@ -10,7 +10,7 @@ import torch
 
 from exmesh_graph.splat.fit import neighbours
 from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.planes import pixel_rays, plane_depth
+from exmesh_graph.splat.planes import normals_of_depth, pixel_rays, plane_depth
 from exmesh_graph.splat.render import Render, render
 from exmesh_graph.stage1.targets import Targets
 from exmesh_graph.types import DepthMaps
@@ -24,6 +24,7 @@ class DepthFilter:
     incidence: float = 80.0
     agreeing: int = 1
     tolerance: float = 0.01
+    outward: float = 0.5
 
 
 @torch.no_grad()
@@ -35,6 +36,9 @@ def depth_maps(gaussians: Gaussians, targets: Targets, keep: DepthFilter | None 
 
     Dropped: less than half covered, outside the mask, planes met at more than `incidence` degrees from their normal,
     and points that fewer than `agreeing` of up to eight neighbours show at the same depth, to `tolerance` of it.
+
+    `outward` pixels are added along the surface's normal, since a fit shrinks the object by about half a pixel: a ray
+    past the rim crosses the faint tails of so many Gaussians that together they cover it.
     """
     keep = keep or DepthFilter()
     depths = []
@@ -57,8 +61,19 @@ def depth_maps(gaussians: Gaussians, targets: Targets, keep: DepthFilter | None 
     if keep.agreeing > 0:
         near = neighbours(targets.world_to_camera)
         stack = torch.stack([_agreed(i, near[i], targets, stack, keep) for i in range(len(targets))])
+    if keep.outward > 0:
+        stack = torch.stack([_outward(i, targets, stack[i], keep.outward) for i in range(len(targets))])
     names, kept = targets.names, int((stack > 0).sum())
     return DepthMaps(names, stack.cpu().numpy().astype(np.float32)), kept / max(covered, 1)
+
+
+def _outward(i: int, targets: Targets, depth: torch.Tensor, pixels: float) -> torch.Tensor:
+    """Depth nearer to the camera by what moves the surface `pixels` along its normal (at most three times as much)."""
+    rays = pixel_rays(targets.intrinsics[i], targets.height, targets.width, depth)
+    normals, known = normals_of_depth(depth, depth > 0, rays)
+    facing = torch.where(known, -(normals * rays).sum(-1), 1.0).clamp(min=1 / 3)
+    focal = float(targets.intrinsics[i, :2, :2].det().abs().sqrt())
+    return torch.where(depth > 0, depth * (1 - pixels / focal / facing), 0.0)
 
 
 def middle_planes(

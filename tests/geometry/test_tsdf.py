@@ -1,5 +1,6 @@
 """TSDF fusion of depth maps ray-cast from a sphere and from the sample scene's mesh."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +137,44 @@ def test_sample_mesh_from_ray_cast_depth():
     fused = fuse(views, DepthMaps(views.names, np.stack(depths).astype(np.float32)), voxel=2 / 128)
     result = chamfer(*fused, truth.mesh_vertices, truth.mesh_faces, samples=5000)
     assert result.chamfer < 2.5e-3  # a sixth of a voxel; half a pixel of shift would give 0.006
+
+
+def test_carved_depth_is_closed_and_where_the_truth_is():
+    """Masks and depth of a sphere; a bite that the depth maps alone see; a side that they do not see."""
+    from exmesh_graph.geometry.carve import carve
+    from exmesh_graph.geometry.hull import SilhouetteField
+
+    views, depths = sphere_views(count=24)
+    alpha = (depths.depth > 0).astype(np.float32)
+    views = replace(views, alpha=alpha, has_masks=True)
+    field = SilhouetteField.from_masks(alpha, views.intrinsics, views.world_to_camera)
+    centre = np.array([0.1, -0.05, 0.0])
+    # the ball less a ball around its top: rays that meet the bite go on to its far side
+    top, bite = centre + np.array([0, 0.7, 0]), 0.35
+    cut, half = depths.depth.copy(), depths.depth.copy()
+    for i, (k, pose) in enumerate(zip(views.intrinsics, views.camera_to_world, strict=True)):
+        y, x = np.indices(alpha.shape[1:]) + 0.5
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(k).T @ pose[:3, :3].T
+        points = pose[:3, 3] + depths.depth[i][..., None] * rays
+        inside = (np.linalg.norm(points - top, axis=-1) < bite) & (depths.depth[i] > 0)
+        to = pose[:3, 3] - top
+        a, b, c = (rays * rays).sum(-1), 2 * rays @ to, to @ to - bite**2
+        far = (-b + np.sqrt(np.maximum(b * b - 4 * a * c, 0))) / (2 * a)
+        out = np.linalg.norm(pose[:3, 3] + far[..., None] * rays - centre, axis=-1) > 0.7
+        cut[i] = np.where(inside, np.where(out, 0, far), depths.depth[i])
+        half[i] = np.where(points[..., 1] < centre[1], 0, depths.depth[i])
+    whole = carve(field, views, depths, resolution=48)
+    bitten = carve(field, views, replace(depths, depth=cut.astype(np.float32)), resolution=48)
+    unseen = carve(field, views, replace(depths, depth=half.astype(np.float32)), resolution=48)
+    for vertices, faces in (whole, bitten, unseen):
+        report = inspect(vertices, faces)
+        assert report.closed
+        assert signed_volume(vertices, faces) > 0
+    voxel = 1.4 / 48
+    assert np.abs(np.linalg.norm(whole[0] - centre, axis=1) - 0.7).max() < 1.5 * voxel
+    assert np.abs(np.linalg.norm(unseen[0] - centre, axis=1) - 0.7).max() < 1.5 * voxel
+    floor = bitten[0][np.linalg.norm(bitten[0] - centre, axis=1) < 0.6]
+    assert len(floor) > 50
+    assert np.median(np.abs(np.linalg.norm(floor - top, axis=1) - bite)) < voxel
+    with pytest.raises(DataError, match="not those of the views"):
+        carve(field, views, replace(depths, names=depths.names[::-1]))

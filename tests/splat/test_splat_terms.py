@@ -141,11 +141,17 @@ def test_depth_maps_and_their_filters():
     gaussians, _ = sheet(dtype=torch.float32)
     views, truth = wall(5, 48)
     targets = prepare_targets(views)
-    maps, share = depth_maps(gaussians, targets)
+    maps, share = depth_maps(gaussians, targets, DepthFilter(outward=0))
     assert maps.names == views.names
     assert share > 0.9
     seen = maps.depth > 0
     assert np.allclose(maps.depth[seen], truth.depth[seen], rtol=1e-4)
+    nearer = depth_maps(gaussians, targets, DepthFilter(outward=2))[0].depth
+    rays = pixel_rays(targets.intrinsics[0], 48, 48, torch.zeros(1)).numpy()
+    towards = targets.world_to_camera[0, :3, :3].numpy() @ NORMAL / np.linalg.norm(NORMAL)
+    moved = ((nearer - maps.depth)[0] * (rays @ towards))[1:-1, 1:-1]
+    pixel = truth.depth[0, 1:-1, 1:-1] / float(targets.intrinsics[0, 0, 0])
+    assert np.allclose(moved / pixel, 2, atol=0.02)
     assert not (depth_maps(gaussians, targets, DepthFilter(incidence=0.01))[0].depth > 0).any()
     stray = torch.tensor([[0.1, 0.0, -1.2]])
     floating = Gaussians(

@@ -1,0 +1,65 @@
+"""Depth maps and masks to a closed mesh: the visual hull, less what depth maps have looked through.
+
+A truncated signed distance on a regular grid (Curless and Levoy 1996), kept below the hull's own field. What no depth
+map says anything of stays solid, so that nothing has to be filled: the result is closed, where fusing alone leaves
+holes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.geometry.hull import Grid, SilhouetteField, occupied_box, surface
+from exmesh_graph.types import DepthMaps, Views
+
+
+def carve(
+    field: SilhouetteField,
+    views: Views,
+    depths: DepthMaps,
+    *,
+    resolution: int = 128,
+    truncation: float = 3.0,
+    min_weight: float = 2.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh (vertices float32 [V, 3], faces int32 [F, 3]): closed, counter-clockwise from outside.
+
+    field       the masks' implicit function; every view of it needs a mask
+    resolution  voxels along the longest side of the hull's box
+    truncation  in voxels: a depth map speaks of what lies up to so far behind its surface; what is before it counts so
+    min_weight  views that must speak of a voxel; with fewer, the hull alone decides
+
+    Raises DataError where views and depth maps do not belong together or the masks have nothing in common.
+    """
+    if tuple(depths.names) != tuple(views.names) or depths.depth.shape != views.alpha.shape:
+        raise DataError("the depth maps are not those of the views", where="init.tsdf",
+                        expected=f"{len(views)} maps of {views.width} x {views.height}: {views.names[0]} ...",
+                        fix="make them from these views")  # fmt: skip
+    low, high = occupied_box(field, np.full(3, -1.05), np.full(3, 1.05))
+    grid = Grid.over(low, high, resolution)
+    points = grid.points()
+    values = field(points, floor=-3 * grid.step)
+    inside = np.flatnonzero(values > -2 * grid.step)
+    limit = truncation * grid.step
+    said = _fused(points[inside], views, depths, limit, min_weight)
+    values[inside] = np.minimum(values[inside], said)
+    return surface(values.reshape(grid.shape), grid)
+
+
+def _fused(points: np.ndarray, views: Views, depths: DepthMaps, limit: float, min_weight: float) -> np.ndarray:
+    """Mean signed distance [P], positive behind the surface, cut at -limit; +limit where too few views speak."""
+    total, weight = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
+    for k, pose, depth in zip(views.intrinsics, views.world_to_camera, depths.depth, strict=True):
+        matrix = (k @ pose[:3]).astype(np.float32)
+        image = points @ matrix[:, :3].T + matrix[:, 3]
+        z = image[:, 2]
+        front = np.maximum(z, 1e-6)
+        column, row = np.floor(image[:, 0] / front).astype(np.int32), np.floor(image[:, 1] / front).astype(np.int32)
+        held = (z > 1e-6) & (column >= 0) & (column < views.width) & (row >= 0) & (row < views.height)
+        seen = depth[np.where(held, row, 0), np.where(held, column, 0)]
+        behind = z - seen
+        speaks = held & (seen > 0) & (behind < limit)
+        total += np.where(speaks, np.maximum(behind, -limit), 0)
+        weight += speaks
+    return np.where(weight >= min_weight, total / np.maximum(weight, 1), limit)
