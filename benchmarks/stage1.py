@@ -104,11 +104,15 @@ def curve(method: str, state, scene, truth, seconds: float, options: argparse.Na
         began = time.perf_counter()
         if k:
             state = rearrange(ctx, method, state, target, scene.train)
+            if options.untangle:
+                state = topology.untangle(ctx, state, p=topology.UntangleParams()).state
             if method != "uniform" and options.atlas_every and k % options.atlas_every == 0:
                 state = uv.regenerate(ctx, state, p=uv.RegenerateParams()).state
         params = stage1.RefineParams(iterations=iterations, total_iterations=options.iterations, **fixed)
         term = firm if k + 1 == len(rounds) else smooth
         state, history = stage1.refine(ctx, state, scene.train, smoothness=term, p=params)
+        if options.untangle and k + 1 == len(rounds):
+            state = topology.untangle(ctx, state, p=topology.UntangleParams()).state
         seconds += time.perf_counter() - began
         rows.append({"seconds": seconds, "train_psnr": history.values["psnr"][-1], **score(state, scene.test, truth)})
         show(rows[-1])
@@ -215,6 +219,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--silhouette-weight", type=float, default=5.0)
     parser.add_argument("--no-uv-gradient", action="store_true")
     parser.add_argument("--gains", action="store_true")
+    parser.add_argument("--untangle", action="store_true", help="mesh.untangle in every round and at the end")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, help="write the curves as JSON")

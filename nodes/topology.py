@@ -1,4 +1,4 @@
-"""Topology operations of Stage I: vertex splitting and merging (paper sections 4.1 and 4.2), edge flips."""
+"""Topology operations of Stage I: splitting and merging (paper sections 4.1 and 4.2), edge flips, smoothing apart."""
 
 from typing import Annotated, Literal, NamedTuple
 
@@ -45,6 +45,10 @@ class FlipParams(Params):
     )
     max_rounds: int = param(8, ge=1, le=64, doc="Passes over the mesh; it ends early when no edge is left to flip.")
     relax: int = param(2, ge=0, le=20, unit="steps", doc="Then glide vertices, with their UVs, towards even spacing.")
+
+
+class UntangleParams(Params):
+    steps: int = param(12, ge=1, le=200, doc="Steps of smoothing at most; it ends when no face cuts another.")
 
 
 class StateOut(NamedTuple):
@@ -150,6 +154,20 @@ def flip(ctx: Context, state: Stage1State, *, p: FlipParams) -> StateOut:
         model = {**state.model, **dict(zip(colours, moved, strict=True))}
         state = replace(state, vertices=vertices, uvs=uvs, model=model)
     return StateOut(state)
+
+
+@node("mesh.untangle", version="1", libraries=("scipy",))
+def untangle(ctx: Context, state: Stage1State, *, p: UntangleParams) -> StateOut:
+    """Smooth faces apart that cut one another; nothing else moves. For starts and photographs that leave such faces."""
+    from dataclasses import replace
+
+    from exmesh_graph.geometry.untangle import untangle as untangle_mesh
+
+    done = untangle_mesh(state.vertices, state.faces, steps=p.steps)
+    ctx.log(f"{done.before} -> {done.after} faces cut others, {done.moved} of {len(state.vertices)} vertices moved")
+    if done.after:
+        ctx.warn(f"{done.after} faces still cut others after {p.steps} steps of smoothing around them")
+    return StateOut(replace(state, vertices=done.vertices))
 
 
 def _carry(state, done):  # type: ignore[no-untyped-def]
