@@ -14,7 +14,7 @@ MARKS = {"better": "▲", "worse": "▼", "other": "≠", "same": "="}
 def sweep_markdown(table: Mapping[str, Any]) -> str:
     """One line per variant: figures with a better direction (mean ± spread, mark against the base), its nodes' seconds.
 
-    Marks are those of `sweep_page.verdict`; the base has none. What failed says why in the place of its figures.
+    Marks are those of `sweep_page.verdict`; the base has none. What failed says why at the end.
     """
     figures = [figure for figure in table["figures"] if figure["better"]] or list(table["figures"])
     rows, several = table["variants"], len({row["file"] for row in table["variants"]}) > 1
@@ -26,9 +26,10 @@ def sweep_markdown(table: Mapping[str, Any]) -> str:
             entry = row["figures"].get(figure["label"], {})
             mark = "" if row["variant"] == "base" else MARKS.get(verdict(figure, entry), "")
             cells.append(f"{text_of(entry)} {mark}".strip())
+        seconds = f"{row['seconds']['mean']:.0f}"
         if row["reason"]:
-            cells[-1] = f"{row['state']}: {row['reason']}"
-        lines.append(_line([f"`{label_of(row, several)}`", *cells, f"{row['seconds']['mean']:.0f}"]))
+            seconds += f"; {row['state']}: {row['reason']}"
+        lines.append(_line([f"`{label_of(row, several)}`", *cells, seconds]))
     seeds = max((len(row["repeats"]) for row in rows), default=1)
     lines += ["", f"{seeds} seeds: mean ± sample standard deviation. ▲ better and ▼ worse than `base` by more than the"]
     lines += [

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ruamel.yaml import YAML
 
 from exmesh_graph.graph.check import check, check_file
 from exmesh_graph.graph.language.expand import expand
@@ -244,7 +245,13 @@ ROOT = Path(__file__).parent.parent.parent
 @pytest.mark.parametrize("path", sorted((ROOT / "graphs").rglob("*.yaml")), ids=lambda path: path.stem)
 def test_shipped_graphs_lack_at_most_their_data(path: Path) -> None:
     found = Problems()
-    tree = load_tree(path, [], found)
+    declared = (YAML(typ="safe").load(path.read_text()).get("params") or {}).items()
+    given = [
+        f"{name}=nowhere"
+        for name, p in declared
+        if isinstance(p, dict) and p.get("type") == "path" and "default" not in p
+    ]
+    tree = load_tree(path, given, found)
     with contextlib.suppress(GraphErrors):
         check(expand(tree, found), load_packs(), found)
     problems = [str(problem) for problem in found.found.values() if problem.code != "source"]
