@@ -25,6 +25,7 @@ from exmesh_graph.graph.schedule import machine_tokens
 
 _START = "import sys; sys.path[:] = {path!r}; from exmesh_graph.graph.backends.worker import main; main({budget})"
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_WAITING = {"OMP_WAIT_POLICY": "passive"}  # threads that spin at barriers starve one another beside other processes
 _MEMORY_SHARE = 0.3  # of the machine's memory, for artifacts kept by all workers together
 _LOOK = 1.0  # seconds; a child that a node left behind may keep a dead worker's pipe open
 _TAIL = 12  # lines of a dead worker's output that are shown,
@@ -132,7 +133,7 @@ class _Worker:
         self.closed = False
         self._rest = b""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (what it prints outside of nodes; closed in `end`)
-        environment = {**os.environ, **dict.fromkeys(_THREAD_VARIABLES, str(job.threads))}
+        environment = {**_WAITING, **os.environ, **dict.fromkeys(_THREAD_VARIABLES, str(job.threads))}
         if job.devices:
             visible = [word.strip() for word in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if word.strip()]
             names = [visible[number] if number < len(visible) else str(number) for number in job.devices]

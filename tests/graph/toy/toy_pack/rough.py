@@ -86,6 +86,7 @@ def gpu(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
 def wide(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
     """Its CPU threads, as granted and as native libraries see them."""
     assert int(os.environ["OMP_NUM_THREADS"]) == ctx.threads
+    assert os.environ["OMP_WAIT_POLICY"] == "passive"
     return NumberOut(Number(float(ctx.threads)))
 
 
