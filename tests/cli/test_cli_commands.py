@@ -242,7 +242,17 @@ def test_terminal_view(folder: Path) -> None:
 ROOT = Path(__file__).parent.parent.parent
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "graphs").rglob("*.yaml")), ids=lambda path: path.stem)
+GRAPHS = sorted((ROOT / "graphs").rglob("*.yaml"))
+
+
+def test_every_part_is_used_by_a_shipped_graph() -> None:
+    texts = "".join(path.read_text() for path in GRAPHS if path.parent.name != "parts")
+    assert [
+        path.name for path in GRAPHS if path.parent.name == "parts" and f"graph: parts/{path.name}" not in texts
+    ] == []
+
+
+@pytest.mark.parametrize("path", [p for p in GRAPHS if p.parent.name != "parts"], ids=lambda path: path.stem)
 def test_shipped_graphs_lack_at_most_their_data(path: Path) -> None:
     found = Problems()
     declared = (YAML(typ="safe").load(path.read_text()).get("params") or {}).items()

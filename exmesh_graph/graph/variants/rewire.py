@@ -139,8 +139,13 @@ def remove(draft: Draft, patch: Map) -> None:
 
 def add(draft: Draft, patch: Map) -> None:
     where, new = patch.lines["add"], patch["add"]
-    if not isinstance(new, Map) or "name" not in new or not {"type", "repeat"} & set(new):
-        refuse(where, "add needs a name and a node", expected="{add: {name: ..., type: ..., ...}}")
+    if not isinstance(new, Map) or "name" not in new or not {"type", "graph", "repeat"} & set(new):
+        refuse(
+            where,
+            "add needs a name and a node",
+            expected="{add: {name: ..., type: ..., ...}}",
+            fix="type, graph or repeat",
+        )
     block, _, name = str(new["name"]).rpartition(".")
     scope = tuple(block.split(".")) if block else ()
     if scope and (scope not in set(draft.paths()) or not is_block(draft.entry(scope))):

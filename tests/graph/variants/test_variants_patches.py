@@ -292,12 +292,22 @@ def test_add_makes_a_node_at_the_top_or_in_a_block(patched: Patched) -> None:
     assert wires(graph)["rounds[2].look.number"] == "rounds[2].hop.state"
 
 
+def test_add_takes_a_sub_graph_beside_the_patches_file(bench: Any, patched: Patched) -> None:
+    inner = "inputs: {number: Number}\nnodes: {twice: {type: toy.add, a: '@inputs.number', b: '@inputs.number'}}\n"
+    (bench.write("nodes: {}").parent / "twice.yaml").write_text(inner + "outputs: {number: '@twice.number'}\n")
+    graph = patched("{add: {name: more, graph: twice.yaml, number: '@b.number'}}",
+                    '{connect: start.a, to: "@more.number"}')  # fmt: skip
+    assert wires(graph)["start.a"] == "more.twice.number"
+    assert wires(graph)["more.twice.a"] == "b.number"
+
+
 def test_add_is_refused(refusal: Refusal) -> None:
     assert "there is a node 'a' already" in refusal("{add: {name: a, type: toy.const}}").what
     assert "no repeat block 'round'" in refusal("{add: {name: round.a, type: toy.const}}").what
     assert "would hide 'a'" in refusal("{add: {name: rounds.a, type: toy.const}}").what
     assert "toy.const" in refusal("{add: {name: c, type: toy.cons}}").nearest
     assert "is not a name" in refusal("{add: {name: 1c, type: toy.const}}").what
+    assert "needs a name and a node" in refusal("{add: {name: c}}").what
 
 
 # --- all of them

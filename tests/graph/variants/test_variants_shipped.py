@@ -15,6 +15,7 @@ ABLATIONS = Path(__file__).parent.parent.parent.parent / "graphs" / "ablations"
 SHARED = ABLATIONS.parent.parent.parent / "shared" / "data"
 OWN_START = {  # what these share; the coarse mesh is the change
     "sphere_start": {"views"},
+    "sphere_remeshed": {"views"},
     "uniform": {"views", "hull"},
     "network_start": {"views"},
     "sweep_start": {"views"},
