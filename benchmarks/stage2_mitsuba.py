@@ -41,7 +41,7 @@ from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Asset, Carrier, Views
 
-#: The points that the work order names for 100 and 300 of Mitsuba's iterations: held-out, relit, albedo [dB].
+#: What Mitsuba's `principled` BSDF reached in an earlier trial after 100 and 300 iterations: held-out, relit, albedo [dB].
 NAMED = {100: (33.2, 31.3, 24.8), 300: (34.7, 32.2, 25.1)}
 #: What a gray object of base colour and roughness 0.5 shows under a white sky of 1, about.
 GRAY_SHOWS = 0.55
@@ -234,7 +234,7 @@ def line(row: dict[str, Any]) -> str:
 
 
 def compare(rows: list[dict[str, Any]]) -> None:
-    """When our curve first reaches each of Mitsuba's points, measured here and named in the work order."""
+    """When our curve first reaches each of Mitsuba's points, measured here and of the earlier trial."""
     mine = sorted((row for row in rows if row["side"] == "ours"), key=lambda row: row["seconds"])
     theirs = [row for row in rows if row["side"] == "mitsuba"]
     print("\nMitsuba's points, and our first that is as good in all three (held-out / relit / albedo)")
