@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from html import escape
 
@@ -34,16 +35,21 @@ def line_chart(
     x_label: str,
     floor: float | None = None,
     points: bool = False,
+    log: str = "",
     width: int = 340,
     height: int = 200,
 ) -> str:
-    """Curves (name, x, y) in one frame; `floor` is a dashed line, `points` marks and labels every point."""
+    """Curves (name, x, y) in one frame; `floor` is a dashed line, `points` marks and labels every point.
+
+    `log` names the axes with a logarithmic scale, "x", "y" or "xy"; all values on them are above 0.
+    """
     xs = [x for _, x_values, _ in curves for x in x_values]
     ys = [y for _, _, y_values in curves for y in y_values] + ([floor] if floor is not None else [])
     if not xs or not ys:
         return ""
-    x_low, x_high = min(xs), max(xs)
-    y_low, y_high = min(ys), max(ys)
+    on_x, on_y = (math.log10 if axis in log else float for axis in "xy")
+    x_low, x_high = on_x(min(xs)), on_x(max(xs))
+    y_low, y_high = on_y(min(ys)), on_y(max(ys))
     x_span = (x_high - x_low) or 1.0
     pad = 0.14 * (y_high - y_low) or 0.05 * abs(y_high) or 1.0
     y_low, y_high = y_low - pad, y_high + pad
@@ -51,21 +57,24 @@ def line_chart(
 
     def place(x: float, y: float) -> tuple[float, float]:
         return (
-            left + (right - left) * (x - x_low) / x_span,
-            bottom - (bottom - top) * (y - y_low) / (y_high - y_low),
+            left + (right - left) * (on_x(x) - x_low) / x_span,
+            bottom - (bottom - top) * (on_y(y) - y_low) / (y_high - y_low),
         )
 
+    x_ticks = _log_ticks(x_low, x_high) if "x" in log else _ticks(x_low, x_high)
+    y_ticks = _log_ticks(y_low, y_high) if "y" in log else _ticks(y_low, y_high)
+
     parts = [_open(width, height, title), f'<text class="title" x="{left}" y="15">{escape(title)}</text>']
-    for y in _ticks(y_low, y_high):
-        py = place(x_low, y)[1]
+    for y in y_ticks:
+        py = place(xs[0], y)[1]
         parts.append(f'<line class="grid" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
         parts.append(f'<text class="tick" x="{left - 6}" y="{py + 4:.1f}" text-anchor="end">{_short(y)}</text>')
-    for x in _ticks(x_low, x_high):
-        px = place(x, y_low)[0]
+    for x in x_ticks:
+        px = place(x, ys[0])[0]
         parts.append(f'<text class="tick" x="{px:.1f}" y="{bottom + 15}" text-anchor="middle">{_short(x)}</text>')
     parts.append(f'<text class="axis" x="{right}" y="{height - 4}" text-anchor="end">{escape(x_label)}</text>')
     if floor is not None:
-        py = place(x_low, floor)[1]
+        py = place(xs[0], floor)[1]
         parts.append(f'<line class="floor" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
         parts.append(
             f'<text class="tick" x="{right}" y="{py - 4:.1f}" text-anchor="end">'
@@ -117,6 +126,17 @@ def _ticks(low: float, high: float) -> list[float]:
     step *= next(factor for factor in (1, 2, 5, 10) if span / (step * factor) <= 5)
     first = int(low / step) - 1
     return [k * step for k in range(first, first + 12) if low - 1e-9 * span <= k * step <= high + 1e-9 * span]
+
+
+def _log_ticks(low: float, high: float) -> list[float]:
+    """At most six values 1, 2, 5 times a power of ten between 10^low and 10^high."""
+    decades = range(math.floor(low), math.ceil(high) + 1)
+    for factors in ((1, 2, 5), (1, 3), (1,)):
+        ticks = [factor * 10.0**k for k in decades for factor in factors]
+        ticks = [tick for tick in ticks if low - 1e-9 <= math.log10(tick) <= high + 1e-9]
+        if len(ticks) <= 6:
+            return ticks
+    return ticks[:: -(-len(ticks) // 6)]
 
 
 def _exponent(value: float) -> int:

@@ -59,6 +59,7 @@ class Picture:
     title: str
     caption: str
     data: bytes
+    panels: int = 0  # of one size, ours and the truth first; 0: not a comparison
 
     @property
     def data_uri(self) -> str:
@@ -114,6 +115,8 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """The documented content of `report.json`."""
+        from exmesh_graph.report.costs import stage_costs
+
         return {
             "schema": SCHEMA,
             "name": self.name,
@@ -148,6 +151,7 @@ class Report:
                 for figure in self.stages
             ],
             "metrics": self.metrics,
+            "costs": stage_costs(self.nodes),
             "nodes": [
                 {
                     "name": node.name,
@@ -276,7 +280,8 @@ def _curves(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
 def _pictures(root: Path, node: str) -> Iterator[Picture]:
     for entry in json.loads((root / "captions.json").read_text(encoding="utf-8")):
         data = (root / entry["file"]).read_bytes()
-        yield Picture(node, entry["file"], entry.get("title", ""), entry.get("caption", ""), data)
+        shown = entry.get("title", ""), entry.get("caption", "")
+        yield Picture(node, entry["file"], *shown, data, int(entry.get("compare") or 0))
 
 
 def _number(value: Any) -> float | None:

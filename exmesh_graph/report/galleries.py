@@ -36,6 +36,7 @@ def asset_gallery(
             f"Held-out view {name}",
             f"Ours, photograph, error: {held_out[name]:.1f} dB. {_ERRORS}",
             [ours, true, error_map(ours, true)],
+            compare=True,
         )
     for light, pairs in scores.relit.items():
         figures = scores.values["relit"]["per_light"][light]
@@ -48,6 +49,7 @@ def asset_gallery(
                 f"({figures['psnr_unscaled']:.1f} dB without the albedo scale, gray object "
                 f"{figures['psnr_floor']:.1f} dB). {_ERRORS}",
                 [ours, true, error_map(ours, true)],
+                compare=True,
             )
     for k in spread(len(scores.albedo), 1):
         ours, true = scores.albedo[k]
@@ -57,12 +59,13 @@ def asset_gallery(
             "Base colour",
             f"Ours times the scale ({scale}) that brings its median to the truth's; truth; error. {_ERRORS}",
             [ours, true, error_map(ours, true)],
+            compare=True,
         )
     for k in spread(len(scores.roughness), 1):
         ours, true = scores.roughness[k]
         error = error_map(ours[..., None], true[..., None])
         writer.add("roughness", "Roughness", f"Ours, truth (white is 1), error at the scale of {ERROR_TOP:g}.",
-                   [ours, true, error])  # fmt: skip
+                   [ours, true, error], compare=True)  # fmt: skip
     if scores.indirect is not None:
         view, whole, alone = scores.indirect
         writer.add(
@@ -89,6 +92,7 @@ def carrier_gallery(root: Path, carrier: Carrier, views: Views, scores: CarrierS
             f"Stage I, held-out view {name}",
             f"The mesh with its RGB texture, photograph, error: {figure:.1f} dB. {_ERRORS}",
             [ours, true, error_map(ours, true)],
+            compare=True,
         )
     _add_geometry(writer, carrier, views, scores.views)
     writer.add("texture", "RGB texture", "The atlas as Stage I left it.", [shrink(carrier.texture)])
@@ -99,7 +103,7 @@ def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) ->
     if truth is not None and truth.environment is not None:
         true, ours = environment_panels([truth.environment, asset.environment])
         caption = "Found, true; one exposure. Its scale against the base colour's follows from highlights alone."
-        writer.add("environment", "Environment", caption, [ours, true])
+        writer.add("environment", "Environment", caption, [ours, true], compare=True)
     else:
         caption = "As found: lat-long, up is up, the centre looks along +Z."
         writer.add("environment", "Environment", caption, environment_panels([asset.environment]))

@@ -7,6 +7,8 @@ from typing import Any
 
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
 from exmesh_graph.report.collect import Curve, Figure, Node, Report
+from exmesh_graph.report.compare import comparison
+from exmesh_graph.report.costs import stage_costs
 from exmesh_graph.report.decisions import decision_tables
 from exmesh_graph.report.graph_picture import Box, graph_picture
 from exmesh_graph.report.lineage import fold_edges, fold_loops, fold_name
@@ -34,6 +36,8 @@ def render_page(report: Report) -> str:
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
         graph=Markup(graph_picture(boxes, fold_edges(report.edges), fold_loops(report.edges))),
         galleries=_galleries(report),
+        comparison=lambda picture: Markup(comparison(picture)),
+        costs=stage_costs(report.nodes),
         decisions=decision_tables(report.metrics),
         tables={node: list(_rows(values)) for node, values in report.metrics.items()},
         hits=sum(node.state == "hit" for node in report.nodes),
@@ -87,8 +91,8 @@ def _tile(figure: Figure) -> dict[str, Any]:
 
 
 def _error_charts(figures: list[Figure]) -> list[str]:
-    """For each measure its value at every scored stage, over the time spent until then (from the floor at 0 s) and over
-    each other quantity that the stages name."""
+    """For each measure its value at every scored stage, over the time spent until then (a single one from the floor at
+    0 s) and over each other quantity that the stages name; log axes where values span more than a factor of two."""
     charts = []
     for series in dict.fromkeys(figure.series for figure in figures if figure.series):
         members = [f for f in figures if f.series == series and f.after is not None]
@@ -98,7 +102,7 @@ def _error_charts(figures: list[Figure]) -> list[str]:
         title = f"{series}, {members[0].unit}" if members[0].unit else series
         floor = next((f.floor for f in members if f.floor is not None), None)
         timed = sorted((float(f.after or 0.0), float(f.value)) for f in members)
-        if floor is not None:
+        if floor is not None and len(timed) == 1:
             timed = [(0.0, floor), *timed]
         drawn = [(timed, "seconds spent", floor)]
         for name in dict.fromkeys(name for f in members for name in f.over):
@@ -107,11 +111,14 @@ def _error_charts(figures: list[Figure]) -> list[str]:
             if len(points) < 2:
                 continue
             xs, ys = zip(*points, strict=True)
+            log = "x" if xs[0] > 0 and xs[-1] > 2 * xs[0] else ""
+            if min(ys) > 0 and members[0].unit != "dB":  # decibels are logarithms already
+                log += "y" if max(ys) > 2 * min(ys) else ""
+            shown = line if line or "y" not in log else None
             charts.append(
-                line_chart(
-                    [(series, xs, ys)], title=title, x_label=x_label, floor=line, points=True, width=250, height=176
-                )
-            )
+                line_chart([(series, xs, ys)], title=title, x_label=x_label, floor=shown, points=True, log=log,
+                           width=250, height=176)
+            )  # fmt: skip
     return charts
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +27,16 @@ class GalleryWriter:
     def __init__(self, root: Path) -> None:
         root.mkdir(parents=True, exist_ok=True)
         self.root = root
-        self._captions: list[dict[str, str]] = []
+        self._captions: list[dict[str, Any]] = []
 
-    def add(self, file: str, title: str, caption: str, panels: Sequence[np.ndarray]) -> None:
-        """Write `panels` (display values in [0, 1]; [H, W, 3] or [H, W]) side by side as `file`.png."""
+    def add(self, file: str, title: str, caption: str, panels: Sequence[np.ndarray], *, compare: bool = False) -> None:
+        """Write `panels` (display values in [0, 1]; [H, W, 3] or [H, W]) side by side as `file`.png.
+
+        `compare`: the first two are ours and the truth, which the page lays over each other with a slider.
+        """
         write_image(self.claim(f"{file}.png", title, caption), strip(panels))
+        if compare and len({panel.shape[:2] for panel in panels}) == 1:
+            self._captions[-1]["compare"] = len(panels)
 
     def claim(self, file: str, title: str, caption: str) -> Path:
         """Enter a picture that the caller writes to the returned path: PNG, or animated WebP."""

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from exmesh_graph.io.images import write_image
 from exmesh_graph.report import build_report
 from exmesh_graph.report.collect import collect
 from exmesh_graph.types import Gallery, Metrics
+from tests.report.chromium import screenshot
 
 METRICS = {
     "shape": {
@@ -221,3 +223,23 @@ def test_a_film_is_shown_as_what_it_is(tmp_path, record, load):
     (root / "turn.webp").write_bytes(b"RIFF")
     (root / "captions.json").write_text(json.dumps([{"file": "turn.webp", "title": "Film", "caption": ""}]))
     assert "data:image/webp;base64,UklGRg==" in build_report(tmp_path, record, load).read_text()
+
+
+def test_chromium_shows_the_page_without_a_network(tmp_path, record, load):
+    pixels = screenshot(build_report(tmp_path, record, load), 1250, 1800)
+    assert pixels.shape == (1800, 1250, 3)
+    colors = np.unique((pixels * 255).round().astype(int).reshape(-1, 3), axis=0)
+    assert len(colors) > 50
+    drawn = np.abs(pixels - pixels[2, 2]).max(axis=2) > 0.1  # against the page's background
+    assert 0.02 < drawn.mean() < 0.6
+    rows = drawn.any(axis=1).reshape(6, 300).mean(axis=1)
+    assert (rows > 0.1).all()  # every part of the page shows something
+
+
+def test_the_docs_name_every_key_of_report_json(report):
+    text = (Path(__file__).parents[2] / "docs" / "report.md").read_text(encoding="utf-8")
+    table = text.partition("## report.json")[2].partition("## ")[0]
+    named = [
+        key for row in table.splitlines() if row.startswith("| `") for key in re.findall(r"`(\w+)`", row.split("|")[1])
+    ]
+    assert sorted(named) == sorted(report[0])

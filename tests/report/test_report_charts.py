@@ -43,6 +43,21 @@ def test_points_stay_inside_the_frame(points, with_floor):
     assert all(55 <= float(x) <= 325 and 25 <= float(y) <= 167 for x, y in placed)
 
 
+@given(st.lists(st.tuples(st.floats(1e-5, 1e5), st.floats(1e-9, 1e4)), min_size=1, max_size=30), st.sampled_from("xy"))
+def test_on_log_axes_equal_ratios_are_equal_lengths_and_points_stay_inside(points, axis):
+    xs, ys = [p[0] for p in points], [p[1] for p in points]
+    chart = line_chart([("c", xs, ys)], title="t", x_label="x", points=True, log=axis)
+    placed = re.findall(r'<circle[^>]*cx="([-\d.]+)" cy="([-\d.]+)"', chart)
+    assert all(55 <= float(x) <= 325 and 25 <= float(y) <= 167 for x, y in placed)
+    steps = line_chart([("c", [3, 30, 300], [2.0, 8.0, 32.0])], title="t", x_label="x", points=True, log="xy")
+    (x1, y1), (x2, y2), (x3, y3) = (
+        (float(x), float(y)) for x, y in re.findall(r'<circle[^>]*cx="([-\d.]+)" cy="([-\d.]+)"', steps)
+    )
+    assert x2 - x1 == pytest.approx(x3 - x2, abs=0.2)
+    assert y2 - y1 == pytest.approx(y3 - y2, abs=0.2)
+    assert all(f">{tick}<" in steps for tick in (5, 20, 100))
+
+
 def test_bars_are_proportional():
     chart = bar_chart([("a", 10.0, "done"), ("b", 5.0, "hit"), ("c", 0.0, "done")])
     long, half, none = (float(w) for w in re.findall(r'<rect[^>]*width="([\d.]+)"', chart))
