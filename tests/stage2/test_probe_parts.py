@@ -112,6 +112,8 @@ def test_bounces_are_added_while_they_pay():
     assert decided(NOTHING, SURE).value == 0
     assert decided(NOTHING, NOTHING, held=SURE).value == 1  # where the photographs themselves tell
     assert decided(SURE, cost=30.0).value == 0
+    assert decided(Gain(2.56, 1.38)).value == 1  # it matters much, but only where surfaces see each other
+    assert decided(Gain(1.2, 1.38)).value == 0
     assert decide_bounces([], [], NOTHING, ShapeMeasures(0.0, 0.0, 0.0)).value == 0
 
 

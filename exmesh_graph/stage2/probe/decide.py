@@ -12,6 +12,9 @@ from exmesh_graph.types import Decision
 #: A gain must exceed this many standard errors, this many dB, and what the same work buys when it is spent on more
 #: steps instead: 0.25 dB of held-out PSNR for twice the steps (docs/stage2.md, 400 against 1000 steps).
 SIGMAS, LEAST_GAIN, GAIN_PER_DOUBLING = 2.0, 0.05, 0.25
+#: The same for interreflection: it adds no unknown that could fit noise, and its predicted gain is never below zero. The
+#: spread between parts of a surface, of which only some see others, is large where it matters most.
+SIGMAS_OF_LIGHT = 1.0
 
 
 def required(cost: float) -> float:
@@ -19,9 +22,9 @@ def required(cost: float) -> float:
     return max(LEAST_GAIN, GAIN_PER_DOUBLING * math.log2(max(cost, 1.0)))
 
 
-def pays(gain: Gain, cost: float) -> bool:
+def pays(gain: Gain, cost: float, sigmas: float = SIGMAS) -> bool:
     """Whether a gain is beyond its noise and its cost."""
-    return gain.gain > max(SIGMAS * gain.error, required(cost))
+    return gain.gain > max(sigmas * gain.error, required(cost))
 
 
 def with_noise(gain: Gain, placebo: Gain) -> Gain:
@@ -55,7 +58,7 @@ def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape:
             gain = best = held  # where base colour cannot take the light up, the photographs themselves tell
         if number > 1:
             evidence[f"gain_of_bounce_{number}"] = gain.gain
-        if not pays(gain, cost):
+        if not pays(gain, cost, SIGMAS_OF_LIGHT):
             break
         count = number
     reason = _reason("Interreflection", "pictures under another light", best, costs[0], count > 0)
