@@ -24,18 +24,18 @@ def _package_source(p: UsdFileParams) -> Mapping[str, Path]:
     return {p.path.name: p.path}
 
 
-@node("data.usd", version="1", libraries=("usd-core", "OpenImageIO"), sources=_package_source)
+@node("data.usd", version="2", libraries=("usd-core", "OpenImageIO"), sources=_package_source)
 def usd_file(ctx: Context, *, p: UsdFileParams) -> UsdFileOut:
     """A USD package from elsewhere, to be composed with others; what the gate finds in it is a warning."""
     import shutil
 
-    from exmesh_graph.export.usd import validate_usd
+    from exmesh_graph.export.usd import up_axis, validate_usd
 
     for problem in validate_usd(p.path):
         ctx.warn(str(problem))
     (ctx.scratch / "usd").mkdir()
     shutil.copyfile(p.path, ctx.scratch / "usd" / p.path.name)
-    return UsdFileOut(UsdAsset(root=ctx.scratch / "usd", main=p.path.name))
+    return UsdFileOut(UsdAsset(root=ctx.scratch / "usd", main=p.path.name, up=up_axis(p.path)))
 
 
 class ComposeParams(Params):
@@ -53,7 +53,7 @@ class ComposeOut(NamedTuple):
     files: UsdAsset
 
 
-@node("usd.compose", version="1", libraries=("usd-core", "OpenImageIO"))
+@node("usd.compose", version="2", libraries=("usd-core", "OpenImageIO"))
 def compose(
     ctx: Context,
     light: EnvMap,

@@ -1,6 +1,7 @@
 """Writing finished assets for DCC tools."""
 
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.graph.node import Context, Params, node, param
@@ -11,6 +12,9 @@ class UsdParams(Params):
     name: str = param("asset", doc="Name of the asset and its files: letters, digits and _.")
     up_axis: Literal["Y", "Z"] = param(
         "Y", doc="Z turns points, cameras and light; many tools turn Y-up by themselves."
+    )
+    recentre: bool = param(
+        False, doc="Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset."
     )
     roughness_floor: float = param(
         0.04, ge=0.0, le=1.0, doc="Lowest roughness written; how many texels were raised is reported."
@@ -29,7 +33,7 @@ class UsdOut(NamedTuple):
     files: UsdAsset
 
 
-@node("export.usd", version="2", libraries=("usd-core", "OpenImageIO", "scipy"))
+@node("export.usd", version="3", libraries=("usd-core", "OpenImageIO", "scipy"))
 def usd(
     ctx: Context,
     asset: Asset,
@@ -54,6 +58,7 @@ def usd(
         name=p.name,
         maps=MapSettings(p.roughness_floor, p.dilation, p.normal_bits),
         up_axis=p.up_axis,
+        recentre=p.recentre,
         gate=p.gate,
         clip=p.clip,
         require_scale=p.require_scale,
@@ -66,16 +71,28 @@ def usd(
         ctx.warn("the data set gives no metric scale: one scene unit is exported as one metre")
     elif report["scale"] == "normalised":
         ctx.warn("no frame is wired in: the asset keeps normalised units (the object in the unit sphere)")
+    _warn_of_rounding(ctx, report)
     if report["roughness_texels_raised"]:
         ctx.warn(f"{report['roughness_texels_raised']} texels were raised to the roughness floor {p.roughness_floor:g}")
     for problem in report.get("problems", ()):
         ctx.warn(problem)
     ctx.log(f"{report['bytes'][f'{p.name}.usdz'] / 1e6:.1f} MB in {p.name}.usdz")
-    return UsdOut(UsdAsset(root=ctx.scratch / "usd", main=f"{p.name}.usdz"))
+    return UsdOut(UsdAsset(root=ctx.scratch / "usd", main=f"{p.name}.usdz", up="z" if p.up_axis == "Z" else "y"))
+
+
+def _warn_of_rounding(ctx: Context, report: Mapping[str, Any]) -> None:
+    from exmesh_graph.export.geometry import COARSE_ROUNDING
+
+    if report["point_rounding"] > COARSE_ROUNDING:
+        ctx.warn(
+            f"the scene's origin is so far away that the file's float32 moves points by {report['point_rounding']:.1g} "
+            "of the object's radius: set `recentre`"
+        )
 
 
 class MapParams(Params):
     name: str = param("asset", doc="Name of the asset and its files: letters, digits and _.")
+    recentre: bool = param(False, doc="Put the object's middle at the origin, for scenes far from theirs.")
     roughness_floor: float = param(0.04, ge=0.0, le=1.0, doc="Lowest roughness written.")
     dilation: int = param(8, ge=0, le=64, unit="texels", doc="Padding of the charts, so that mip levels do not bleed.")
 
@@ -84,7 +101,7 @@ class GltfOut(NamedTuple):
     files: GltfAsset
 
 
-@node("export.gltf", version="1", libraries=("OpenImageIO", "scipy"))
+@node("export.gltf", version="2", libraries=("OpenImageIO", "scipy"))
 def gltf(
     ctx: Context, asset: Asset, frame: Frame | None = None, metrics: Metrics | None = None, *, p: MapParams
 ) -> GltfOut:
@@ -95,7 +112,10 @@ def gltf(
 
     origin = provenance_of(ctx.key, metrics.values if metrics else {})
     maps = MapSettings(p.roughness_floor, p.dilation)
-    report = write_gltf(ctx.scratch / "gltf", asset, frame, name=p.name, maps=maps, provenance=origin)
+    report = write_gltf(
+        ctx.scratch / "gltf", asset, frame, name=p.name, maps=maps, recentre=p.recentre, provenance=origin
+    )
+    _warn_of_rounding(ctx, report)
     if report["scale"] != "measured":
         ctx.warn("the metric scale is not known: one unit is exported as one metre")
     ctx.log(f"{report['bytes'] / 1e6:.1f} MB, {report['vertices_split']} vertices")
@@ -106,14 +126,15 @@ class ObjOut(NamedTuple):
     files: ObjAsset
 
 
-@node("export.obj", version="1", libraries=("OpenImageIO", "scipy"))
+@node("export.obj", version="2", libraries=("OpenImageIO", "scipy"))
 def obj(ctx: Context, asset: Asset, frame: Frame | None = None, *, p: MapParams) -> ObjOut:
     """Write mesh and maps as Wavefront OBJ with an MTL file; OBJ holds neither light nor units."""
     from exmesh_graph.export.maps import MapSettings
     from exmesh_graph.export.obj import write_textured_obj
 
     maps = MapSettings(p.roughness_floor, p.dilation)
-    write_textured_obj(ctx.scratch / "obj", asset, frame, name=p.name, maps=maps)
+    report = write_textured_obj(ctx.scratch / "obj", asset, frame, name=p.name, maps=maps, recentre=p.recentre)
+    _warn_of_rounding(ctx, report)
     return ObjOut(ObjAsset(root=ctx.scratch / "obj", main=f"{p.name}.obj"))
 
 

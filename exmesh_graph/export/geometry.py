@@ -13,6 +13,8 @@ from exmesh_graph.export.inputs import check_frame
 from exmesh_graph.types import Asset, Frame, Views
 
 UpAxis = Literal["Y", "Z"]
+COARSE_ROUNDING = 5e-6
+"""Point rounding, in radii of the object, above which it shows: pictures differ by more than 60 dB says."""
 _Z_FROM_Y = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # +90 degrees about x: +Y becomes +Z
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 
@@ -32,8 +34,11 @@ class Placement:
         return np.asarray(points, np.float64) @ (self.scale * self.rotation).T + self.offset
 
 
-def place(frame: Frame | None, up_axis: UpAxis = "Y") -> Placement:
-    """Without a frame the points stay in normalised units; an unknown scale counts as one metre per unit."""
+def place(frame: Frame | None, up_axis: UpAxis = "Y", *, recentre: bool = False) -> Placement:
+    """Without a frame the points stay in normalised units; an unknown scale counts as one metre per unit.
+
+    recentre  the normalised origin (the object's middle) becomes the stage's; what it was moved by is reported
+    """
     upright = _Z_FROM_Y if up_axis == "Z" else np.eye(3)
     if frame is None:
         report: dict[str, Any] = {"metres_per_unit": 1.0, "scale": "normalised", "scene_units_per_normalised": 1.0}
@@ -49,6 +54,9 @@ def place(frame: Frame | None, up_axis: UpAxis = "Y") -> Placement:
         "scene_from_normalised": matrix.tolist(),
     }
     offset = upright @ matrix[:3, 3]
+    if recentre:  # what to add to a point of the stage to be where the scene has it
+        report |= {f"recentred_by_{axis}": float(value) for axis, value in zip("xyz", offset, strict=True)}
+        offset = np.zeros(3)
     report |= {f"origin_{axis}": float(value) for axis, value in zip("xyz", offset, strict=True)}  # on the stage
     return Placement(upright @ rotation, size, offset, metres, report)
 
@@ -88,8 +96,14 @@ def camera_contents(views: Views, placement: Placement, reach: float) -> tuple[C
     return tuple(cameras)
 
 
-def mesh_report(asset: Asset) -> dict[str, Any]:
-    """Counts of what matters to a user of the mesh; signed texture area < 0 marks a mirrored face."""
+def mesh_report(asset: Asset, placement: Placement) -> dict[str, Any]:
+    """What matters to a user of the mesh: counts, and how far the file's float32 moves points, in radii of the object.
+
+    Signed texture area < 0 marks a mirrored face.
+    """
+    exact = placement.points(asset.vertices)
+    radius = float(np.linalg.norm(exact - placement.offset, axis=1).max())
+    moved = float(np.abs(exact.astype(np.float32) - exact).max())
     corner = asset.uvs.astype(np.float64)[asset.uv_faces]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -97,6 +111,7 @@ def mesh_report(asset: Asset) -> dict[str, Any]:
     return {
         "faces": len(asset.faces),
         "vertices": len(asset.vertices),
+        "point_rounding": float(f"{moved / max(radius, 1e-300):.2g}"),
         "closed": bool(facets["closed"]),
         "manifold": bool(facets["manifold"]),
         "mirrored_uv_faces": int((area < 0).sum()),

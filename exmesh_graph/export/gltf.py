@@ -36,19 +36,20 @@ def write_gltf(
     *,
     name: str = "asset",
     maps: MapSettings | None = None,
+    recentre: bool = False,
     provenance: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write `<name>.glb` into the new `folder`; return what was measured.
 
-    asset, frame as `export.usd.write_usd`; normal maps are written in 8 bits. `provenance` goes into the file's
-    `asset.extras`. Equal inputs give equal bytes. Raises DataError, GeometryError or NumericsError.
+    asset, frame, recentre as `export.usd.write_usd`; normal maps are written in 8 bits. `provenance` goes into the
+    file's `asset.extras`. Equal inputs give equal bytes. Raises DataError, GeometryError or NumericsError.
     """
     check_name(name)
     check_asset(asset)
     settings = maps or MapSettings()
     prepared, report = prepare_maps(asset, MapSettings(settings.roughness_floor, settings.dilation, 8))
-    placement = place(frame)
-    report |= mesh_report(asset) | placement.report
+    placement = place(frame, recentre=recentre)
+    report |= mesh_report(asset, placement) | placement.report
     with new_folder(folder) as partial:
         blob = _Blob()
         primitive = _primitive(blob, asset, mesh_content(asset, placement), placement)
@@ -60,7 +61,7 @@ def write_gltf(
             "asset": {
                 "version": "2.0",
                 "generator": f"exmesh-graph {__version__}",
-                "extras": {"scale": report["scale"], **(provenance or {})},
+                "extras": {"scale": report["scale"], **_moved(report), **(provenance or {})},
             },
             "scene": 0,
             "scenes": [{"nodes": [0]}],
@@ -87,6 +88,10 @@ def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
         raise DataError("not a whole glTF 2.0 binary file", where=str(path))
     length = struct.unpack_from("<I", data, 12)[0]
     return json.loads(data[20 : 20 + length]), data[28 + length :]
+
+
+def _moved(report: Mapping[str, Any]) -> dict[str, float]:
+    return {name: value for name, value in report.items() if name.startswith("recentred_by_")}
 
 
 class _Blob:

@@ -22,17 +22,23 @@ _SCALES = {"measured": "measured", "unknown": "scale unknown", "normalised": "no
 
 
 def write_textured_obj(
-    folder: Path, asset: Asset, frame: Frame | None = None, *, name: str = "asset", maps: MapSettings | None = None
+    folder: Path,
+    asset: Asset,
+    frame: Frame | None = None,
+    *,
+    name: str = "asset",
+    maps: MapSettings | None = None,
+    recentre: bool = False,
 ) -> dict[str, Any]:
     """Write `<name>.obj`, `<name>.mtl` and the maps into the new `folder`; return what was measured.
 
-    Points in scene units, Y-up; v of the texture coordinates up. Equal inputs give equal bytes. Raises DataError,
-    GeometryError or NumericsError.
+    Points in scene units, Y-up (`recentre` as `export.usd.write_usd`); v of the texture coordinates up. Equal inputs
+    give equal bytes. Raises DataError, GeometryError or NumericsError.
     """
     check_name(name)
     check_asset(asset)
     prepared, report = prepare_maps(asset, maps or MapSettings())
-    placement = place(frame)
+    placement = place(frame, recentre=recentre)
     mesh = mesh_content(asset, placement)
     with new_folder(folder) as partial:
         material = ["newmtl surface", "Kd 1 1 1", "Ks 0.04 0.04 0.04", "Ni 1.5", "illum 2", "Pr 1", "Pm 0"]
@@ -51,4 +57,4 @@ def write_textured_obj(
         lines += ["usemtl surface", "s 1"]
         lines += ["f " + " ".join(f"{v}/{t}/{v}" for v, t in face) for face in corners.tolist()]
         (partial / f"{name}.obj").write_text("\n".join(lines) + "\n", encoding="ascii")
-    return report | mesh_report(asset) | placement.report
+    return report | mesh_report(asset, placement) | placement.report

@@ -12,13 +12,17 @@ import numpy as np
 
 from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
 
+_ALIKE = 1e-4
+"""Cosines that differ by less count as equal when a point's carrying face is chosen."""
+
 
 @dataclass(frozen=True)
 class Lattice:
     """The lattice points of a mesh.
 
     face_points int32 [F, L]; points, normals float64 [P, 3]; point_face int32 [P]; point_bary float64 [P, 3]:
-    the face that carries the point (of those that share it, the one that faces along the point's normal most).
+    the face that carries the point (of those that share it, the one that faces along the point's normal most; of those
+    that do so alike, the first).
     """
 
     subdivision: int
@@ -42,10 +46,13 @@ def build_lattice(vertices: np.ndarray, faces: np.ndarray, subdivision: int) -> 
     flat = face_normals(vertices, faces)
     interpolated = np.einsum("lc,fcx->flx", weights / n, smooth[faces])
     facing = np.einsum("flx,fx->fl", interpolated, flat)
-    # first occurrence after sorting by (point, most facing, face) carries the point
-    order = np.lexsort((np.arange(face_points.size), -facing.reshape(-1), face_points.reshape(-1)))
-    sorted_points = face_points.reshape(-1)[order]
-    first = order[np.searchsorted(sorted_points, np.arange(len(used)))]
+    flat_points, facing = face_points.reshape(-1), facing.reshape(-1)
+    most = np.full(len(used), -np.inf)
+    np.maximum.at(most, flat_points, facing)
+    # ties are common (symmetric bodies); by their rounding errors they would be decided anew after every move
+    alike = np.flatnonzero(facing >= most[flat_points] - _ALIKE)
+    first = np.full(len(used), facing.size)
+    np.minimum.at(first, flat_points[alike], alike)
     face, local = np.divmod(first, len(weights))
     bary = weights[local] / n
     corners = np.asarray(vertices, np.float64)[faces[face]]

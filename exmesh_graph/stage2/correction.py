@@ -67,7 +67,7 @@ def measured_specular_scale(
         light.tracer,
         lattice_radiance(light.operators.light, leaving),
         light.settings.correction_samples,
-        generator,
+        torch.rand(len(surface), 2, generator=generator),
     )
     split = light.split_sum(buffer, material, lit, None if light.frames is None else surface)
     return (traced / split.clamp_min(1e-6)).clamp(0, LARGEST)

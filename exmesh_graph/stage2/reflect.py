@@ -25,7 +25,7 @@ def traced_specular(
     tracer: RayTracer,
     hit_radiance: HitRadiance,
     samples: int,
-    generator: torch.Generator,
+    shift: torch.Tensor,
     chunk: int = 1 << 15,
     extra: tuple[Pyramid, torch.Tensor] | None = None,
 ) -> torch.Tensor:
@@ -34,10 +34,10 @@ def traced_specular(
     Free rays read the environment averaged over the solid angle they stand for (Krivanek and Colbert 2008); rays that
     meet a front face (by `face_normals` [F, 3]) read its diffuse radiance; back faces are black.
     roughness [N], f0 [N, 3]. `extra`: light that only the samples of some points (bool [N]) meet.
-    The samples are one Hammersley set, shifted per point (Cranley and Patterson).
+    The samples are one Hammersley set, moved by `shift` [N, 2], uniform in [0, 1), per point (Cranley and Patterson).
     """
     grid = hammersley(samples, roughness.device)
-    shift = torch.rand(len(surface), 1, 2, generator=generator).to(roughness)
+    shift = shift[:, None].to(roughness)
     result = torch.empty(len(surface), 3, device=roughness.device)
     for start in range(0, len(surface), chunk):
         part = slice(start, start + chunk)

@@ -168,9 +168,8 @@ class _Scene:
     def f_d(self, material: torch.Tensor) -> torch.Tensor:
         return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)
 
-    def shade(
-        self, smooth: SurfaceSamples, material: torch.Tensor, samples: int, generator: torch.Generator
-    ) -> torch.Tensor:
+    def shade(self, smooth: SurfaceSamples, material: torch.Tensor, samples: int, shift: torch.Tensor) -> torch.Tensor:
+        """Radiance [N, 3]; `shift` [N, 5], uniform in [0, 1), moves each point's specular and sun samples."""
         surface = self.mapped(smooth, material)
         f0 = brdf.base_reflectance(material[:, :3], material[:, 4] if self.metallic else None)
         specular = traced_specular(
@@ -182,7 +181,7 @@ class _Scene:
             self.tracer,
             self.hit_radiance,
             samples,
-            generator,
+            shift[:, :2],
             extra=None if self.extra is None else (self.extra, narrow_lobes(self.suns, material[:, 3])),
         )
         f_d = self.f_d(material)
@@ -193,7 +192,7 @@ class _Scene:
         shaded = f_d * arrived + specular
         if len(self.suns):
             shaded += sun_radiance(
-                self.suns, self.flux, surface, f_d, material[:, 3], f0, self.tracer, SUN_SAMPLES, generator
+                self.suns, self.flux, surface, f_d, material[:, 3], f0, self.tracer, SUN_SAMPLES, shift[:, 2:]
             )
         return shaded
 
@@ -224,7 +223,9 @@ def _render(
     camera = torch.from_numpy(camera_to_world[:3, 3].astype(np.float32)).to(device)
     surface = scene.geometry.samples(face_id[chosen].long(), fragments.bary.reshape(-1, 3)[chosen], camera)
     material = scene.read(surface.uv)
-    radiance = scene.shade(surface, material, samples, generator)
+    # drawn for the whole grid: a sample more or less at the outline leaves the noise of all others as it is
+    shift = torch.rand(len(face_id), 5, generator=generator)[chosen.cpu()]
+    radiance = scene.shade(surface, material, samples, shift)
     fine = torch.zeros(len(face_id), 11, device=device)
     normal = scene.mapped(surface, material).normal
     fine[chosen] = torch.cat([radiance, torch.ones_like(radiance[:, :1]), material[:, :4], normal], dim=1)

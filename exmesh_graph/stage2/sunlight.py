@@ -38,16 +38,16 @@ def sun_radiance(
     f0: torch.Tensor,
     tracer: RayTracer,
     samples: int,
-    generator: torch.Generator,
+    shift: torch.Tensor,
     chunk: int = 1 << 16,
 ) -> torch.Tensor:
     """Radiance [N, 3] that `surface` sends to its viewer of the suns' light, `flux` [S, 3].
 
     diffuse f_d [N, 3], roughness [N], f0 [N, 3]. Points with narrow lobes reflect it diffusely only. Directions are a
-    set of `samples` per sun, shifted at random per point (Cranley and Patterson).
+    set of `samples` per sun, moved by `shift` [N, 3], uniform in [0, 1), per point (Cranley and Patterson).
     """
     grid = stratified(samples).to(roughness.device)
-    shift = torch.rand(len(surface), 3, generator=generator).to(roughness)
+    shift = shift.to(roughness)
     origins = offset_origins(surface.position, surface.flat.double(), tracer.radius)
     mirrored = ~narrow_lobes(suns, roughness)
     result = torch.zeros_like(diffuse)

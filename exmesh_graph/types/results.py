@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -60,10 +60,25 @@ class Gallery(Files):
 
 @dataclass(frozen=True, eq=False)
 class UsdAsset(Files):
-    """An exported USD asset: `asset.usdz`, `asset.usda` with its layers, `scene.usda`, `textures/`, ..."""
+    """An exported USD asset: `asset.usdz`, `asset.usda` with its layers, `scene.usda`, `textures/`, ...
+
+    `up` is what its stages say of themselves, "y" or "z": no convention of the type, since readers take either.
+    """
 
     type_name: ClassVar[str] = "UsdAsset"
-    conventions: ClassVar[Mapping[str, Any]] = {"up": "y"}
+    up: str = "y"
+
+    def save(self, folder: Path) -> None:
+        super().save(folder)
+        (folder / "up.json").write_text(json.dumps({"up": self.up}) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        up = json.loads((folder / "up.json").read_text(encoding="utf-8"))["up"]
+        return replace(super().load(folder), up=up)
+
+    def facets(self) -> dict[str, Any]:
+        return {"up": self.up}
 
 
 @dataclass(frozen=True, eq=False)

@@ -128,11 +128,23 @@ def test_a_direction_coded_light_comes_from_where_it_says(tmp_path, up_axis):
     assert np.abs(stage - seen @ found.T).max() < 0.12  # a texel is 5.6 degrees wide
 
 
-def test_what_is_read_back_looks_the_same(tmp_path):
-    """The picture of the scene file, read by our own reader, against the picture of the asset itself.
+CENTIMETRES = Frame(np.array([[30.0, 0, 0, 5], [0, 30.0, 0, -200], [0, 0, 30.0, 7], [0, 0, 0, 1]]), np.eye(4), 0.01)
+FAR = Frame(np.array([[0.2, 0, 0, 4e5], [0, 0.2, 0, -3e2], [0, 0, 0.2, 5e6], [0, 0, 0, 1]]), np.eye(4))
 
-    In normalised units, where points come back to the bit: rounded ones draw other noise in the renderer.
-    """
+
+@pytest.mark.parametrize(
+    ("frame", "options"),
+    [
+        (None, {}),
+        (FRAME, {}),
+        (FRAME, {"up_axis": "Z"}),
+        (CENTIMETRES, {"up_axis": "Z"}),
+        (FAR, {"recentre": True}),
+    ],
+    ids=["normalised", "turned", "Z-up", "centimetres", "far"],
+)
+def test_what_is_read_back_looks_the_same(tmp_path, frame, options):
+    """The picture of the scene file, read by our own reader, against the picture of the asset itself."""
     import torch
 
     from exmesh_graph.metrics.image import psnr
@@ -147,8 +159,8 @@ def test_what_is_read_back_looks_the_same(tmp_path):
         normal=tilted_normals(),
     )
     views = example_views(2)
-    settings = ExportSettings(up_axis="Z", maps=MapSettings(normal_bits=16))
-    write_usd(tmp_path / "out", asset, None, views, settings=settings)
+    settings = ExportSettings(maps=MapSettings(normal_bits=16), **options)
+    write_usd(tmp_path / "out", asset, frame, views, settings=settings)
     contents = read_usd(tmp_path / "out" / "asset.usdz")
     back = contents.asset()
     pose = np.stack([contents.normalised_pose(camera) for camera in contents.cameras])

@@ -1,5 +1,7 @@
 """The export nodes: a judged asset with its provenance, its warnings, and a refusal to hand out a bad one."""
 
+import shutil
+
 import numpy as np
 import pytest
 from exmesh_nodes import export
@@ -29,6 +31,33 @@ def test_the_exported_files_survive_the_store(scene, context, tmp_path):
     assert {"asset.usdz", "asset.usda", "geo.usdc", "scene.usda", "env.exr", "textures/base_color.png"} <= names
     assert "report.json" not in names  # the run keeps its own file of that name beside the published asset
     assert any("metric scale" in warning for warning in context.warnings)
+
+
+@pytest.mark.parametrize("up", ["Y", "Z"])
+def test_the_value_says_which_way_its_stage_is_up(scene, context, up):
+    files = export.usd(context, scene.asset, FRAME, p=export.UsdParams(up_axis=up)).files
+    assert files.facets() == {"up": up.lower()}
+    assert read_usd(files.root / files.main).up_axis == up
+    assert "up" not in UsdAsset.conventions  # a port that takes any takes both
+
+
+def test_a_scene_far_from_its_origin_is_told_of_and_can_be_recentred(scene, context):
+    matrix = np.eye(4)
+    matrix[:3, 3] = [3e5, 0, -5e6]  # a survey's coordinates
+    for recentre in (False, True):
+        files = export.usd(context, scene.asset, Frame(matrix, np.eye(4)), p=export.UsdParams(recentre=recentre)).files
+        told = [warning for warning in context.warnings if "set `recentre`" in warning]
+        contents = read_usd(files.root / files.main)
+        moved = np.abs(contents.normalised(contents.points) - scene.asset.vertices).max()
+        if recentre:
+            assert told == []
+            assert moved == 0
+            assert contents.custom_data["recentred_by_z"] == -5e6
+        else:
+            assert len(told) == 1
+            assert moved > 0.01
+        context.warnings.clear()
+        shutil.rmtree(files.root)
 
 
 def test_levels_of_detail_are_wired_in(scene, context):

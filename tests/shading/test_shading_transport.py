@@ -76,6 +76,15 @@ def test_lattice_points_are_shared(n):
     np.testing.assert_allclose(on_face, lattice.points, atol=1e-7)
 
 
+def test_a_symmetric_body_keeps_its_carrying_faces_under_rounding():
+    vertices = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64) * 0.8
+    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+    expected = build_lattice(vertices, faces, 4).point_face
+    for seed in range(4):
+        moved = vertices + np.random.default_rng(seed).uniform(-1e-7, 1e-7, vertices.shape)
+        np.testing.assert_array_equal(build_lattice(moved, faces, 4).point_face, expected)
+
+
 def test_normals_of_a_sphere_and_degenerate_faces():
     vertices, faces = _sphere(24)
     np.testing.assert_allclose(angle_weighted_normals(vertices, faces), vertices / 0.8, atol=0.02)

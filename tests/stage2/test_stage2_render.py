@@ -63,6 +63,28 @@ def test_occlusion_darkens_and_bounces_brighten(true_asset, cameras):
     assert lit[3] - lit[1] < lit[1] - lit[0]
 
 
+def test_what_is_covered_more_leaves_the_noise_elsewhere_alone(true_asset, cameras):
+    """A speck beside the object, drawn before it: all other pixels keep theirs."""
+    some = [c[:1] for c in cameras]
+    pose = some[1][0]
+    speck = -0.9 * pose[:3, 1] + 0.08 * (np.array([[0, 0], [1, 0], [0, -1]]) @ pose[:3, :2].T)  # above, facing us
+    count = len(true_asset.vertices)
+    wider = dataclasses.replace(
+        true_asset,
+        vertices=np.concatenate([true_asset.vertices, speck.astype(np.float32)]),
+        faces=np.concatenate([true_asset.faces, [[count, count + 1, count + 2]]]).astype(np.int32),
+        uv_faces=np.concatenate([true_asset.uv_faces, true_asset.uv_faces[:1]]),
+    )
+    shown, other = (
+        render_views(asset, *some, 40, 40, transport=render_transport(asset, 0, directions=64, points=500))
+        for asset in (true_asset, wider)
+    )
+    rest = (shown.alpha == other.alpha) & (shown.alpha > 0)
+    assert 0 < (shown.alpha != other.alpha).sum() < 30
+    moved = np.abs(other.images[rest] - shown.images[rest]).max(axis=1) > 1e-5
+    assert moved.mean() < 0.02  # rays that meet the speck
+
+
 def test_traced_specular_of_a_convex_body_in_a_uniform_sky_is_the_directional_albedo(true_asset, cameras):
     ball = _only_ball(true_asset)
     geometry = CarrierGeometry(ball)
@@ -83,7 +105,7 @@ def test_traced_specular_of_a_convex_body_in_a_uniform_sky_is_the_directional_al
         make_ray_tracer(ball.vertices, ball.faces),
         lambda face, bary: torch.zeros(len(face), 3),
         256,
-        torch.Generator().manual_seed(0),
+        torch.rand(len(surface), 2, generator=torch.Generator().manual_seed(0)),
     )
     expected = 2.0 * directional_albedo(reflectance_table(), surface.n_v, roughness, 0.04)
     np.testing.assert_allclose(found[:, 0].numpy(), expected.numpy(), rtol=0.06)

@@ -101,7 +101,7 @@ def _examples(folder: Path) -> list[Artifact]:
         ),
         Metrics({"psnr": 31.25, "views": {"a": [1, 2.5]}, "closed": True}),
         Gallery(folder / "pictures", "a.png"),
-        UsdAsset(folder / "pictures", "a.png"),
+        UsdAsset(folder / "pictures", "a.png", up="z"),
     ]
 
 

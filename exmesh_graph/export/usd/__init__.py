@@ -2,7 +2,7 @@
 
 from exmesh_graph.export.usd.gate import validate_usd
 from exmesh_graph.export.usd.problem import Problem
-from exmesh_graph.export.usd.read import UsdContents, read_usd
+from exmesh_graph.export.usd.read import UsdContents, read_usd, up_axis
 from exmesh_graph.export.usd.write import ExportSettings, write_usd
 
-__all__ = ["ExportSettings", "Problem", "UsdContents", "read_usd", "validate_usd", "write_usd"]
+__all__ = ["ExportSettings", "Problem", "UsdContents", "read_usd", "up_axis", "validate_usd", "write_usd"]

@@ -157,6 +157,13 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
     )
 
 
+def up_axis(path: Path) -> str:
+    """ "y" or "z": what the file's stage says of itself (USD's default is y)."""
+    from pxr import Usd, UsdGeom
+
+    return str(UsdGeom.GetStageUpAxis(Usd.Stage.Open(str(path)))).lower()
+
+
 def select_variant(stage: Any, name: str, choice: str) -> None:
     """Choose `choice` of the variant set `name` wherever it is; DataError where there is no such choice."""
     found = [prim for prim in stage.Traverse() if name in prim.GetVariantSets().GetNames()]

@@ -49,6 +49,7 @@ class ExportSettings:
     """name             prim and file name: a USD identifier
     maps             how textures are written
     up_axis          "Y", or "Z": points, cameras and light turned by 90 degrees about x
+    recentre         the object's middle becomes the stage's origin; by how much it was moved goes into the provenance
     gate             judge the files before they appear under their name; False is noted in the asset
     clip             clip base colour to [0, 1] and light to half floats, counted; else values outside are errors
     require_scale    an unknown metric scale is an error
@@ -58,6 +59,7 @@ class ExportSettings:
     name: str = "asset"
     maps: MapSettings = field(default_factory=MapSettings)
     up_axis: UpAxis = "Y"
+    recentre: bool = False
     gate: bool = True
     clip: bool = False
     require_scale: bool = False
@@ -151,8 +153,8 @@ def _content(
 ) -> tuple[AssetContent, dict[str, np.ndarray]]:
     """The prims' data in scene units, and the texture files' codes; what is found out is added to `report`."""
     high = levels["high"]
-    placement = place(frame, settings.up_axis)
-    report |= mesh_report(high) | placement.report
+    placement = place(frame, settings.up_axis, recentre=settings.recentre)
+    report |= mesh_report(high, placement) | placement.report
     meshes = {lod: mesh_content(level, placement) for lod, level in levels.items()}
     codes = {"high": maps}
     for lod, level in levels.items():

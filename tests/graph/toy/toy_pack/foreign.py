@@ -98,7 +98,7 @@ class CommonOut(NamedTuple):
     sky: EnvMap
     asset: Asset
     light: Transport
-    usd: UsdAsset
+    usd: Annotated[UsdAsset, facets(up="y")]
 
 
 class MeshOut(NamedTuple):
@@ -135,7 +135,7 @@ def use(
     depths: DepthMaps | None = None,
     sky: EnvMap | None = None,
     asset: Asset | None = None,
-    usd: UsdAsset | None = None,
+    usd: Annotated[UsdAsset | None, facets(up="y")] = None,
     either: Views | DepthMaps | None = None,
     opengl: Annotated[Views | None, facets(camera="opengl")] = None,
 ) -> DoneOut:
