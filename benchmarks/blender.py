@@ -24,6 +24,7 @@ from exmesh_graph.export.lod import reduced
 from exmesh_graph.export.usd import ExportSettings, read_usd, write_usd
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import srgb_to_linear
+from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.io.images import display, read_image, write_image
 from exmesh_graph.metrics.image import psnr
 from exmesh_graph.types import Asset, Frame, SceneTruth, Views
@@ -158,10 +159,7 @@ def against_photograph(figures: dict, views: Views, picture: Path | None) -> Non
 def light_errors(asset: Asset, settings: BlenderSettings) -> dict[str, float]:
     """Angle [degrees] between the light that the file means and the one that Blender shows."""
     height = 128
-    v, u = (np.arange(height) + 0.5) / height, (np.arange(2 * height) + 0.5) / (2 * height)
-    lat, lon = np.pi * (0.5 - v)[:, None], np.pi * (1 - 2 * u)[None]
-    along = np.stack([np.sin(lon) * np.cos(lat), np.sin(lat) + 0 * lon, np.cos(lon) * np.cos(lat)], axis=-1)
-    coded = replace(asset, environment=(0.5 * along + 0.5).astype(np.float32))
+    coded = replace(asset, environment=(0.5 * canonical_directions(height, 2 * height) + 0.5).astype(np.float32))
     turn = np.eye(4)
     turn[:3, :3] = [[0.5, 0, 0.75**0.5], [0, 1, 0], [-(0.75**0.5), 0, 0.5]]
     intrinsics, pose = orbit(3, 32, 32)

@@ -66,10 +66,13 @@ def view(
     if run.is_dir():
         found = [path for path in sorted(run.glob("*.usdz")) if not path.stem.endswith("_ar")]
         if not found:
-            raise DataError("the run holds no USD package", where=str(run), fix="give a .usdz or scene.usda file")
+            raise DataError(
+                "the folder holds no USD package", where=str(run),
+                fix="give a run whose graph exports USD, or a .usdz file",
+            )  # fmt: skip
         file = found[0]
     if not file.is_file():
-        raise DataError("the file does not exist", where=str(file), fix="exmesh status lists the runs")
+        raise DataError("there is no such run or file", where=str(file), fix="exmesh status lists the runs")
     lights = {path.stem: read_environment(path) for path in light or ()}
     if convention == "blender":
         lights = {name: canonical_from_blender(radiance) for name, radiance in lights.items()}

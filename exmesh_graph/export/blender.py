@@ -19,7 +19,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.usd.problem import Problem
-from exmesh_graph.export.usd.read import UsdCamera, read_camera, read_usd
+from exmesh_graph.export.usd.read import UsdCamera, open_usd, read_camera, read_usd
 from exmesh_graph.io.images import display, read_image
 
 CHILD = Path(__file__).with_name("blender_child.py")
@@ -130,7 +130,7 @@ def judged(usd: Path, python: Path) -> list[Problem]:
     try:
         found = compare_with_blender(usd, BlenderSettings(python))
     except DataError as error:
-        return [Problem("error", "blender", str(usd), error.what)]
+        return [Problem("error", "blender", str(usd), ": ".join(filter(None, (error.what, error.fix))))]
     gain = " ".join(f"{value:.3f}" for value in found["gain"])
     what = f"{found['psnr']:.1f} dB from our picture on the object, IoU {found['iou']:.4f}, Blender / ours {gain}"
     good = found["psnr"] >= MIN_PSNR and found["iou"] >= MIN_IOU
@@ -143,17 +143,16 @@ def camera_names(usd: Path) -> list[str]:
 
 
 def _cameras(usd: Path) -> tuple[UsdCamera, ...]:
-    from pxr import Usd, UsdGeom
+    from pxr import UsdGeom
 
-    stage = Usd.Stage.Open(str(usd))
-    return tuple(read_camera(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera))
+    return tuple(read_camera(prim) for prim in open_usd(usd).Traverse() if prim.IsA(UsdGeom.Camera))
 
 
 def _with_variants(usd: Path, variants: Mapping[str, str], file: Path) -> Path:
     """A layer over `usd` that chooses the variants, as a user would in a shot."""
     from pxr import Sdf, Usd, UsdGeom
 
-    under = Usd.Stage.Open(str(usd))
+    under = open_usd(usd)
     layer = Sdf.Layer.CreateNew(str(file))
     layer.subLayerPaths.append(str(usd.resolve()))
     stage = Usd.Stage.Open(layer)

@@ -14,7 +14,7 @@ from exmesh_graph.types import Asset, Frame, Views
 
 UpAxis = Literal["Y", "Z"]
 COARSE_ROUNDING = 5e-6
-"""Point rounding, in radii of the object, above which it shows: pictures differ by more than 60 dB says."""
+"""Point rounding, in radii of the object: above it, pictures of the file may be less than 60 dB from the asset's."""
 _Z_FROM_Y = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # +90 degrees about x: +Y becomes +Z
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 

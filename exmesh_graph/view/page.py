@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.export.gltf import write_gltf
+from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.types import Asset
 
 LIGHT_WIDTH = 512
@@ -54,7 +55,7 @@ def view_page(asset: Asset, title: str, lights: Mapping[str, np.ndarray] | None 
 
 def studio(height: int = 64) -> np.ndarray:
     """A dark room with a large warm lamp on one side, a cool one on the other and a lamp above: float32 [H, 2H, 3]."""
-    direction = _directions(height)
+    direction = canonical_directions(height, 2 * height)
     light = np.full((height, 2 * height, 3), 0.08)
     for toward, width, color in (
         ((1.0, 0.6, 0.8), 0.5, (5.0, 4.5, 4.0)),
@@ -69,16 +70,9 @@ def studio(height: int = 64) -> np.ndarray:
 
 def overcast(height: int = 64) -> np.ndarray:
     """A gray sky (the CIE's: three times as bright above as at the horizon) over darker ground: float32 [H, 2H, 3]."""
-    up = _directions(height)[..., 1:2]
+    up = canonical_directions(height, 2 * height)[..., 1:2]
     sky = np.where(up > 0, (1 + 2 * up) / 3, 0.12)
     return (1.3 * sky * np.array([0.95, 1.0, 1.06])).astype(np.float32)
-
-
-def _directions(height: int) -> np.ndarray:
-    """Unit directions [H, 2H, 3] of the texels of a canonical lat-long map."""
-    lat = np.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
-    lon = np.pi * (1 - (np.arange(2 * height) + 0.5) / height)[None]
-    return np.stack([np.sin(lon) * np.cos(lat), np.sin(lat) + 0 * lon, np.cos(lon) * np.cos(lat)], axis=-1)
 
 
 def _encoded(radiance: np.ndarray) -> dict[str, Any]:

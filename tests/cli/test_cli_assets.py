@@ -43,6 +43,35 @@ def test_good_and_broken_files(exmesh: Callable[..., Any], tmp_path: Path) -> No
     ]
 
 
+def test_what_is_no_usd_is_told_and_never_a_traceback(exmesh: Callable[..., Any], tmp_path: Path) -> None:
+    write_usd(tmp_path / "out", small_asset())
+    whole = (tmp_path / "out" / "asset.usdz").read_bytes()
+    (tmp_path / "text.txt").write_text("no stage")
+    (tmp_path / "text.usda").write_text("no stage")
+    (tmp_path / "cut.usdz").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "headless.usdz").write_bytes(whole[100:])
+    (tmp_path / "empty.usdz").touch()
+    (tmp_path / "cut.usdc").write_bytes((tmp_path / "out" / "geo.usdc").read_bytes()[:-50])
+    for file, rule, told in (
+        ("none.usda", "open", "does not exist"),
+        ("out", "open", "this is a folder: give asset.usdz"),
+        ("text.txt", "open", "USD cannot read it"),
+        ("text.usda", "open", "USD cannot read it"),
+        ("cut.usdz", "package", "not a whole zip archive"),
+        ("headless.usdz", "package", ""),
+        ("empty.usdz", "package", "not a whole zip archive"),
+        ("cut.usdc", "open", "USD cannot read it"),
+    ):
+        done = exmesh("check-usd", file, "--json", code=1)
+        problems = json.loads(done.stdout)
+        assert any(p["rule"] == rule and told in p["what"] for p in problems), (file, problems)
+        assert "Traceback" not in done.stderr
+        if file != "out":  # `view` takes folders
+            shown = exmesh("view", file, "--no-open", code=1).stderr
+            assert "Traceback" not in shown
+            assert file in shown
+
+
 def test_view_writes_one_page_beside_the_asset(exmesh: Callable[..., Any], tmp_path: Path) -> None:
     write_usd(tmp_path / "out", small_asset())
     shown = exmesh("view", "out", "--no-open", "--light", "out/env.exr").stdout

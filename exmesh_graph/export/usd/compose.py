@@ -23,6 +23,7 @@ from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.inputs import check_name
 from exmesh_graph.export.maps import write_environment
 from exmesh_graph.export.usd.gate import validate_usd
+from exmesh_graph.export.usd.read import open_usd
 from exmesh_graph.export.usd.scene import define_camera, define_dome
 
 _THICKNESS = 0.06  # of the table, in heights of the pieces
@@ -99,12 +100,17 @@ def _component(source: Path) -> Path:
     for candidate in (source.with_suffix(".usda"), source.with_name("asset.usda")):
         if candidate.is_file() and candidate.name != "scene.usda" and (source.parent / "payload.usda").is_file():
             return candidate
+    if source.suffix == ".usda":
+        raise DataError(
+            "a layer that may refer to other files cannot be taken along alone", where=str(source),
+            expected="a .usdz package, or an export of this project",
+        )  # fmt: skip
     return source
 
 
 def _box(source: Path, turn: float) -> tuple[np.ndarray, np.ndarray, bool]:
     """(low, high) corners of the piece after its turn, Y-up, and whether it was Y-up before."""
-    stage = Usd.Stage.Open(str(_component(source)))
+    stage = open_usd(_component(source))
     if not stage.GetDefaultPrim():
         raise DataError("the file has no default prim", where=str(source), fix="exmesh check-usd says what is wrong")
     matrix = Gf.Matrix4d(1)

@@ -11,8 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.export.usd.problem import Pictures, Problem
-from exmesh_graph.export.usd.read import select_variant
+from exmesh_graph.export.usd.read import open_usd, select_variant
 from exmesh_graph.export.usd.rules_light import dome_rules
 from exmesh_graph.export.usd.rules_material import material_rules
 from exmesh_graph.export.usd.rules_mesh import mesh_rules
@@ -24,15 +25,13 @@ def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
 
     Every variant is judged, one variant set at a time. `pictures` may be shared by calls on files of one asset.
     """
-    from pxr import Tf, Usd
+    from pxr import Usd
 
-    if not Path(path).is_file():
-        return [Problem("error", "open", Path(path).name, "the file does not exist")]
     problems = list(package_rules(path))
     try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        return [*problems, Problem("error", "open", path.name, str(error).strip().splitlines()[-1])]
+        stage = open_usd(path)
+    except DataError as error:
+        return [*problems, Problem("error", "open", path.name, ": ".join(filter(None, (error.what, error.fix))))]
     pictures = pictures or Pictures()
     problems += [*_openusd_findings(stage), *stage_rules(stage), *path_rules(stage)]
     problems += _prim_rules(stage, pictures, ("Mesh", "Material", "DomeLight"))

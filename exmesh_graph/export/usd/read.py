@@ -67,9 +67,12 @@ class UsdContents:
         """
         if self.environment is None or "base_color" not in self.textures:
             raise DataError(
-                "no dome light or no base colour map", where=self.default_prim, expected="a scene.usda or its package"
+                "no dome light with a picture, or no base colour map",
+                where=self.default_prim,
+                expected="a scene.usda or its package",
             )
-        shape = self.textures["base_color"].shape[:2]
+        base = _unit(self.textures["base_color"])[..., :3]
+        shape = base.shape[:2]
 
         def grey(name: str) -> np.ndarray:
             if name in self.textures:
@@ -78,7 +81,7 @@ class UsdContents:
 
         normal = None
         if "normal" in self.textures:
-            normal = _unit(self.textures["normal"]) * 2 - 1
+            normal = _unit(self.textures["normal"])[..., :3] * 2 - 1
             normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         metallic = grey("metallic") if "metallic" in self.textures or self.constants.get("metallic") else None
         return Asset(
@@ -86,8 +89,8 @@ class UsdContents:
             faces=self.faces,
             uvs=self.st,
             uv_faces=self.st_faces,
-            texture=_unit(self.textures["base_color"]),
-            base_color=srgb_to_linear(_unit(self.textures["base_color"])),
+            texture=base,
+            base_color=srgb_to_linear(base),
             roughness=grey("roughness"),
             seen=np.ones(shape, bool),
             environment=self.environment,
@@ -114,25 +117,49 @@ class UsdContents:
         return out
 
 
+def open_usd(path: Path) -> Any:
+    """The composed Usd.Stage of a file; DataError where there is none, or what is there cannot be read as USD."""
+    from pxr import Tf, Usd
+
+    if not path.is_file():
+        folder = path.is_dir()
+        raise DataError(
+            "this is a folder" if folder else "the file does not exist", where=str(path),
+            expected="a .usda, .usdc or .usdz file", fix="give asset.usdz or scene.usda in it" if folder else "",
+        )  # fmt: skip
+    try:
+        return Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        reason = str(error).strip().splitlines()[-1].strip()
+        raise DataError(
+            f"USD cannot read it ({reason})", where=str(path), expected="a whole .usda, .usdc or .usdz file",
+            fix="export or copy it again",
+        ) from error  # fmt: skip
+
+
 def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdContents:
-    """Read `.usda`, `.usdc` or `.usdz` that holds exactly one Mesh; DataError otherwise.
+    """Read `.usda`, `.usdc` or `.usdz` that holds exactly one Mesh, of triangles with `primvars:st` on their corners.
 
-    `variants` (lod, shading) are chosen on the prim that has them.
+    `variants` (lod, shading) are chosen on the prim that has them. Raises DataError for anything else.
     """
-    from pxr import Usd, UsdGeom, UsdLux
+    from pxr import UsdGeom, UsdLux
 
-    stage = Usd.Stage.Open(str(path))
+    stage = open_usd(path)
     for name, choice in (variants or {}).items():
         select_variant(stage, name, choice)
     meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
     if len(meshes) != 1:
         raise DataError(f"{len(meshes)} meshes", where=str(path), expected="exactly one Mesh")
     mesh = meshes[0]
-    st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
+    where = f"{path}, {mesh.GetPath()}"
+    if (np.asarray(mesh.GetFaceVertexCountsAttr().Get() or [0]) != 3).any():
+        raise DataError("the mesh has faces that are not triangles", where=where, fix="triangulate it in the DCC tool")
+    faces = _array(mesh.GetFaceVertexIndicesAttr(), np.int32, 3)
+    st, st_faces = _texture_coordinates(mesh, len(faces), where)
     domes = [UsdLux.DomeLight(prim) for prim in stage.Traverse() if prim.IsA(UsdLux.DomeLight)]
     environment, rotation = None, np.eye(3)
-    if domes:
-        environment = read_asset_pixels(domes[0].GetTextureFileAttr().Get().resolvedPath).astype(np.float32)
+    if domes and (file := domes[0].GetTextureFileAttr().Get()):
+        environment = read_asset_pixels(file.resolvedPath or file.path).astype(np.float32)[..., :3]
         rotation = _matrix(domes[0])[:3, :3]
     recon: dict[str, Any] = {}
     for prim in stage.Traverse():
@@ -142,9 +169,9 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
     return UsdContents(
         points=_array(mesh.GetPointsAttr(), np.float32, 3),
         normals=_array(mesh.GetNormalsAttr(), np.float32, 3),
-        faces=_array(mesh.GetFaceVertexIndicesAttr(), np.int32, 3),
-        st=np.array(st.Get(), np.float32).reshape(-1, 2),
-        st_faces=np.array(st.GetIndices(), np.int32).reshape(-1, 3),
+        faces=faces,
+        st=st,
+        st_faces=st_faces,
         textures=textures,
         constants=constants,
         environment=environment,
@@ -159,9 +186,9 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
 
 def up_axis(path: Path) -> str:
     """ "y" or "z": what the file's stage says of itself (USD's default is y)."""
-    from pxr import Usd, UsdGeom
+    from pxr import UsdGeom
 
-    return str(UsdGeom.GetStageUpAxis(Usd.Stage.Open(str(path)))).lower()
+    return str(UsdGeom.GetStageUpAxis(open_usd(path))).lower()
 
 
 def select_variant(stage: Any, name: str, choice: str) -> None:
@@ -182,15 +209,35 @@ def select_variant(stage: Any, name: str, choice: str) -> None:
 
 
 def read_asset_pixels(resolved: str) -> np.ndarray:
-    """Pixels [H, W, C] of a resolved asset path; `package.usdz[member]` is looked up in the package."""
+    """Pixels [H, W, C] of a resolved asset path; `package.usdz[member]` is looked up in the package.
+
+    Raises DataError for a picture that is missing or cannot be decoded.
+    """
     if not resolved.endswith("]"):
         return read_raw(Path(resolved))
     package, member = resolved[:-1].split("[", 1)
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / Path(member).name
-        with zipfile.ZipFile(package) as archive:
-            copy.write_bytes(archive.read(member))
+        try:
+            with zipfile.ZipFile(package) as archive:
+                copy.write_bytes(archive.read(member))
+        except (zipfile.BadZipFile, KeyError) as error:
+            raise DataError(f"the package does not give the picture ({error})", where=resolved) from error
         return read_raw(copy)
+
+
+def _texture_coordinates(mesh: Any, faces: int, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """(st float32 [T, 2], st_faces int32 [F, 3]) of a mesh."""
+    from pxr import UsdGeom
+
+    st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
+    if not st or not st.HasValue() or st.GetInterpolation() != UsdGeom.Tokens.faceVarying:
+        raise DataError("the mesh has no texture coordinates on its corners", where=where, expected="primvars:st")
+    values = np.array(st.Get(), np.float32).reshape(-1, 2)
+    indices = np.array(st.GetIndices() if st.IsIndexed() else np.arange(len(values)), np.int32)
+    if len(indices) != 3 * faces:
+        raise DataError(f"{len(indices)} texture coordinates for {faces} triangles", where=where)
+    return values, indices.reshape(-1, 3)
 
 
 def _maps(mesh: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -205,8 +252,11 @@ def _maps(mesh: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         shader_input = surface.GetInput(name) if surface else None
         sources = shader_input.GetConnectedSources()[0] if shader_input else []
         if sources:
-            file = UsdShade.Shader(sources[0].source.GetPrim()).GetInput("file").Get()
-            textures[key] = read_asset_pixels(file.resolvedPath)
+            shader = UsdShade.Shader(sources[0].source.GetPrim())
+            file = shader.GetInput("file").Get() if shader.GetInput("file") else None
+            if file is None:
+                raise DataError(f"{name} is fed by no picture", where=str(shader.GetPath()), expected="a UsdUVTexture")
+            textures[key] = read_asset_pixels(file.resolvedPath or file.path)
         elif shader_input and shader_input.Get() is not None:
             constants[key] = shader_input.Get()
     return textures, constants
@@ -242,4 +292,5 @@ def _unit(codes: np.ndarray) -> np.ndarray:
 
 
 def _array(attribute: Any, dtype: type, columns: int) -> np.ndarray:
-    return np.array(attribute.Get(), dtype).reshape(-1, columns)
+    value = attribute.Get()
+    return np.zeros((0, columns), dtype) if value is None else np.array(value, dtype).reshape(-1, columns)

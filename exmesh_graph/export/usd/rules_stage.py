@@ -61,12 +61,14 @@ def path_rules(stage: Any) -> Iterator[Problem]:
 
 def package_rules(path: Path) -> Iterator[Problem]:
     """package: a .usdz is a stored zip whose first member is a USD layer, all data at multiples of 64 bytes."""
-    if path.suffix.lower() != ".usdz":
+    if path.suffix.lower() != ".usdz" or not path.is_file():
         return
-    if not zipfile.is_zipfile(path):
-        yield Problem("error", "package", path.name, "the file is not a zip archive")
+    try:
+        archive = zipfile.ZipFile(path)
+    except zipfile.BadZipFile as error:
+        yield Problem("error", "package", path.name, f"not a whole zip archive ({error})")
         return
-    with zipfile.ZipFile(path) as archive, path.open("rb") as file:
+    with archive, path.open("rb") as file:
         members = archive.infolist()
         if not members or Path(members[0].filename).suffix not in (".usda", ".usdc", ".usd"):
             yield Problem("error", "package", path.name, "the first member is not a USD layer")
