@@ -41,7 +41,7 @@ from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Asset, Carrier, Views
 
-#: What Mitsuba's `principled` BSDF reached in an earlier trial after 100 and 300 iterations: held-out, relit, albedo [dB].
+#: What Mitsuba's `principled` BSDF reached in an earlier trial after 100 and 300 steps: held-out, relit, albedo [dB].
 NAMED = {100: (33.2, 31.3, 24.8), 300: (34.7, 32.2, 25.1)}
 #: What a gray object of base colour and roughness 0.5 shows under a white sky of 1, about.
 GRAY_SHOWS = 0.55
