@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.export.usd.read import read_asset_pixels
 
 
@@ -59,8 +60,11 @@ def _content_key(path: str) -> tuple[int, int]:
     """(CRC-32, bytes) of a file, or of a package's member."""
     if path.endswith("]"):
         package, member = path[:-1].split("[", 1)
-        with zipfile.ZipFile(package) as archive:
-            info = archive.getinfo(member)
+        try:
+            with zipfile.ZipFile(package) as archive:
+                info = archive.getinfo(member)
+        except (zipfile.BadZipFile, KeyError) as error:
+            raise DataError(f"the package does not give the picture ({error})", where=path) from error
         return info.CRC, info.file_size
     data = Path(path).read_bytes()
     return zlib.crc32(data), len(data)

@@ -128,9 +128,11 @@ def open_usd(path: Path) -> Any:
             expected="a .usda, .usdc or .usdz file", fix="give asset.usdz or scene.usda in it" if folder else "",
         )  # fmt: skip
     try:
+        if path.suffix.lower() == ".usdz":  # USD opens a cut one too, as far as it goes
+            zipfile.ZipFile(path).close()
         return Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        reason = str(error).strip().splitlines()[-1].strip()
+    except (Tf.ErrorException, zipfile.BadZipFile) as error:
+        reason = str(error).strip().splitlines()[-1].rsplit(" : ", 1)[-1].strip("' ")  # without USD's own file and line
         raise DataError(
             f"USD cannot read it ({reason})", where=str(path), expected="a whole .usda, .usdc or .usdz file",
             fix="export or copy it again",

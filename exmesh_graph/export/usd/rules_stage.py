@@ -73,7 +73,9 @@ def package_rules(path: Path) -> Iterator[Problem]:
         if not members or Path(members[0].filename).suffix not in (".usda", ".usdc", ".usd"):
             yield Problem("error", "package", path.name, "the first member is not a USD layer")
         for member in members:
-            if member.compress_type != zipfile.ZIP_STORED:
+            if member.header_offset < 0:
+                yield Problem("error", "package", path.name, "the archive's beginning is missing")
+            elif member.compress_type != zipfile.ZIP_STORED:
                 yield Problem("error", "package", f"{path.name}[{member.filename}]", "the member is compressed")
             elif data_offset(file, member) % ALIGNMENT:
                 what = f"the member's data does not start at a multiple of {ALIGNMENT} bytes"
