@@ -7,6 +7,7 @@ names that the benchmark gives them, joined with dots. A result is one JSON file
 from __future__ import annotations
 
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -61,7 +62,7 @@ def bench(
                 fix="run `exmesh bench` in a checkout of the repository, or give --root",
             )  # fmt: skip
     before = _earlier(history, compare, quick) if compare else None  # a bad name is said before minutes are spent
-    begun = time.perf_counter()
+    begun, processor = time.perf_counter(), _processor_seconds()
     result: dict[str, Any] = {**_about(root), "quick": quick, "suites": {}}
     for name in chosen:
         if name in result["suites"] and quick:  # one short run gives stages and quickstart
@@ -71,12 +72,13 @@ def bench(
                 result["suites"].setdefault(suite, {}).update(figures)
                 _show(suite, figures, (before or {}).get("suites", {}).get(suite, {}))
     result["seconds"] = round(time.perf_counter() - begun, 1)
+    result["processor_seconds"] = round(_processor_seconds() - processor, 1)
     history.mkdir(parents=True, exist_ok=True)
     text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
     written = history / f"{result['when'].replace(':', '')}{'-quick' if quick else ''}.json"
     for file in (written, *((json_,) if json_ else ())):
         file.write_text(text, encoding="utf-8")
-    typer.echo(f"\n{result['seconds']:g} s; {written}")
+    typer.echo(f"\n{result['seconds']:g} s, {result['processor_seconds']:g} s of processor time; {written}")
 
 
 def flat(values: Any, name: str = "") -> Iterator[tuple[str, float]]:
@@ -95,6 +97,12 @@ def flat(values: Any, name: str = "") -> Iterator[tuple[str, float]]:
 def changes(figures: Mapping[str, float], before: Mapping[str, float]) -> dict[str, float]:
     """Ratio now / before of every figure both have and that was above 0."""
     return {name: value / before[name] for name, value in figures.items() if before.get(name, 0) > 0}
+
+
+def _processor_seconds() -> float:
+    """Of all ended child processes."""
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
 
 
 def _run(name: str, quick: bool, root: Path) -> Iterator[tuple[str, dict[str, float]]]:

@@ -51,6 +51,7 @@ def test_a_result_is_kept_and_the_next_is_compared_with_it(checkout):
     assert result["suites"]["kernels"]["rays.rows.one ray.seconds"] == 0.5
     assert result["suites"]["kernels"]["rays.quick"] == 1
     assert result["machine"]["cpus"] > 0
+    assert 0 < result["processor_seconds"] < 60
     assert "x 1.00" not in out.stdout
     (checkout / "benchmarks" / "rays.py").write_text(SCRIPT.format(rate=3.0, extra=""))
     kept[0].rename(checkout / "kept" / "2000-quick.json")
