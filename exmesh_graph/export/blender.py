@@ -145,7 +145,8 @@ def camera_names(usd: Path) -> list[str]:
 def _cameras(usd: Path) -> tuple[UsdCamera, ...]:
     from pxr import UsdGeom
 
-    return tuple(read_camera(prim) for prim in open_usd(usd).Traverse() if prim.IsA(UsdGeom.Camera))
+    stage = open_usd(usd)  # held: its prims expire with it
+    return tuple(read_camera(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera))
 
 
 def _with_variants(usd: Path, variants: Mapping[str, str], file: Path) -> Path:
