@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from exmesh_graph.graph.node import Context, Params, facets, node, param
 from exmesh_graph.types import DepthMaps, Frame, LitViews, SceneTruth, Views
+
+if TYPE_CHECKING:
+    from exmesh_graph.io.scene import Scene
 
 Up = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -63,7 +66,10 @@ def blender(ctx: Context, *, p: BlenderParams) -> BlenderOut:
     """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes."""
     from exmesh_graph.io.blender import load_blender
 
-    scene = load_blender(p.path, _blender_options(p))
+    return _with_truth(ctx, load_blender(p.path, _blender_options(p)))
+
+
+def _with_truth(ctx: Context, scene: Scene) -> BlenderOut:
     for note in scene.notes:
         ctx.warn(note)
     return BlenderOut(scene.train, scene.test, scene.frame, scene.truth or SceneTruth(names=()))
@@ -185,10 +191,7 @@ def synthetic4relight(ctx: Context, *, p: Synthetic4RelightParams) -> BlenderOut
     """A scene of Synthetic4Relight: linear training pictures, test views with materials, relit pictures."""
     from exmesh_graph.io.synthetic4relight import load_synthetic4relight
 
-    scene = load_synthetic4relight(p.path, _s4r_options(p))
-    for note in scene.notes:
-        ctx.warn(note)
-    return BlenderOut(scene.train, scene.test, scene.frame, scene.truth or SceneTruth(names=()))
+    return _with_truth(ctx, load_synthetic4relight(p.path, _s4r_options(p)))
 
 
 class OrbParams(Params):

@@ -12,7 +12,9 @@ from exmesh_graph.types import DepthMaps, Files, Frame, Metrics, PlanarGaussians
 Train = Annotated[Views, facets(split="train")]
 Device = Literal["auto", "cpu", "cuda"]
 _LIBRARIES = ("torch", "warp-lang", "scipy", "scikit-image")
-_KERNELS = ("exmesh_graph.splat.kernels", "exmesh_graph.splat.kernels_blend")  # loaded by a computed name
+_KERNELS = tuple(  # loaded by a computed name
+    f"exmesh_graph.splat.kernels_{name}" for name in ("adam", "blend", "camera", "harmonics", "project", "tiles")
+)
 
 
 class PgsrParams(Params):
@@ -138,11 +140,9 @@ class GaussianFileParams(Params):
 
 
 def _gaussian_file(p: GaussianFileParams) -> Mapping[str, Path]:
-    from exmesh_graph.errors import DataError
+    from exmesh_graph.io.shots import need_file
 
-    if not p.path.is_file():
-        raise DataError("the file does not exist", where=str(p.path), fix="correct `path`")
-    return {p.path.name: p.path}
+    return need_file(p.path)
 
 
 class GaussiansOut(NamedTuple):

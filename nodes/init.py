@@ -177,11 +177,9 @@ class MeshFileParams(Params):
 
 
 def _mesh_file_sources(p: MeshFileParams) -> Mapping[str, Path]:
-    from exmesh_graph.errors import DataError
+    from exmesh_graph.io.shots import need_file
 
-    if not p.path.is_file():
-        raise DataError("the mesh does not exist", where=str(p.path), fix="correct `path`")
-    return {p.path.name: p.path}
+    return need_file(p.path)
 
 
 @node("init.mesh_file", version="1", libraries=("scipy", "scikit-image"), sources=_mesh_file_sources)

@@ -43,8 +43,11 @@ def _up_from_cameras(camera_to_world: np.ndarray) -> np.ndarray:
             expected="level cameras looking from several sides",
             fix="set the loader's `up` to an axis of the files' world: y, -y, z, -z, x or -x",
         )
-    up = axes[2] * np.sign(-camera_to_world[:, :3, 1].sum(0) @ axes[2])
-    # The rotation about the axis up x Y by the angle between them (Rodrigues' formula).
+    return rotation_to_y(axes[2] * np.sign(-camera_to_world[:, :3, 1].sum(0) @ axes[2]))
+
+
+def rotation_to_y(up: np.ndarray) -> np.ndarray:
+    """The [3, 3] rotation about up x Y that takes the unit vector `up` to Y (Rodrigues' formula)."""
     y = np.array([0.0, 1.0, 0.0])
     axis, cosine = np.cross(up, y), float(up @ y)
     if cosine < -1 + 1e-9:

@@ -77,6 +77,16 @@ def read_raw(path: Path) -> np.ndarray:
     return np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
 
 
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) from the file's header; DataError where it cannot be decoded."""
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        raise _undecodable(path, oiio.geterror())
+    spec = source.spec()
+    source.close()
+    return spec.width, spec.height
+
+
 def _undecodable(path: Path, reason: str) -> DataError:
     first = reason.strip().splitlines()[0] if reason.strip() else "no reason given"
     return DataError(

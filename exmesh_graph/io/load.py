@@ -13,6 +13,7 @@ from exmesh_graph.io.cameras import check_camera, intrinsics_from_fov, nearest_r
 from exmesh_graph.io.images import Photo, read_mask, read_photo
 from exmesh_graph.io.normalise import cameras_to_normalised
 from exmesh_graph.io.shots import Shot
+from exmesh_graph.io.undistort import resampled
 from exmesh_graph.types import Frame, Views
 
 _SILHOUETTE_SIDE = 400
@@ -102,7 +103,7 @@ def _read(shot: Shot) -> Photo:
             "the mask is empty: no pixel has alpha >= 0.5", where=str(shot.mask or shot.image),
             expected="a silhouette of the object", fix="leave this view out, or mend its mask",
         )  # fmt: skip
-    return photo
+    return photo if shot.places is None else resampled(photo, shot.places)
 
 
 def _check_alike(shots: Sequence[Shot], photos: Sequence[Photo], split: str) -> None:

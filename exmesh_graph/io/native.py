@@ -58,6 +58,11 @@ def import_depth_anything() -> ModuleType:
     return _import("depth_anything_3.api", "depth-anything-3", fix="pip install 'exmesh-graph[depth]'")
 
 
+def import_pycolmap() -> ModuleType:
+    """The `pycolmap` module (BSD). MissingLibraryError if the optional package is not there."""
+    return _import("pycolmap", "pycolmap", fix="pip install 'exmesh-graph[photos]'")
+
+
 def _preload_libusb() -> None:
     try:
         package = importlib.import_module("libusb_package")

@@ -21,6 +21,7 @@ class Shot:
     camera_to_world  float64 [4, 4], OpenCV axes, the data set's own world
     size             (width, height) the data set states, or None
     angle_x          full horizontal field of view in radians, where only that is known
+    places           float32 [H, W, 2], (x, y) in the file of every pixel of the view, where a lens is undone on reading
     """
 
     name: str
@@ -30,6 +31,7 @@ class Shot:
     mask: Path | None = None
     size: tuple[int, int] | None = None
     angle_x: float = 0.0
+    places: np.ndarray | None = None
 
 
 def hold_out(count: int, every: int, first: int) -> tuple[list[int], list[int]]:
@@ -54,6 +56,13 @@ def relative_names(folder: Path, files: Sequence[Path]) -> dict[str, Path]:
         inside = file.is_relative_to(folder)
         names[file.relative_to(folder).as_posix() if inside else f"{file.parent.name}/{file.name}"] = file
     return names
+
+
+def need_file(path: Path) -> dict[str, Path]:
+    """{its name: `path`}, the source of a node that reads one file; DataError if it is not there."""
+    if not path.is_file():
+        raise DataError("the file does not exist", where=str(path), fix="correct `path`")
+    return {path.name: path}
 
 
 def need_folder(path: Path) -> Path:

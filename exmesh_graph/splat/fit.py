@@ -56,7 +56,7 @@ class _Fit:
         self.adam = Adam(gaussians)
         self.density = Density(len(gaussians), gaussians.means)
         self.gains = gaussians.means.new_ones((len(targets), 3))
-        self.rays: dict[int, torch.Tensor] = {}
+        self.rays: dict[bytes, torch.Tensor] = {}
         self.near = neighbours(targets.world_to_camera)
         self.rounds = set(settings.rounds())
         self.history: dict[str, list] = {"iteration": [], "loss": [], "psnr": [], "gaussians": []}
@@ -112,9 +112,10 @@ class _Fit:
 
     def view(self, i: int) -> View:
         t = self.targets
-        if i not in self.rays:
-            self.rays[i] = pixel_rays(t.intrinsics[i], t.height, t.width, t.images)
-        return View(t.images[i], self.rays[i], t.intrinsics[i], t.world_to_camera[i])
+        camera = t.intrinsics[i].cpu().numpy().tobytes()  # views of one camera share their rays
+        if camera not in self.rays:
+            self.rays[camera] = pixel_rays(t.intrinsics[i], t.height, t.width, t.images)
+        return View(t.images[i], self.rays[camera], t.intrinsics[i], t.world_to_camera[i])
 
     def draw(self, gaussians: Gaussians, i: int, k: int) -> Render:
         t = self.targets

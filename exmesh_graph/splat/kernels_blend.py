@@ -11,7 +11,7 @@ a picture's part in the cache, and small on CUDA, where they are the parallelism
 """
 
 # mypy: ignore-errors
-# See kernels.py.
+# See kernels_camera.py.
 
 import warp as wp
 

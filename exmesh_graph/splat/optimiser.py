@@ -33,7 +33,7 @@ class Adam:
             flat = [t.view(count, -1) for t in (value, gradients[name].contiguous(), getattr(self.m, name),
                                                 getattr(self.v, name))]  # fmt: skip
             rest = rates["sh_rest"] if name == "sh" else rates[name]
-            launch(kernels("splats", value.dtype).adam, count, *flat, self.steps, seen, rates[name], rest, _EPSILON)
+            launch(kernels("adam", value.dtype).adam, count, *flat, self.steps, seen, rates[name], rest, _EPSILON)
 
     def rows(self, kept: torch.Tensor, added: Gaussians) -> None:
         """Keep the rows `kept` and append new Gaussians, whose moments begin at zero."""

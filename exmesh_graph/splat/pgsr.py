@@ -57,7 +57,7 @@ def pgsr(
             gaussians.sh = torch.cat([gaussians.sh, extra], dim=1)
         log(f"goes on from {len(gaussians)} Gaussians")
     else:
-        gaussians = started(views, targets, points, start, count, dissent, seed, log).map(lambda t: t.to(device))
+        gaussians = started(views, targets, points, start, count, dissent, seed, log, where).map(lambda t: t.to(device))
     if len(gaussians) > settings.max_gaussians:
         raise DataError(
             f"the start has {len(gaussians)} Gaussians, the limit is {settings.max_gaussians}", where=where,
@@ -66,7 +66,7 @@ def pgsr(
     gaussians, history = fit(
         gaussians, targets, settings, seed=seed, progress=progress, where=where, checkpoint=checkpoint, resumed=resumed
     )
-    history["suspects"] = suspects(gaussians, targets)
+    history["suspects"] = suspects(gaussians, targets, history.get("gains", {}))
     arrays = {name: t.detach().cpu().numpy() for name, t in gaussians.tensors().items()}
     return PlanarGaussians(**arrays), history
 
@@ -80,19 +80,20 @@ def started(
     dissent: int,
     seed: int,
     log: Callable[[str], None],
+    where: str,
 ) -> Gaussians:
     """Where the fit begins; see `pgsr`."""
     masked = bool(views.masked.all())
     if start == "auto":
         start = "points" if points is not None else "hull" if masked else "random"
     if start == "points":
-        return _from_points(points, log)
+        return _from_points(points, seed, log, where)
     if start == "hull":
         if not masked:
             bare = [n for n, m in zip(views.names, views.masked, strict=True) if not m]
             raise DataError(
                 f"start: hull needs a mask for every view; {len(bare)} of {len(views)} have none, {bare[0]!r} first",
-                where="init.pgsr", fix="add masks, leave these views out, or set start: random",
+                where=where, fix="add masks, leave these views out, or set start: random",
             )  # fmt: skip
         field = SilhouetteField.from_masks(
             views.alpha, views.intrinsics, views.world_to_camera, dissent=dissent, names=views.names
@@ -105,29 +106,31 @@ def started(
     return gaussians_at(places, mean_colours(places, targets), seed=seed)
 
 
-def _from_points(points: PointCloud | None, log: Callable[[str], None]) -> Gaussians:
+def _from_points(points: PointCloud | None, seed: int, log: Callable[[str], None], where: str) -> Gaussians:
     if points is None:
         raise DataError(
-            "start: points, but no points are wired in", where="init.pgsr",
+            "start: points, but no points are wired in", where=where,
             fix='wire points: "@photos.points", or set start: hull or random',
         )  # fmt: skip
     kept = np.linalg.norm(points.points, axis=1) < _FAR
     if not kept.any():
         raise DataError(
-            f"all {len(points)} points lie more than {_FAR:g} radii of the object from its middle", where="init.pgsr",
+            f"all {len(points)} points lie more than {_FAR:g} radii of the object from its middle", where=where,
             expected="points of the object in the normalised world", fix="look at the frame's centre and scale",
         )  # fmt: skip
     log(f"starts from {int(kept.sum())} points; {int((~kept).sum())} far outside are left out")
-    return gaussians_at(points.points[kept], points.colours[kept])
+    return gaussians_at(points.points[kept], points.colours[kept], seed=seed)
 
 
 @torch.no_grad()
-def suspects(gaussians: Gaussians, targets: Targets) -> dict[str, str]:
-    """Views drawn far worse than most: blurred, moved or badly posed photographs. View name -> what is wrong."""
+def suspects(gaussians: Gaussians, targets: Targets, gains: Mapping[str, list[float]]) -> dict[str, str]:
+    """Views drawn far worse than most, after their fitted factors [3] in `gains`: blurred, moved or badly posed
+    photographs. View name -> what is wrong."""
     errors = []
     for i in range(len(targets)):
         drawing = render(gaussians, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
-        errors.append(float((drawing.colour - targets.images[i]).square().mean()))
+        colour = drawing.colour * drawing.colour.new_tensor(gains.get(targets.names[i], [1.0, 1.0, 1.0]))
+        errors.append(float((colour - targets.images[i]).square().mean()))
     psnr = -10 * np.log10(np.maximum(errors, 1e-10))
     middle = np.median(psnr)
     limit = middle - max(_BELOW, _SPREADS * 1.4826 * float(np.median(np.abs(psnr - middle))))

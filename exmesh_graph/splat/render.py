@@ -128,14 +128,14 @@ class _Splat(torch.autograd.Function):
         screen, shape, feature = means.new_empty((count, 2)), means.new_empty((count, 4)), means.new_empty((count, 8))
         depth = means.new_empty(count)
         drawn.box[:, 2] = -1
-        splats, blending = kernels("splats", means.dtype), kernels("blend", means.dtype)
+        projection, tiling, blending = (kernels(of, means.dtype) for of in ("project", "tiles", "blend"))
         parameters = (means, scales, rotations, opacities, sh, degree, camera, height, width)
         out, left = means.new_zeros((pixels, 8)), means.new_ones(pixels)
         last = torch.zeros(pixels, dtype=torch.int32, device=means.device)
         ctx.pairs = None
         if count and pixels:
-            launch(splats.project, count, *parameters, near, screen, shape, feature, drawn.box, depth)
-            pairs = _pairs(drawn.box, depth, height, width, tile, splats)
+            launch(projection.project, count, *parameters, near, screen, shape, feature, drawn.box, depth)
+            pairs = _pairs(drawn.box, depth, height, width, tile, tiling)
             if len(pairs.order):
                 lists = (pairs.start, pairs.sorted, pairs.of, screen, shape, feature, drawn.box)
                 weights = means.new_zeros(len(pairs.of))
@@ -143,7 +143,7 @@ class _Splat(torch.autograd.Function):
                 launch(
                     blending.blend, len(pairs.start) - 1, *lists, *size, out, left, last, drawn.middle.view(-1), weights
                 )
-                launch(splats.sum_slots, len(pairs.order), pairs.order, pairs.first, weights, drawn.weight)
+                launch(tiling.sum_slots, len(pairs.order), pairs.order, pairs.first, weights, drawn.weight)
                 ctx.pairs = pairs
                 ctx.lists, ctx.rest, ctx.drawn = lists, (left, last), drawn
         ctx.view = view
@@ -158,7 +158,7 @@ class _Splat(torch.autograd.Function):
         grads = [torch.zeros_like(tensor) for tensor in saved]
         pairs = ctx.pairs
         if pairs is not None:
-            splats, blending = kernels("splats", means.dtype), kernels("blend", means.dtype)
+            projection, blending = kernels("project", means.dtype), kernels("blend", means.dtype)
             slots = means.new_empty((len(pairs.of), 16))
             left, last = ctx.rest
             left = left.clone()  # consumed below, and backward may run again
@@ -167,14 +167,14 @@ class _Splat(torch.autograd.Function):
             size = (pairs.tile, pairs.across, height, width)
             launch(blending.blend_adjoint, len(pairs.start) - 1, *ctx.lists, *size, last, grad, left, behind, slots)
             launch(
-                splats.project_adjoint, len(pairs.order), pairs.order, pairs.first, slots,
+                projection.project_adjoint, len(pairs.order), pairs.order, pairs.first, slots,
                 means, scales, rotations, opacities, sh, degree, camera, height, width,
                 ctx.lists[5], ctx.lists[4], *grads, ctx.drawn.gradient,
             )  # fmt: skip
         return *grads, None, None
 
 
-def _pairs(box: torch.Tensor, depth: torch.Tensor, height: int, width: int, tile: int, splats: Any) -> _Pairs:
+def _pairs(box: torch.Tensor, depth: torch.Tensor, height: int, width: int, tile: int, tiling: Any) -> _Pairs:
     """Sort by depth, then list the touched tiles of each Gaussian and sort these by tile."""
     order = torch.nonzero(box[:, 2] >= box[:, 0])[:, 0]
     order = order[torch.argsort(depth[order], stable=True)]
@@ -192,7 +192,7 @@ def _pairs(box: torch.Tensor, depth: torch.Tensor, height: int, width: int, tile
     tile_of = torch.empty(total, dtype=torch.int32, device=box.device)
     of = torch.empty(total, dtype=torch.int32, device=box.device)
     if total:
-        launch(splats.list_tiles, len(order), order, box, first, tile, across, tile_of, of)
+        launch(tiling.list_tiles, len(order), order, box, first, tile, across, tile_of, of)
     by_tile, slots = torch.sort(tile_of, stable=True)
     bounds = torch.arange(across * down + 1, dtype=torch.int32, device=box.device)
     start = torch.searchsorted(by_tile, bounds)

@@ -15,7 +15,7 @@ class FitSettings:
     """
 
     iterations: int = 1500
-    max_gaussians: int = 60000
+    max_gaussians: int = 40000
     degree: int = 3
     ssim_weight: float = 0.2
     mask_weight: float = 0.2

@@ -14,7 +14,7 @@ d = n . x_c < 0 (planar Gaussians: Chen et al. 2024). Colour is spherical harmon
 
 # mypy: ignore-errors
 # Kernels are written in Warp's own language, which only looks like Python. This file is loaded once for each float
-# type (`runtime.kernels`), which sets REAL beforehand.
+# type (`runtime.kernels`), which sets REAL, and CAMERA and HARMONICS, the modules of functions, beforehand.
 
 import warp as wp
 
@@ -26,151 +26,19 @@ Vec3 = wp.types.vector(3, REAL)
 Vec4 = wp.types.vector(4, REAL)
 Vec8 = wp.types.vector(8, REAL)
 Vec16 = wp.types.vector(16, REAL)
-Mat22 = wp.types.matrix((2, 2), REAL)
-Mat23 = wp.types.matrix((2, 3), REAL)
-Mat33 = wp.types.matrix((3, 3), REAL)
 
 ZERO = wp.constant(REAL(0.0))
 HALF = wp.constant(REAL(0.5))
 ONE = wp.constant(REAL(1.0))
 TWO = wp.constant(REAL(2.0))
-THREE = wp.constant(REAL(3.0))
-FOUR = wp.constant(REAL(4.0))
 BLUR = wp.constant(REAL(0.1))
 LEAST = wp.constant(REAL(1.0 / 255.0))
-MARGIN = wp.constant(REAL(0.15))
-"""J is taken at a point at most this share of the picture outside it: far outside, the affine map is meaningless."""
 
-# real spherical harmonics, sqrt of rationals over pi (Sloan 2008)
-Y0 = wp.constant(REAL(0.28209479177387814))
-Y1 = wp.constant(REAL(0.4886025119029199))
-Y2A = wp.constant(REAL(1.0925484305920792))
-Y2B = wp.constant(REAL(0.31539156525252005))
-Y2C = wp.constant(REAL(0.5462742152960396))
-Y3A = wp.constant(REAL(0.5900435899266435))
-Y3B = wp.constant(REAL(2.890611442640554))
-Y3C = wp.constant(REAL(0.4570457994644658))
-Y3D = wp.constant(REAL(0.3731763325901154))
-Y3E = wp.constant(REAL(1.445305721320277))
-
-
-@wp.func
-def rotation_of(q: Vec4) -> Mat33:
-    """Rotation matrix of a unit quaternion (w, x, y, z)."""
-    w = q[0]
-    x = q[1]
-    y = q[2]
-    z = q[3]
-    return Mat33(
-        ONE - TWO * (y * y + z * z), TWO * (x * y - w * z), TWO * (x * z + w * y),
-        TWO * (x * y + w * z), ONE - TWO * (x * x + z * z), TWO * (y * z - w * x),
-        TWO * (x * z - w * y), TWO * (y * z + w * x), ONE - TWO * (x * x + y * y),
-    )  # fmt: skip
-
-
-@wp.func
-def shortest(s: Vec3) -> int:
-    k = int(0)  # noqa: UP018, RUF046
-    if s[1] < s[0]:
-        k = 1
-    if s[2] < s[k]:
-        k = 2
-    return k
-
-
-@wp.func
-def axis_of(m: Mat33, k: int) -> Vec3:
-    return Vec3(m[0, k], m[1, k], m[2, k])
-
-
-@wp.func
-def clamped(value: REAL, low: REAL, high: REAL) -> REAL:
-    return wp.min(wp.max(value, low), high)
-
-
-@wp.func
-def harmonics(d: Vec3, degree: int, sh: wp.array2d(dtype=Vec3), g: int) -> Vec3:
-    x = d[0]
-    y = d[1]
-    z = d[2]
-    c = Y0 * sh[g, 0]
-    if degree > 0:
-        c += Y1 * (-y * sh[g, 1] + z * sh[g, 2] - x * sh[g, 3])
-    if degree > 1:
-        c += (
-            Y2A * (x * y * sh[g, 4] - y * z * sh[g, 5] - x * z * sh[g, 7])
-            + Y2B * (TWO * z * z - x * x - y * y) * sh[g, 6]
-            + Y2C * (x * x - y * y) * sh[g, 8]
-        )
-    if degree > 2:
-        c += (
-            Y3A * (-y * (THREE * x * x - y * y) * sh[g, 9] - x * (x * x - THREE * y * y) * sh[g, 15])
-            + Y3B * x * y * z * sh[g, 10]
-            - Y3C * (FOUR * z * z - x * x - y * y) * (y * sh[g, 11] + x * sh[g, 13])
-            + Y3D * z * (TWO * z * z - THREE * x * x - THREE * y * y) * sh[g, 12]
-            + Y3E * z * (x * x - y * y) * sh[g, 14]
-        )
-    return c + Vec3(HALF, HALF, HALF)
-
-
-@wp.func
-def harmonics_adjoint(
-    d: Vec3, degree: int, sh: wp.array2d(dtype=Vec3), g: int, grad: Vec3, grad_sh: wp.array2d(dtype=Vec3)
-) -> Vec3:
-    """Writes dL/dsh of Gaussian g; returns dL/dd, d taken as free in space."""
-    x = d[0]
-    y = d[1]
-    z = d[2]
-    gx = ZERO
-    gy = ZERO
-    gz = ZERO
-    grad_sh[g, 0] = Y0 * grad
-    if degree > 0:
-        grad_sh[g, 1] = -Y1 * y * grad
-        grad_sh[g, 2] = Y1 * z * grad
-        grad_sh[g, 3] = -Y1 * x * grad
-        gy -= Y1 * wp.dot(sh[g, 1], grad)
-        gz += Y1 * wp.dot(sh[g, 2], grad)
-        gx -= Y1 * wp.dot(sh[g, 3], grad)
-    if degree > 1:
-        grad_sh[g, 4] = Y2A * x * y * grad
-        grad_sh[g, 5] = -Y2A * y * z * grad
-        grad_sh[g, 6] = Y2B * (TWO * z * z - x * x - y * y) * grad
-        grad_sh[g, 7] = -Y2A * x * z * grad
-        grad_sh[g, 8] = Y2C * (x * x - y * y) * grad
-        c4 = Y2A * wp.dot(sh[g, 4], grad)
-        c5 = Y2A * wp.dot(sh[g, 5], grad)
-        c6 = TWO * Y2B * wp.dot(sh[g, 6], grad)
-        c7 = Y2A * wp.dot(sh[g, 7], grad)
-        c8 = TWO * Y2C * wp.dot(sh[g, 8], grad)
-        gx += y * c4 - x * c6 - z * c7 + x * c8
-        gy += x * c4 - z * c5 - y * c6 - y * c8
-        gz += -y * c5 + TWO * z * c6 - x * c7
-    if degree > 2:
-        b12 = TWO * z * z - THREE * x * x - THREE * y * y
-        b11 = FOUR * z * z - x * x - y * y
-        grad_sh[g, 9] = -Y3A * y * (THREE * x * x - y * y) * grad
-        grad_sh[g, 10] = Y3B * x * y * z * grad
-        grad_sh[g, 11] = -Y3C * y * b11 * grad
-        grad_sh[g, 12] = Y3D * z * b12 * grad
-        grad_sh[g, 13] = -Y3C * x * b11 * grad
-        grad_sh[g, 14] = Y3E * z * (x * x - y * y) * grad
-        grad_sh[g, 15] = -Y3A * x * (x * x - THREE * y * y) * grad
-        d9 = Y3A * wp.dot(sh[g, 9], grad)
-        d10 = Y3B * wp.dot(sh[g, 10], grad)
-        d11 = Y3C * wp.dot(sh[g, 11], grad)
-        d12 = Y3D * wp.dot(sh[g, 12], grad)
-        d13 = Y3C * wp.dot(sh[g, 13], grad)
-        d14 = Y3E * wp.dot(sh[g, 14], grad)
-        d15 = Y3A * wp.dot(sh[g, 15], grad)
-        six = REAL(6.0)
-        gx += -six * x * y * d9 + y * z * d10 + TWO * x * y * d11 - six * x * z * d12
-        gx += (THREE * x * x + y * y - FOUR * z * z) * d13 + TWO * x * z * d14 + THREE * (y * y - x * x) * d15
-        gy += THREE * (y * y - x * x) * d9 + x * z * d10 + (x * x + THREE * y * y - FOUR * z * z) * d11
-        gy += -six * y * z * d12 + TWO * x * y * d13 - TWO * y * z * d14 + six * x * y * d15
-        gz += x * y * d10 - REAL(8.0) * y * z * d11 + THREE * (TWO * z * z - x * x - y * y) * d12
-        gz += -REAL(8.0) * x * z * d13 + (x * x - y * y) * d14
-    return Vec3(gx, gy, gz)
+CAMERA, HARMONICS = globals()["CAMERA"], globals()["HARMONICS"]
+rotation_of, shortest, axis_of, clamped = CAMERA.rotation_of, CAMERA.shortest, CAMERA.axis_of, CAMERA.clamped
+camera_rotation, view_direction = CAMERA.camera_rotation, CAMERA.view_direction
+slopes, affine_row, screen_axes = CAMERA.slopes, CAMERA.affine_row, CAMERA.screen_axes
+harmonics, harmonics_adjoint = HARMONICS.harmonics, HARMONICS.harmonics_adjoint
 
 
 @wp.kernel
@@ -247,103 +115,6 @@ def project(
     )  # fmt: skip
     box[g] = wp.vec4i(x0, y0, x1, y1)
     depth[g] = pc[2]
-
-
-@wp.func
-def camera_rotation(camera: wp.array(dtype=REAL)) -> Mat33:
-    return Mat33(
-        camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6], camera[7], camera[8]
-    )  # fmt: skip
-
-
-@wp.func
-def view_direction(mean: Vec3, camera: wp.array(dtype=REAL)) -> Vec3:
-    offset = mean - Vec3(camera[18], camera[19], camera[20])
-    return offset / wp.length(offset)
-
-
-@wp.func
-def slopes(pc: Vec3, camera: wp.array(dtype=REAL), height: int, width: int) -> Vec4:
-    """(u, v) where J is taken, and 1 or 0 for each: whether it moves with the mean."""
-    u = pc[0] / pc[2]
-    v = pc[1] / pc[2]
-    # the picture's own bounds on (u, v), for any principal point and skew
-    det = camera[12] * camera[16] - camera[13] * camera[15]
-    low_u = REAL(1.0e30)
-    low_v = REAL(1.0e30)
-    high_u = -low_u
-    high_v = -low_v
-    for corner in range(4):
-        px = -MARGIN * REAL(width) - camera[14]
-        py = -MARGIN * REAL(height) - camera[17]
-        if corner % 2 == 1:
-            px = (ONE + MARGIN) * REAL(width) - camera[14]
-        if corner / 2 == 1:
-            py = (ONE + MARGIN) * REAL(height) - camera[17]
-        a = (camera[16] * px - camera[13] * py) / det
-        b = (camera[12] * py - camera[15] * px) / det
-        low_u = wp.min(low_u, a)
-        high_u = wp.max(high_u, a)
-        low_v = wp.min(low_v, b)
-        high_v = wp.max(high_v, b)
-    free_u = ONE
-    free_v = ONE
-    if u < low_u or u > high_u:
-        free_u = ZERO
-    if v < low_v or v > high_v:
-        free_v = ZERO
-    return Vec4(clamped(u, low_u, high_u), clamped(v, low_v, high_v), free_u, free_v)
-
-
-@wp.func
-def affine_row(a: REAL, b: REAL, at: Vec4, z: REAL) -> Vec3:
-    return Vec3(a / z, b / z, -(a * at[0] + b * at[1]) / z)
-
-
-@wp.func
-def screen_axes(rc: Mat33, pc: Vec3, s: Vec3, camera: wp.array(dtype=REAL), height: int, width: int) -> Mat23:
-    """M = J W R diag(s), pixels per standard deviation."""
-    at = slopes(pc, camera, height, width)
-    t0 = affine_row(camera[12], camera[13], at, pc[2]) * rc
-    t1 = affine_row(camera[15], camera[16], at, pc[2]) * rc
-    return Mat23(t0[0] * s[0], t0[1] * s[1], t0[2] * s[2], t1[0] * s[0], t1[1] * s[1], t1[2] * s[2])
-
-
-@wp.kernel
-def list_tiles(
-    order: wp.array(dtype=wp.int64),
-    box: wp.array(dtype=wp.vec4i),
-    first: wp.array(dtype=wp.int64),
-    tile: int,
-    across: int,
-    tile_of: wp.array(dtype=wp.int32),
-    gaussian_of: wp.array(dtype=wp.int32),
-):
-    """Per drawn Gaussian, nearest first: the tiles it touches, from slot `first[rank]` on."""
-    rank = wp.tid()
-    g = wp.int32(order[rank])
-    b = box[g]
-    slot = int(first[rank])
-    for ty in range(b[1] / tile, b[3] / tile + 1):
-        for tx in range(b[0] / tile, b[2] / tile + 1):
-            tile_of[slot] = ty * across + tx
-            gaussian_of[slot] = g
-            slot += 1
-
-
-@wp.kernel
-def sum_slots(
-    order: wp.array(dtype=wp.int64),
-    first: wp.array(dtype=wp.int64),
-    weights: wp.array(dtype=REAL),
-    total: wp.array(dtype=REAL),
-):
-    """Per drawn Gaussian: the sum of its slots' weights."""
-    rank = wp.tid()
-    weight = REAL(0.0)
-    for slot in range(int(first[rank]), int(first[rank + 1])):
-        weight += weights[slot]
-    total[int(order[rank])] = weight
 
 
 @wp.kernel
@@ -477,33 +248,3 @@ def project_adjoint(
         - TWO * v * (gr[0, 0] + gr[1, 1]),
     )  # fmt: skip
     grad_rotations[g] = (gq - wp.dot(gq, q) * q) / length
-
-
-@wp.kernel
-def adam(
-    value: wp.array2d(dtype=REAL),
-    grad: wp.array2d(dtype=REAL),
-    m: wp.array2d(dtype=REAL),
-    v: wp.array2d(dtype=REAL),
-    steps: wp.array(dtype=REAL),
-    seen: wp.array(dtype=wp.bool),
-    rate: REAL,
-    rate_rest: REAL,
-    epsilon: REAL,
-):
-    """Adam on the rows that are seen; `rate_rest` holds from column 3 on."""
-    g = wp.tid()
-    if not seen[g]:
-        return
-    first = ONE - wp.pow(REAL(0.9), steps[g])
-    second = ONE - wp.pow(REAL(0.999), steps[g])
-    for c in range(value.shape[1]):
-        d = grad[g, c]
-        a = REAL(0.9) * m[g, c] + REAL(0.1) * d
-        b = REAL(0.999) * v[g, c] + REAL(0.001) * d * d
-        m[g, c] = a
-        v[g, c] = b
-        r = rate
-        if c > 2:
-            r = rate_rest
-        value[g, c] = value[g, c] - r * (a / first) / (wp.sqrt(b / second) + epsilon)

@@ -1,0 +1,110 @@
+"""Cameras that `data.photos` finds, against those that a data set states: rotation and place.
+
+    python -m benchmarks.photos --middlebury ../shared/data/temple_ring --idr ../shared/data/dtu_scan24
+
+Only the pictures are handed over. The found cameras are brought to the stated ones by the similarity with the least
+sum of squared distances of the camera centres (Umeyama 1991); what is left is printed: the angle between the rotations
+in degrees, and the distance of the centres in per cent of the mean distance of the cameras from their middle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from exmesh_graph.io.idr import IdrOptions, list_idr
+from exmesh_graph.io.middlebury import MiddleburyOptions, list_middlebury
+from exmesh_graph.io.motion import Motion, MotionSettings, find_motion
+from exmesh_graph.io.shots import Shot
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--middlebury", type=Path, action="append", default=[], help="a folder in Middlebury's layout")
+    parser.add_argument("--idr", type=Path, action="append", default=[], help="a folder in IDR's layout")
+    parser.add_argument("--lens", nargs="+", default=["radial"], choices=["pinhole", "radial", "opencv"])
+    parser.add_argument("--focal", action="store_true", help="also with the stated focal length given")
+    parser.add_argument("--twice", action="store_true", help="run each a second time: are the bytes the same?")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="the first quarter of the pictures")
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    listed = {folder.name: list_middlebury(folder, MiddleburyOptions()) for folder in args.middlebury}
+    listed |= {folder.name: list_idr(folder, IdrOptions())[:2] for folder in args.idr}
+    rows = []
+    print("scene          lens     focal   found  degrees median/max  place % median/max  focal %  error px  seconds")
+    for name, (train, test) in listed.items():
+        shots = sorted([*train, *test], key=lambda shot: shot.image.name)
+        shots = shots[: len(shots) // 4] if args.quick else shots
+        for lens in args.lens:
+            for given in (False, True) if args.focal else (False,):
+                row = {"scene": name, **measure(shots, lens, given, args.threads, args.twice)}
+                rows.append(row)
+                print(
+                    f"{name:14} {lens:8} {'given' if given else 'found':6} {row['found']:3}/{row['of']:<3}"
+                    f" {row['degrees_median']:9.3f}/{row['degrees_max']:<9.3f}{row['place_median']:8.2f}/"
+                    f"{row['place_max']:<8.2f}{row['focal_off']:8.2f}{row['error']:9.2f}{row['seconds']:9.0f}"
+                    + (f"  same bytes: {row['same']}" if args.twice else ""), flush=True,
+                )  # fmt: skip
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+def measure(shots: list[Shot], lens: str, given: bool, threads: int, twice: bool) -> dict:
+    """One row of the table."""
+    focal = float(np.mean([shot.intrinsics[0, 0] for shot in shots])) if given else 0.0
+    settings = MotionSettings(lens=lens, focal=focal, threads=threads, registered=0.01)
+    begin = time.process_time()
+    motion = run(shots, settings)
+    seconds = time.process_time() - begin
+    known = [shot for shot in shots if shot.image.name in motion.camera_to_world]
+    true = np.stack([shot.camera_to_world for shot in known])
+    found = np.stack([motion.camera_to_world[shot.image.name] for shot in known])
+    degrees, place = differences(found, true)
+    stated = np.mean([shot.intrinsics[0, 0] for shot in known])
+    return {
+        **asdict(settings), "found": len(known), "of": len(shots), "seconds": seconds, "error": motion.error,
+        "degrees_median": float(np.median(degrees)), "degrees_max": float(degrees.max()),
+        "place_median": float(np.median(place)), "place_max": float(place.max()),
+        "focal_off": 100 * float(motion.lenses[0].calibration_matrix()[0, 0] / stated - 1),
+        "points": len(motion.points), "same": same(motion, run(shots, settings)) if twice else None,
+    }  # fmt: skip
+
+
+def run(shots: list[Shot], settings: MotionSettings) -> Motion:
+    folder = Path(tempfile.mkdtemp())
+    try:
+        return find_motion([shot.image for shot in shots], {}, settings, folder)
+    finally:
+        shutil.rmtree(folder)
+
+
+def same(a: Motion, b: Motion) -> bool:
+    poses = all(np.array_equal(a.camera_to_world[n], b.camera_to_world.get(n)) for n in a.camera_to_world)
+    return poses and np.array_equal(a.points, b.points)
+
+
+def differences(found: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(degrees [N], per cent of the cameras' mean distance from their middle [N]) after the best similarity."""
+    a, b = found[:, :3, 3], true[:, :3, 3]
+    a_middle, b_middle = a.mean(0), b.mean(0)
+    u, s, vt = np.linalg.svd((b - b_middle).T @ (a - a_middle))
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
+    turn = u @ sign @ vt
+    scale = (s * np.diag(sign)).sum() / ((a - a_middle) ** 2).sum()
+    moved = scale * (a - a_middle) @ turn.T + b_middle
+    radius = np.linalg.norm(b - b_middle, axis=1).mean()
+    relative = np.einsum("nji,jk,nkl->nil", true[:, :3, :3], turn, found[:, :3, :3])
+    angle = np.arccos(np.clip((np.trace(relative, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    return np.degrees(angle), 100 * np.linalg.norm(moved - b, axis=1) / radius
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""Which coarse start suits what is known of a scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from exmesh_graph.types import Decision
+
+Method = Literal["hull", "tsdf", "pgsr", "sphere"]
+LEAST_ITERATIONS, MOST_ITERATIONS = 500, 1500
+_FIXED, _PER_PIXEL = 0.06, 1.9e-6
+"""Processor seconds of an iteration of `init.pgsr` (docs/splat.md): constants, not a measurement, so that equal
+parameters give equal results on every machine."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What there is: `masks`, every view has one; `points`, `depths`: wired in; `pixels` of a picture as fitted."""
+
+    views: int
+    masks: bool
+    points: bool
+    depths: bool
+    pixels: int
+
+
+def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
+    """(start, its iterations) for about `seconds` of processor time.
+
+    Depth maps are fused. Else planar Gaussians are fitted if the time pays for 500 iterations or more: in the hull of
+    masks, from points, or at random. Else the visual hull, where every view has a mask, or a sphere.
+    """
+    each = _FIXED + _PER_PIXEL * known.pixels
+    paid = min(MOST_ITERATIONS, math.floor(seconds / each))
+    evidence = {"views": known.views, "pixels": known.pixels, "seconds_an_iteration": each, "iterations_paid_for": paid}
+    time = f"{seconds:g} s pay for {paid} iterations of planar Gaussians at {known.pixels} pixels"
+    enough = paid >= LEAST_ITERATIONS
+    method: Method
+    if known.depths:
+        method, why = "tsdf", "depth maps are wired in" + (", masks close what they do not see" if known.masks else "")
+    elif known.masks and enough:
+        method, why = "pgsr", f"every view has a mask, and {time}: they open what no outline shows"
+    elif known.masks:
+        method, why = "hull", f"every view has a mask; {time}, fewer than {LEAST_ITERATIONS}"
+    elif enough:
+        source = "points are wired in" if known.points else "there are neither masks, points nor depth maps"
+        method, why = "pgsr", f"{source}, and {time}"
+    else:
+        method, why = "sphere", f"there are no masks or depth maps; {time}, fewer than {LEAST_ITERATIONS}"
+    start = Decision(method, None, None, 1.0, f"{why[0].upper()}{why[1:]}.", evidence)
+    count = Decision(paid, None, None, 1.0, f"What {seconds:g} s pay for, {MOST_ITERATIONS} at most.", {})
+    return start, count
+
+
+def reduction(width: int, height: int, side: int) -> int:
+    """The least whole factor by which a picture's longer side comes down to `side` pixels."""
+    return max(1, math.ceil(max(width, height) / side))

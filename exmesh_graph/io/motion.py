@@ -1,0 +1,181 @@
+"""Structure from motion through COLMAP's Python package: cameras and sparse points of a folder of photographs.
+
+pycolmap (BSD) is optional: `pip install 'exmesh-graph[photos]'`. SIFT features, all pairs, incremental mapping
+(Schoenberger and Frahm 2016). Pixel centres lie at +0.5 in COLMAP as they do here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.images import picture_size, write_image
+from exmesh_graph.io.native import import_pycolmap
+from exmesh_graph.io.normalise import some
+
+Lens = Literal["pinhole", "radial", "opencv"]
+_MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
+_SEEN_BY = 3
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """How cameras are found; meanings and units are those of the node `data.photos`."""
+
+    lens: Lens = "radial"
+    one_camera: bool = True
+    focal: float = 0.0
+    features: int = 4096
+    feature_size: int = 1600
+    registered: float = 0.5
+    threads: int = 1
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Cameras of the registered pictures and sparse points, in a world of unknown scale and axes.
+
+    camera_to_world  float64 [4, 4] by picture name, OpenCV axes
+    camera           index into `lenses` by picture name
+    lenses           pycolmap's cameras, with distortion
+    points, colours  float64 [P, 3] seen by three pictures or more; display colour in [0, 1]
+    tracks           int [P], by how many
+    left_out         pictures without a camera
+    error            mean reprojection error in pixels
+    focal_known      whether a focal length was given or stood in the EXIF data
+    """
+
+    camera_to_world: Mapping[str, np.ndarray]
+    camera: Mapping[str, int]
+    lenses: Sequence[Any]
+    points: np.ndarray
+    colours: np.ndarray
+    tracks: np.ndarray
+    left_out: tuple[str, ...]
+    error: float
+    focal_known: bool
+
+    def figures(self) -> dict[str, Any]:
+        """For the report: counts, names of what was left out, error, and the (mean) lens."""
+        focal = [lens.calibration_matrix()[0, 0] for lens in self.lenses]
+        return {
+            "pictures": len(self.camera_to_world) + len(self.left_out),
+            "registered": len(self.camera_to_world),
+            "left_out": list(self.left_out),
+            "points": len(self.points),
+            "reprojection_error_px": self.error,
+            "focal": float(np.mean(focal)),
+            "focal_known": self.focal_known,
+            "lens": [float(x) for x in np.mean([lens.params for lens in self.lenses], axis=0)],
+        }
+
+
+def find_motion(
+    images: Sequence[Path], masks: Mapping[str, np.ndarray], settings: MotionSettings, work: Path, seed: int = 0
+) -> Motion:
+    """Cameras of `images`, files of one folder and one size; `work` is an empty folder for the database.
+
+    masks  alpha [H, W] by file name: features where it is below 1/2 are ignored
+    The same pictures, seed and version give the same bytes: mapping runs on one thread, whatever `threads` says of
+    features and matching. Raises DataError, naming pictures, where fewer than the share `registered` (or than three)
+    get a camera, MissingLibraryError without pycolmap.
+    """
+    colmap = import_pycolmap()
+    names = [image.name for image in images]
+    level, colmap.logging.minloglevel = colmap.logging.minloglevel, 3
+    try:
+        colmap.set_random_seed(seed)
+        database = work / "database.db"
+        _features(colmap, database, images[0].parent, names, _mask_files(masks, work), settings)
+        matching = colmap.FeatureMatchingOptions()
+        matching.num_threads = settings.threads
+        verify = colmap.TwoViewGeometryOptions()
+        verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
+        colmap.match_exhaustive(
+            database, matching_options=matching, verification_options=verify, device=colmap.Device.cpu
+        )
+        mapping = colmap.IncrementalPipelineOptions()
+        mapping.min_model_size, mapping.num_threads, mapping.random_seed = 3, 1, seed
+        mapping.mapper.num_threads, mapping.mapper.random_seed = 1, seed
+        mapping.triangulation.random_seed = seed
+        models = colmap.incremental_mapping(database, images[0].parent, work, options=mapping)
+    finally:
+        colmap.logging.minloglevel = level
+    best = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+    found = {} if best is None else {image.name: image for image in best.images.values() if image.has_pose}
+    left_out = tuple(name for name in names if name not in found)
+    _check_enough(names, left_out, settings, images[0].parent)
+    return _motion(best, found, left_out)
+
+
+def _mask_files(masks: Mapping[str, np.ndarray], work: Path) -> Path | None:
+    if not masks:
+        return None
+    folder = work / "masks"
+    folder.mkdir()
+    for name, alpha in masks.items():
+        write_image(folder / f"{name}.png", (alpha >= 0.5).astype(np.float32))
+    return folder
+
+
+def _features(
+    colmap: Any, database: Path, folder: Path, names: list[str], masks: Path | None, settings: MotionSettings
+) -> None:
+    mode = colmap.CameraMode.SINGLE if settings.one_camera else colmap.CameraMode.PER_IMAGE
+    reader = colmap.ImageReaderOptions()
+    reader.camera_model = _MODELS[settings.lens]
+    if masks is not None:
+        reader.mask_path = masks
+    if settings.focal > 0:
+        width, height = picture_size(folder / names[0])
+        size = [settings.focal, settings.focal] if settings.lens == "opencv" else [settings.focal]
+        zeros = {"pinhole": 0, "radial": 1, "opencv": 4}[settings.lens]
+        reader.camera_params = ",".join(map(repr, [*size, width / 2, height / 2, *[0.0] * zeros]))
+    options = colmap.FeatureExtractionOptions()
+    options.num_threads, options.max_image_size = settings.threads, settings.feature_size
+    options.sift.max_num_features = settings.features
+    common = {"camera_mode": mode, "image_names": names}
+    colmap.Database.open(database).close()
+    colmap.import_images(database, folder, options=reader, **common)  # so that numbers do not depend on threads
+    colmap.extract_features(
+        database, folder, reader_options=reader, extraction_options=options, device=colmap.Device.cpu, **common
+    )
+
+
+def _check_enough(names: list[str], left_out: tuple[str, ...], settings: MotionSettings, folder: Path) -> None:
+    found = len(names) - len(left_out)
+    if found >= max(3, settings.registered * len(names)):
+        return
+    raise DataError(
+        f"cameras were found for {found} of {len(names)} pictures; without one: {some(left_out)}", where=str(folder),
+        expected=f"at least {max(3, int(np.ceil(settings.registered * len(names))))} that overlap and show texture",
+        fix="take pictures at most 20 degrees apart, sharp, of a still scene, with a textured background; remove those "
+        "that do not belong, or lower `registered`",
+    )  # fmt: skip
+
+
+def _motion(model: Any, found: Mapping[str, Any], left_out: tuple[str, ...]) -> Motion:
+    poses, camera = {}, {}
+    numbers = sorted(model.cameras)
+    for name in sorted(found):
+        pose = np.eye(4)
+        pose[:3] = found[name].cam_from_world().matrix()
+        poses[name], camera[name] = np.linalg.inv(pose), numbers.index(found[name].camera_id)
+    held = [point for _, point in sorted(model.points3D.items()) if point.track.length() >= _SEEN_BY]
+    lenses = [model.cameras[number] for number in numbers]
+    return Motion(
+        camera_to_world=poses,
+        camera=camera,
+        lenses=lenses,
+        points=np.array([point.xyz for point in held], np.float64).reshape(-1, 3),
+        colours=np.array([point.color for point in held], np.float64).reshape(-1, 3) / 255,
+        tracks=np.array([point.track.length() for point in held], np.int64),
+        left_out=left_out,
+        error=float(model.compute_mean_reprojection_error()),
+        focal_known=any(lens.has_prior_focal_length for lens in lenses),
+    )

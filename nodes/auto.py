@@ -1,0 +1,100 @@
+"""The coarse start that suits what there is."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
+
+Train = Annotated[Views, facets(split="train")]
+
+
+class AutoParams(Params):
+    method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] = param(
+        "auto", doc="auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere."
+    )
+    seconds: float = param(300.0, gt=0, unit="s", doc="Processor time the start may take, by a fixed estimate.")
+    iterations: int = param(0, ge=0, doc="Of the planar Gaussians; 0: as many as `seconds` pays for, 1500 at most.")
+    side: int = param(400, ge=16, unit="px", doc="Longer side of the pictures to which Gaussians are fitted, about.")
+    count: int = param(20000, ge=1, doc="Gaussians at the start where no points are wired in.")
+    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Of the hull or the fusion.")
+    faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
+    close_holes: int = param(60, ge=0, unit="edges", doc="Without masks: fill holes of at most so many edges.")
+    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point.")
+    device: Literal["auto", "cpu", "cuda"] = param("auto", doc="Where to compute; auto takes a CUDA device if any.")
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+
+
+class AutoOut(NamedTuple):
+    mesh: Annotated[Mesh, facets(manifold=True)]
+    decisions: Metrics
+
+
+@node(
+    "init.auto",
+    version="1",
+    libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
+    code=tuple(
+        f"exmesh_graph.splat.kernels_{name}" for name in ("adam", "blend", "camera", "harmonics", "project", "tiles")
+    ),
+    resumable=True,
+    resources={"cpu": 0, "gpu?": 1},
+)
+def auto(
+    ctx: Context, views: Train, points: PointCloud | None = None, depths: DepthMaps | None = None, *, p: AutoParams
+) -> AutoOut:
+    """A coarse mesh by what there is: depth maps are fused, Gaussians fitted if time pays, else the hull or a sphere.
+
+    Only what is chosen runs. `decisions` says why, for the report.
+    """
+    from exmesh_nodes import init
+
+    from exmesh_graph.errors import DataError
+    from exmesh_graph.geometry.coarse_start import Known, choose, reduction
+
+    masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
+    pixels = (views.width // factor) * (views.height // factor)
+    known = Known(len(views), masks, points is not None, depths is not None, pixels)
+    start, count = choose(known, p.seconds)
+    method, reason = (start.value, start.reason) if p.method == "auto" else (p.method, "Set by `method`.")
+    iterations, paid = (p.iterations, "Set by `iterations`.") if p.iterations else (int(count.value), count.reason)
+    rows = [{"name": "start", "value": method, "reason": reason, "evidence": start.evidence}]
+    if method == "pgsr":
+        iterations = max(iterations, 1)
+        rows.append({"name": "iterations", "value": iterations, "reason": paid})
+    for row in rows:
+        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+
+    if method == "tsdf" and depths is None:
+        raise DataError(
+            "method: tsdf fuses depth maps, and none are wired in", where=ctx.node,
+            fix='wire depths: "@<a prior>.depths", or set method: auto',
+        )  # fmt: skip
+    if method == "hull":
+        mesh = init.visual_hull(ctx, views, p=init.HullParams(resolution=p.resolution, dissent=p.dissent)).mesh
+    elif method == "sphere":
+        mesh = init.sphere(ctx, p=init.SphereParams(faces=p.faces)).mesh
+    else:
+        if method == "pgsr":
+            depths = _fitted_depths(ctx, views, points, iterations, factor, p)
+        assert depths is not None
+        whole = init.TsdfParams(resolution=p.resolution, solid=True, truncation=3, min_weight=2, dissent=p.dissent)
+        bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
+        mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
+    cleaning = init.CleanParams(faces=p.faces, close_holes=0 if masks else p.close_holes)
+    return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))
+
+
+def _fitted_depths(
+    ctx: Context, views: Views, points: PointCloud | None, iterations: int, factor: int, p: AutoParams
+) -> DepthMaps:
+    from exmesh_nodes import gaussians
+
+    fit = gaussians.PgsrParams(
+        iterations=iterations, count=p.count, max_gaussians=max(40000, 2 * (len(points) if points else p.count)),
+        dissent=p.dissent, downscale=factor, device=p.device, threads=p.threads,
+    )  # fmt: skip
+    fitted = gaussians.pgsr(ctx, views, points, p=fit).gaussians
+    drawing = gaussians.DepthParams(device=p.device, threads=p.threads)
+    return gaussians.depth_from_gaussians(ctx, fitted, views, p=drawing).depths

@@ -1,0 +1,175 @@
+"""A plain folder of photographs: cameras found from the pictures, the lens undone, clear errors."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exmesh_nodes import photos as nodes
+from PIL import Image
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from benchmarks.photos import differences
+from exmesh_graph.errors import DataError, MissingLibraryError
+from exmesh_graph.io.images import Photo, write_image
+from exmesh_graph.io.photos import PhotosOptions, list_photos, load_photos, object_sphere
+from exmesh_graph.io.undistort import pinhole, resampled
+from tests.fake_context import FakeContext
+from tests.io.io_scenes import look_at
+
+WIDTH, HEIGHT, FOCAL, COUNT = 200, 150, 260.0, 9
+
+
+def poses():
+    angles = np.radians(9.0 * np.arange(COUNT))
+    eyes = 3 * np.stack([np.sin(angles), 0.3 + 0.2 * np.cos(3 * angles), np.cos(angles)], axis=1)
+    return np.stack([look_at(eye, np.zeros(3), np.array([0, 1.0, 0])) for eye in eyes])
+
+
+def picture(pose, texture):
+    """A painted unit ball before the painted inside of a large one."""
+    x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(HEIGHT) + 0.5 - HEIGHT / 2)
+    d = np.stack([x / FOCAL, y / FOCAL, np.ones_like(x)], axis=-1) @ pose[:3, :3].T
+    d /= np.linalg.norm(d, axis=-1, keepdims=True)
+    eye = pose[:3, 3]
+    b, near, far = d @ eye, eye @ eye - 1, eye @ eye - 49
+    hit = b * b > near
+    t = np.where(hit, -b - np.sqrt(np.maximum(b * b - near, 0)), -b + np.sqrt(b * b - far))
+    p = eye + t[..., None] * d
+    p /= np.linalg.norm(p, axis=-1, keepdims=True)
+    u = (np.arctan2(p[..., 0], p[..., 2]) / (2 * np.pi) + 0.5) * (texture.shape[1] - 1)
+    v = np.arccos(p[..., 1].clip(-1, 1)) / np.pi * (texture.shape[0] - 1)
+    return map_coordinates(texture, [v, u], order=1), hit
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Nine overlapping pictures with masks beside them, and one that shows something else."""
+    noise = np.random.default_rng(0).normal(size=(200, 400))
+    texture = gaussian_filter(noise, 1.5) / 0.35
+    texture = np.clip(0.5 + 0.25 * texture, 0, 1).astype(np.float32)
+    root = tmp_path_factory.mktemp("photos")
+    (root / "masks").mkdir()
+    for i, pose in enumerate(poses()):
+        grey, ball = picture(pose, texture)
+        write_image(root / f"p{i}.png", np.repeat(grey[..., None], 3, axis=2))
+        write_image(root / "masks" / f"p{i}.png", ball.astype(np.float32))
+    write_image(root / "p9.png", np.zeros((HEIGHT, WIDTH, 3), np.float32))
+    write_image(root / "masks" / "p9.png", np.ones((HEIGHT, WIDTH), np.float32))
+    return root
+
+
+def found(folder, work, **changes):
+    pytest.importorskip("pycolmap", reason="pip install 'exmesh-graph[photos]'")
+    work.mkdir()
+    return load_photos(folder, replace(PhotosOptions(), **changes), work)
+
+
+def test_cameras_and_points_are_found_and_repeat_to_the_byte(folder, tmp_path):
+    scene, points, motion = found(folder, tmp_path / "a")
+    assert sorted(motion.camera_to_world) == [f"p{i}.png" for i in range(COUNT)]
+    assert motion.left_out == ("p9.png",)
+    assert any("p9.png" in note for note in scene.notes)
+    degrees, place = differences(np.stack([motion.camera_to_world[f"p{i}.png"] for i in range(COUNT)]), poses())
+    assert degrees.max() < 1
+    assert place.max() < 3
+    assert not motion.focal_known
+    assert motion.figures()["focal"] == pytest.approx(FOCAL, rel=0.05)
+    assert scene.train.has_masks
+    assert scene.test.names == ("p3",)
+    assert len(points) > 100
+    assert np.linalg.norm(points.points, axis=1).max() < 1  # the hull of nine views from one side holds the ball
+    again = found(folder, tmp_path / "b")
+    assert np.array_equal(again[1].points, points.points)
+    assert np.array_equal(again[0].train.camera_to_world, scene.train.camera_to_world)
+
+
+def test_the_node_reads_the_focal_length_of_the_camera_and_only_the_object(folder, tmp_path):
+    pytest.importorskip("pycolmap", reason="pip install 'exmesh-graph[photos]'")
+    place = tmp_path / "images"
+    place.mkdir()
+    (tmp_path / "masks").mkdir()
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = round(FOCAL / np.hypot(WIDTH, HEIGHT) * np.hypot(36, 24))  # FocalLengthIn35mmFilm
+    for i in range(5):
+        Image.open(folder / f"p{i}.png").save(place / f"p{i}.jpg", quality=97, exif=exif.tobytes())
+        Image.open(folder / "masks" / f"p{i}.png").save(tmp_path / "masks" / f"p{i}.jpg.png")
+    context = FakeContext(scratch=tmp_path)
+    p = nodes.PhotosParams(path=tmp_path, keep="object", lens="pinhole", holdout=4)
+    assert {"images/p0.jpg", "masks/p0.jpg.png"} <= set(nodes._photo_files(p))
+    out = nodes.photos(context, p=p)
+    assert "from what was known" in context.lines[0]
+    assert out.cameras.values["registered"] == 5
+    k = out.train.intrinsics[0]
+    assert k[0, 0] == pytest.approx(FOCAL, rel=0.1)
+    assert (k[0, 2], k[1, 2]) == (WIDTH / 2, HEIGHT / 2)
+
+
+def test_without_the_extra_the_error_says_what_to_install(folder, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(MissingLibraryError, match=r"exmesh-graph\[photos\]"):
+        load_photos(folder, PhotosOptions(), tmp_path)
+
+
+def test_a_folder_that_cannot_do_is_refused_by_name(folder, tmp_path):
+    with pytest.raises(DataError, match="does not exist"):
+        list_photos(tmp_path / "none")
+    for i in range(2):
+        write_image(tmp_path / f"black{i}.png", np.zeros((40, 60, 3), np.float32))
+    with pytest.raises(DataError, match="holds 2 pictures"):
+        list_photos(tmp_path)
+    write_image(tmp_path / "black2.png", np.zeros((60, 40, 3), np.float32))
+    (tmp_path / "w").mkdir()
+    with pytest.raises(DataError, match=r"another size than 60 x 40.*black2\.png"):
+        load_photos(tmp_path, PhotosOptions(), tmp_path / "w")
+    write_image(tmp_path / "black2.png", np.zeros((40, 60, 3), np.float32))
+    with pytest.raises(DataError, match=r"0 of 3 pictures; without one: black0\.png, black1\.png, black2\.png"):
+        found(tmp_path, tmp_path / "a")
+    write_image(tmp_path / "black2.tif", np.zeros((40, 60, 3), np.float32))
+    with pytest.raises(DataError, match="two pictures are called 'black2'"):
+        list_photos(tmp_path)
+
+
+@pytest.mark.parametrize("k1", [-0.2, 0.15])
+def test_a_lens_is_undone(k1):
+    """A picture that is a function of the ray, drawn through the lens and through the pinhole that is made of it."""
+    k = np.array([[80.0, 0, 33], [0, 80, 22], [0, 0, 1]])
+
+    def lens(rays):
+        at = rays[:, :2] / rays[:, 2:]
+        at = at * (1 + k1 * (at**2).sum(1, keepdims=True))
+        return at @ k[:2, :2].T + k[:2, 2]
+
+    def value(x, y):
+        return 0.5 + 0.3 * np.sin(9 * x) * np.cos(7 * y)
+
+    grid, places = pinhole(lens, k, 64, 48)
+    pixels = np.stack(np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5), axis=-1)
+    straight = (pixels - k[:2, 2]) / 80
+    bent = straight.copy()
+    for _ in range(50):  # the ray of each pixel of the photograph
+        bent = straight / (1 + k1 * (bent**2).sum(-1, keepdims=True))
+    shot = value(bent[..., 0], bent[..., 1]).astype(np.float32)
+    photo = Photo(np.repeat(shot[..., None], 3, axis=2), np.ones((48, 64), np.float32), False, True)
+    true = value(*np.moveaxis((pixels - grid[:2, 2]) / [grid[0, 0], grid[1, 1]], -1, 0))
+    made = resampled(photo, places)
+    assert np.abs(made.rgb[..., 0] - true)[2:-2, 2:-2].max() < 2e-3
+    assert (places >= 0).all()
+    assert (places <= [64, 48]).all()
+    assert (grid[0, 0] > 80) == (k1 > 0)
+    assert np.array_equal(grid[:, 2], k[:, 2])
+
+
+def test_the_sphere_without_masks_holds_what_the_cameras_look_at():
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(500, 3))
+    ball = 0.4 * ball / np.linalg.norm(ball, axis=1, keepdims=True) + [0.1, 0, 0]
+    wall = rng.normal(size=(400, 3))
+    wall = 9 * wall / np.linalg.norm(wall, axis=1, keepdims=True)
+    around = np.stack([look_at(np.array([3 * np.sin(a), 0.5, 3 * np.cos(a)]), np.zeros(3), np.array([0, 1.0, 0]))
+                       for a in np.linspace(0, 6, 12)])  # fmt: skip
+    centre, radius = object_sphere(np.concatenate([ball, wall]), np.full(900, 4), around)
+    assert centre == pytest.approx([0.1, 0, 0], abs=0.05)
+    assert 0.4 < radius < 0.5
+    with pytest.raises(DataError, match="too few to locate"):
+        object_sphere(wall, np.full(400, 4), around)

@@ -1,0 +1,86 @@
+"""init.auto: what it picks, that it says so, and that only this runs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exmesh_nodes import auto, gaussians, init
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction
+from exmesh_graph.io.blender import BlenderOptions, load_blender
+from exmesh_graph.report.decisions import decision_tables
+from exmesh_graph.types import DepthMaps, PointCloud
+from tests.fake_context import FakeContext
+
+SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
+KNOWN = Known(views=30, masks=True, points=False, depths=False, pixels=256 * 256)
+
+
+@pytest.fixture(scope="module")
+def views():
+    return load_blender(SAMPLE, BlenderOptions(downscale=8, max_views=8)).train
+
+
+@pytest.mark.parametrize(
+    ("change", "seconds", "start", "because"),
+    [
+        ({}, 20, "hull", "fewer than 500"),
+        ({}, 300, "pgsr", "no outline shows"),
+        ({"pixels": 1600 * 1200}, 300, "hull", "fewer than 500"),
+        ({"depths": True}, 20, "tsdf", "masks close"),
+        ({"depths": True, "masks": False}, 300, "tsdf", "depth maps are wired in"),
+        ({"masks": False, "points": True}, 300, "pgsr", "points are wired in"),
+        ({"masks": False}, 300, "pgsr", "neither masks, points nor depth maps"),
+        ({"masks": False, "points": True}, 20, "sphere", "no masks or depth maps"),
+    ],
+)
+def test_the_choice_follows_what_there_is_and_the_time(change, seconds, start, because):
+    made, count = choose(replace(KNOWN, **change), seconds)
+    assert made.value == start
+    assert because.lower() in made.reason.lower()
+    assert (count.value >= 500) == (seconds == 300 and start != "hull")
+    assert count.value <= MOST_ITERATIONS
+    assert choose(replace(KNOWN, **change), 1e9)[1].value == MOST_ITERATIONS
+
+
+def test_pictures_come_down_to_the_asked_side():
+    assert [reduction(w, h, 400) for w, h in ((400, 300), (401, 300), (4000, 3000), (300, 1600), (10, 8))] == [
+        1, 2, 10, 4, 1,
+    ]  # fmt: skip
+
+
+def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("this start was not chosen")
+
+    for module, name in ((gaussians, "pgsr"), (init, "tsdf"), (init, "sphere")):
+        monkeypatch.setattr(module, name, refuse)
+    context = FakeContext()
+    out = auto.auto(context, views, p=auto.AutoParams(seconds=5, resolution=32, faces=400))
+    assert out.mesh.facets()["closed"]
+    assert len(out.mesh.faces) <= 400
+    (table,) = decision_tables({"coarse.decisions": out.decisions.values}).values()
+    assert [(row.name, row.value) for row in table] == [("start", "hull")]
+    assert "fewer than 500" in table[0].reason
+    assert table[0].reason in context.lines[0]
+    monkeypatch.undo()
+    monkeypatch.setattr(init, "visual_hull", refuse)
+    other = auto.auto(context, views, p=auto.AutoParams(seconds=5, method="sphere", faces=400))
+    assert other.decisions.values["decisions"][0]["reason"] == "Set by `method`."
+    assert np.linalg.norm(other.mesh.vertices, axis=1) == pytest.approx(0.8, abs=0.05)
+    with pytest.raises(DataError, match="none are wired in"):
+        auto.auto(context, views, p=auto.AutoParams(method="tsdf"))
+
+
+def test_gaussians_are_fitted_and_fused_and_depths_are_fused(views):
+    context = FakeContext()
+    p = auto.AutoParams(method="pgsr", iterations=40, count=800, resolution=32, faces=400)
+    out = auto.auto(context, views, p=p)
+    assert out.mesh.facets()["closed"]
+    assert [row["value"] for row in out.decisions.values["decisions"]] == ["pgsr", 40]
+    flat = DepthMaps(views.names, np.where(views.alpha > 0.5, np.float32(2.5), np.float32(0)))
+    cloud = PointCloud(np.zeros((4, 3), np.float32), np.zeros((4, 3), np.float32))
+    carved = auto.auto(context, views, cloud, flat, p=auto.AutoParams(seconds=1e6, resolution=32, faces=400))
+    assert carved.decisions.values["decisions"][0]["value"] == "tsdf"
