@@ -44,7 +44,7 @@ class AutoOut(NamedTuple):
 def auto(
     ctx: Context, views: Train, points: PointCloud | None = None, depths: DepthMaps | None = None, *, p: AutoParams
 ) -> AutoOut:
-    """A coarse mesh by what there is: depth maps are fused, Gaussians fitted if time pays, else the hull or a sphere.
+    """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
 
     Only what is chosen runs. `decisions` says why, for the report.
     """

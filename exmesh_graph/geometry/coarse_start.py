@@ -29,8 +29,9 @@ class Known:
 def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
     """(start, its iterations) for about `seconds` of processor time.
 
-    Depth maps are fused. Else planar Gaussians are fitted if the time pays for 500 iterations or more: in the hull of
-    masks, from points, or at random. Else the visual hull, where every view has a mask, or a sphere.
+    Depth maps are fused. Else, where every view has a mask, planar Gaussians are fitted in the hull if the time pays
+    for 500 iterations or more, and the hull is taken if not. Without masks Gaussians are fitted, from points or at
+    random, for 500 iterations at least: from a sphere Stage I finds nothing where no outline tells it where to go.
     """
     each = _FIXED + _PER_PIXEL * known.pixels
     paid = min(MOST_ITERATIONS, math.floor(seconds / each))
@@ -44,13 +45,14 @@ def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
         method, why = "pgsr", f"every view has a mask, and {time}: they open what no outline shows"
     elif known.masks:
         method, why = "hull", f"every view has a mask; {time}, fewer than {LEAST_ITERATIONS}"
-    elif enough:
+    else:
         source = "points are wired in" if known.points else "there are neither masks, points nor depth maps"
         method, why = "pgsr", f"{source}, and {time}"
-    else:
-        method, why = "sphere", f"there are no masks or depth maps; {time}, fewer than {LEAST_ITERATIONS}"
+        if not enough:
+            why += f"; {LEAST_ITERATIONS}, some {LEAST_ITERATIONS * each:.0f} s, are the least that finds a surface"
+            paid = LEAST_ITERATIONS
     start = Decision(method, None, None, 1.0, f"{why[0].upper()}{why[1:]}.", evidence)
-    count = Decision(paid, None, None, 1.0, f"What {seconds:g} s pay for, {MOST_ITERATIONS} at most.", {})
+    count = Decision(paid, None, None, 1.0, f"What {seconds:g} s pay for, {LEAST_ITERATIONS} to {MOST_ITERATIONS}.", {})
     return start, count
 
 
