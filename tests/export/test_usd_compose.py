@@ -56,9 +56,12 @@ def test_the_scene_can_be_moved_and_leaves_nothing_when_refused(pieces, tmp_path
     assert [p for p in validate_usd(tmp_path / "b" / "scene.usda") if p.level == "error"] == []
     from pxr import Usd
 
-    stage = Usd.Stage.CreateNew(str(tmp_path / "empty.usda"))
+    stage = Usd.Stage.CreateNew(str(tmp_path / "empty.usdc"))
     stage.SetDefaultPrim(stage.DefinePrim("/nothing", "Xform"))
     stage.GetRootLayer().Save()
     with pytest.raises(DataError, match="shows no surface"):
-        compose_on_table(tmp_path / "bad", {"empty": tmp_path / "empty.usda"}, SKY)
+        compose_on_table(tmp_path / "bad", {"empty": tmp_path / "empty.usdc"}, SKY)
+    stage.Export(str(tmp_path / "lone.usda"))
+    with pytest.raises(DataError, match=r"cannot be taken along alone[\s\S]*\.usdz package"):
+        compose_on_table(tmp_path / "bad", {"lone": tmp_path / "lone.usda"}, SKY)
     assert not (tmp_path / "bad").exists()
