@@ -74,6 +74,7 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
         auto.auto(context, views, p=auto.AutoParams(method="tsdf"))
 
 
+@pytest.mark.slow
 def test_gaussians_are_fitted_and_fused_and_depths_are_fused(views):
     context = FakeContext()
     p = auto.AutoParams(method="pgsr", iterations=40, count=800, resolution=32, faces=400)
