@@ -42,7 +42,7 @@ from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Asset, Carrier, Views
 
 #: What Mitsuba's `principled` BSDF reached in an earlier trial after 100 and 300 steps: held-out, relit, albedo [dB].
-NAMED = {100: (33.2, 31.3, 24.8), 300: (34.7, 32.2, 25.1)}
+EARLIER = {100: (33.2, 31.3, 24.8), 300: (34.7, 32.2, 25.1)}
 #: What a gray object of base colour and roughness 0.5 shows under a white sky of 1, about.
 GRAY_SHOWS = 0.55
 FIGURES = ("held-out", "relit", "albedo")
@@ -234,14 +234,14 @@ def line(row: dict[str, Any]) -> str:
 
 
 def compare(rows: list[dict[str, Any]]) -> None:
-    """When our curve first reaches each of Mitsuba's points, measured here and of the earlier trial."""
+    """When our curve first reaches each of Mitsuba's points, measured here and in the earlier trial."""
     mine = sorted((row for row in rows if row["side"] == "ours"), key=lambda row: row["seconds"])
     theirs = [row for row in rows if row["side"] == "mitsuba"]
     print("\nMitsuba's points, and our first that is as good in all three (held-out / relit / albedo)")
     for row in theirs:
         points = {"measured": tuple(row[name] for name in FIGURES)}
-        if row["iterations"] in NAMED:
-            points["named"] = NAMED[row["iterations"]]
+        if row["iterations"] in EARLIER:
+            points["earlier"] = EARLIER[row["iterations"]]
         for label, point in points.items():
             reached = [r for r in mine if all(r[n] >= p for n, p in zip(FIGURES, point, strict=True))]
             text = "not reached"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
+from exmesh_nodes.gaussians import KERNELS
+
 from exmesh_graph.graph.node import Context, Params, facets, node, param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 
@@ -15,7 +17,7 @@ class AutoParams(Params):
         "auto", doc="auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere."
     )
     seconds: float = param(300.0, gt=0, unit="s", doc="Processor time the start may take, by a fixed estimate.")
-    iterations: int = param(0, ge=0, doc="Of the planar Gaussians; 0: as many as `seconds` pays for, 1500 at most.")
+    iterations: int = param(0, ge=0, doc="Of the planar Gaussians; 0: as many as `seconds` pays for, 500 to 1500.")
     side: int = param(400, ge=16, unit="px", doc="Longer side of the pictures to which Gaussians are fitted, about.")
     count: int = param(20000, ge=1, doc="Gaussians at the start where no points are wired in.")
     resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Of the hull or the fusion.")
@@ -35,9 +37,7 @@ class AutoOut(NamedTuple):
     "init.auto",
     version="1",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
-    code=tuple(
-        f"exmesh_graph.splat.kernels_{name}" for name in ("adam", "blend", "camera", "harmonics", "project", "tiles")
-    ),
+    code=KERNELS,
     resumable=True,
     resources={"cpu": 0, "gpu?": 1},
 )

@@ -12,7 +12,7 @@ from exmesh_graph.types import DepthMaps, Files, Frame, Metrics, PlanarGaussians
 Train = Annotated[Views, facets(split="train")]
 Device = Literal["auto", "cpu", "cuda"]
 _LIBRARIES = ("torch", "warp-lang", "scipy", "scikit-image")
-_KERNELS = tuple(  # loaded by a computed name
+KERNELS = tuple(  # loaded by a computed name
     f"exmesh_graph.splat.kernels_{name}" for name in ("adam", "blend", "camera", "harmonics", "project", "tiles")
 )
 
@@ -51,7 +51,7 @@ class PgsrOut(NamedTuple):
     history: Metrics
 
 
-@node("init.pgsr", version="1", libraries=_LIBRARIES, code=_KERNELS, resumable=True, resources={"cpu": 0, "gpu?": 1})
+@node("init.pgsr", version="1", libraries=_LIBRARIES, code=KERNELS, resumable=True, resources={"cpu": 0, "gpu?": 1})
 def pgsr(
     ctx: Context, views: Train, points: PointCloud | None = None, begin: PlanarGaussians | None = None, *, p: PgsrParams
 ) -> PgsrOut:
@@ -108,7 +108,7 @@ class DepthOut(NamedTuple):
     "prior.depth_from_gaussians",
     version="1",
     libraries=("torch", "warp-lang", "scipy"),
-    code=_KERNELS,
+    code=KERNELS,
     resources={"cpu": 0, "gpu?": 1},
 )
 def depth_from_gaussians(ctx: Context, gaussians: PlanarGaussians, views: Views, *, p: DepthParams) -> DepthOut:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import pty
+import re
 import shutil
 import signal
 import subprocess
@@ -264,7 +265,9 @@ def test_shipped_graphs_lack_at_most_their_data(path: Path) -> None:
     tree = load_tree(path, given, found)
     with contextlib.suppress(GraphErrors):
         check(expand(tree, found), load_packs(), found)
-    problems = [str(problem) for problem in found.found.values() if problem.code not in ("source", "missing-library")]
+    optional = re.compile("needs the library pycolmap")  # an extra that the test line does not install
+    problems = [str(problem) for problem in found.found.values() if problem.code != "source"]
+    problems = [problem for problem in problems if not optional.search(problem)]
     assert problems == []
 
 

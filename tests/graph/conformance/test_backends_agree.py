@@ -129,7 +129,8 @@ def test_a_token_that_is_not_there_is_said(run_on: Any) -> None:
         run_on(NAMED.replace("KIND", "alone"), "folder=x")
 
 
-def test_threads_are_those_of_one_machine(bench: Any, run_on: Any, kind: str) -> None:
+def test_threads_are_those_of_one_machine(bench: Any, run_on: Any, kind: str, monkeypatch: Any) -> None:
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
     if kind == "inline":
         pytest.skip("the thread pools of this process are set already")
     text = 'nodes: {a: {type: toy.const}, w: {type: toy.wide, number: "@a.number"}}'
