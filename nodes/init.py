@@ -84,15 +84,26 @@ class TsdfParams(Params):
         "(needs masks; resolution is along the object's longest side).",
     )
     dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point (solid).")
+    incidence: float = param(
+        0.0, ge=0, le=90, unit="degrees", doc="Ignore surfaces seen at more than this angle; 0: none ignored."
+    )
+    agreeing: int = param(0, ge=0, unit="views", doc="Neighbours that must show the same point; 0: none asked.")
+    tolerance: float = param(0.01, gt=0, le=1, doc="How far those may be off, as a share of the depth.")
     parts: int = param(0, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
 
 
-@node("init.tsdf", version="1", libraries=("open3d", "scipy", "scikit-image"))
+@node("init.tsdf", version="1", libraries=("torch", "warp-lang", "open3d", "scipy", "scikit-image"))
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
     """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
     from exmesh_graph.errors import DataError
     from exmesh_graph.geometry.clean import largest_components, require_sound
 
+    if p.incidence > 0 or p.agreeing > 0:
+        from exmesh_graph.priors.depth_filter import filtered
+
+        before = int((depths.depth > 0).sum())
+        depths = filtered(views, depths, incidence=p.incidence, agreeing=p.agreeing, tolerance=p.tolerance)
+        ctx.log(f"{int((depths.depth > 0).sum()) / max(before, 1):.0%} of the depths pass the filters")
     if p.solid:
         from exmesh_graph.geometry.carve import carve
         from exmesh_graph.geometry.hull import SilhouetteField

@@ -13,10 +13,10 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.priors.depth_filter import agreed, neighbours
 from exmesh_graph.stage1.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Views
 
-_PARALLAX = 10.0  # degrees between two viewing directions: enough for depth, little enough for windows to look alike
 _FLAT = 0.01  # windows whose standard deviation is below this, in display units, hold nothing to compare
 _BATCH = 16  # planes at once
 
@@ -58,22 +58,13 @@ def plane_sweep(
         if progress is not None:
             progress(view + 1, len(targets))
     depth = torch.stack(found)
-    kept = torch.stack([_agreed(view, near[view], targets, depth, settings) for view in range(len(targets))])
+    cameras = targets.intrinsics, targets.world_to_camera
+    kept = torch.stack([
+        agreed(view, near[view], depth, *cameras, settings.agreeing, settings.tolerance) for view in range(len(targets))
+    ])  # fmt: skip
     if views.has_masks:
         kept = torch.where(targets.alpha > 0.5, kept, 0.0)
     return DepthMaps(views.names, _enlarged(kept.cpu().numpy(), views.height, views.width, settings.downscale))
-
-
-def neighbours(camera_to_world: np.ndarray, count: int) -> list[np.ndarray]:
-    """For each camera of [N, 4, 4] the `count` others that see the origin from most nearly 10 degrees away."""
-    directions = -camera_to_world[:, :3, 3]
-    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip(directions @ directions.T, -1, 1)))
-    away = np.abs(np.log(np.maximum(angle, 1e-3) / _PARALLAX))
-    np.fill_diagonal(away, np.inf)
-    away[angle > 45] = np.inf
-    order = np.argsort(away, axis=1, kind="stable")
-    return [row[np.isfinite(away[i, row])][:count] for i, row in enumerate(order)]
 
 
 def _sweep(
@@ -125,25 +116,6 @@ def _transfer(view: int, other: int, targets: Targets, like: torch.Tensor) -> tu
     y, x = torch.meshgrid(*(torch.arange(n, dtype=torch.float64) + 0.5 for n in (height, width)), indexing="ij")
     slope = torch.stack([x, y, torch.ones_like(x)], dim=-1) @ forth.T
     return slope.to(like), (targets.intrinsics[other] @ relative[:3, 3]).to(like)
-
-
-def _agreed(
-    view: int, others: np.ndarray, targets: Targets, depth: torch.Tensor, settings: SweepSettings
-) -> torch.Tensor:
-    """The view's depth where enough neighbours found the same point, to `tolerance` of its depth; else 0."""
-    height, width = targets.height, targets.width
-    votes = torch.zeros((height, width), dtype=torch.int64, device=depth.device)
-    for other in others.tolist():
-        slope, offset = _transfer(view, other, targets, depth)
-        place = depth[view][..., None] * slope + offset
-        z = place[..., 2]
-        column, row = (
-            (place[..., axis] / z.clamp(min=1e-6)).clamp(-1, n).floor().long() for axis, n in ((0, width), (1, height))
-        )
-        inside = (z > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        there = depth[other][row.clamp(0, height - 1), column.clamp(0, width - 1)]
-        votes += inside & (there > 0) & ((there - z).abs() < settings.tolerance * z)
-    return torch.where((depth[view] > 0) & (votes >= settings.agreeing), depth[view], 0.0)
 
 
 def _box(planes: torch.Tensor, window: int) -> torch.Tensor:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import torch
 
-from exmesh_graph.splat.planes import edge_weight, normals_of_depth, plane_depth
+from exmesh_graph.priors.depth_filter import normals_of_depth
+from exmesh_graph.splat.planes import edge_weight, plane_depth
 from exmesh_graph.splat.render import Render
 
 _PATCH = 3  # half the side of compared patches: 7 x 7

@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 import torch
 
+from exmesh_graph.priors.depth_filter import agreed, normals_of_depth, pixel_rays
 from exmesh_graph.splat.fit import neighbours
 from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.planes import normals_of_depth, pixel_rays, plane_depth
+from exmesh_graph.splat.planes import plane_depth
 from exmesh_graph.splat.render import Render, render
 from exmesh_graph.stage1.targets import Targets
 from exmesh_graph.types import DepthMaps
@@ -35,7 +36,8 @@ def depth_maps(gaussians: Gaussians, targets: Targets, keep: DepthFilter | None 
     shell is soft the blended one lies too deep, because outlines hold its outermost layer only.
 
     Dropped: less than half covered, outside the mask, planes met at more than `incidence` degrees from their normal,
-    and points that fewer than `agreeing` of up to eight neighbours show at the same depth, to `tolerance` of it.
+    and points that fewer than `agreeing` of up to eight neighbours show at the same depth, to `tolerance` of it
+    (a view with fewer neighbours asks those it has).
 
     `outward` pixels are added along the surface's normal, since a fit shrinks the object by about half a pixel: a ray
     past the rim crosses the faint tails of so many Gaussians that together they cover it.
@@ -60,7 +62,11 @@ def depth_maps(gaussians: Gaussians, targets: Targets, keep: DepthFilter | None 
     stack = torch.stack(depths)
     if keep.agreeing > 0:
         near = neighbours(targets.world_to_camera)
-        stack = torch.stack([_agreed(i, near[i], targets, stack, keep) for i in range(len(targets))])
+        cameras = targets.intrinsics, targets.world_to_camera
+        stack = torch.stack([
+            agreed(i, near[i], stack, *cameras, min(keep.agreeing, len(near[i])), keep.tolerance)
+            for i in range(len(targets))
+        ])  # fmt: skip
     if keep.outward > 0:
         stack = torch.stack([_outward(i, targets, stack[i], keep.outward) for i in range(len(targets))])
     names, kept = targets.names, int((stack > 0).sum())
@@ -89,22 +95,3 @@ def middle_planes(
     found = planes[middle.clamp(min=0).long()]
     found = torch.where((middle >= 0)[..., None], found, 0.0)
     return found[..., :3], found[..., 3]
-
-
-def _agreed(i: int, near: np.ndarray, targets: Targets, depths: torch.Tensor, keep: DepthFilter) -> torch.Tensor:
-    """The view's depth where enough neighbours show the same point. A view with fewer neighbours asks those it has."""
-    needed = min(keep.agreeing, len(near))
-    height, width = targets.height, targets.width
-    depth = depths[i]
-    rays = pixel_rays(targets.intrinsics[i], height, width, depth)
-    votes = torch.zeros_like(depth)
-    for other in near.tolist():
-        relative = (targets.world_to_camera[other] @ torch.linalg.inv(targets.world_to_camera[i])).to(depth)
-        points = (depth[..., None] * rays) @ relative[:3, :3].T + relative[:3, 3]
-        z = points[..., 2]
-        place = points / z.clamp(min=1e-6)[..., None] @ targets.intrinsics[other].to(depth).T
-        column, row = place[..., 0].floor().long(), place[..., 1].floor().long()
-        inside = (z > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        there = depths[other][row.clamp(0, height - 1), column.clamp(0, width - 1)]
-        votes += inside & (there > 0) & ((there - z).abs() < keep.tolerance * z)
-    return torch.where((depth > 0) & (votes >= needed), depth, 0.0)

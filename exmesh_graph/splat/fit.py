@@ -11,11 +11,11 @@ import torch
 
 from exmesh_graph.errors import GeometryError, NumericsError
 from exmesh_graph.losses import d_ssim, l1
+from exmesh_graph.priors.depth_filter import pixel_rays
 from exmesh_graph.splat.consistency import View, flattening, multi_view, single_view_normal
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.optimiser import Adam
-from exmesh_graph.splat.planes import pixel_rays
 from exmesh_graph.splat.render import Render, render
 from exmesh_graph.splat.settings import FitSettings
 from exmesh_graph.stage1.gains import fit_gain

@@ -5,11 +5,12 @@ import pytest
 import torch
 from scipy.ndimage import minimum_filter
 
+from exmesh_graph.priors.depth_filter import normals_of_depth, pixel_rays
 from exmesh_graph.splat import Gaussians, render
 from exmesh_graph.splat.consistency import View, _patch_mismatch, flattening, multi_view, single_view_normal
 from exmesh_graph.splat.depths import DepthFilter, depth_maps, middle_planes
 from exmesh_graph.splat.fit import neighbours
-from exmesh_graph.splat.planes import edge_weight, normals_of_depth, pixel_rays, plane_depth
+from exmesh_graph.splat.planes import edge_weight, plane_depth
 from exmesh_graph.stage1.targets import prepare_targets
 from tests.priors.prior_scenes import wall
 from tests.splat.splat_scenes import camera

@@ -1,0 +1,124 @@
+"""How well a surface without a texture foretells held-out photographs: the training photographs, warped over it.
+
+Virtual rephotography (Waechter et al. 2017, "Virtual Rephotography: Novel View Prediction Error for 3D
+Reconstruction"): it needs no true surface, and a wrong depth shows as a picture that does not fit. A surface that
+cannot be seen from the training views, or not from the held-out ones, has no say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.priors.depth_filter import pixel_rays
+from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.types import Views
+
+_SPREAD = 10.0  # degrees: how fast a photograph taken from elsewhere loses its say
+_FOOTPRINTS = 3.0  # depths that differ by fewer pixels' widths at that depth are of one surface
+
+
+@dataclass(frozen=True)
+class Rephotographs:
+    """Of each held-out view: linear colour float32 [N, H, W, 3], 0 where there is none, `covered` bool [N, H, W] by the
+    surface, `seen` bool [N, H, W] by a training view too."""
+
+    images: np.ndarray
+    covered: np.ndarray
+    seen: np.ndarray
+
+
+def rephotograph(
+    vertices: np.ndarray, faces: np.ndarray, train: Views, held_out: Views, *, nearest: int = 8
+) -> Rephotographs:
+    """The held-out views of the mesh (vertices [V, 3], faces [F, 3]), coloured by the training photographs.
+
+    A point's colour is the mean of the training views, of the `nearest` ones in direction, that see it by the mesh's
+    own depth, weighted by exp(-(angle / 10 degrees)^2) between their rays to it and the held-out view's.
+    """
+    mesh = (
+        torch.from_numpy(np.ascontiguousarray(vertices, np.float32)),
+        torch.from_numpy(np.ascontiguousarray(faces, np.int32)),
+    )
+    own = torch.stack([_depth(mesh, train, i) for i in range(len(train))])
+    near = _nearest(train, held_out, nearest)
+    images, covered, seen = [], [], []
+    for view, others in enumerate(near):
+        depth = _depth(mesh, held_out, view)
+        pose = torch.from_numpy(held_out.camera_to_world[view]).float()
+        rays = pixel_rays(torch.from_numpy(held_out.intrinsics[view]), held_out.height, held_out.width, depth)
+        points = (depth[..., None] * rays) @ pose[:3, :3].T + pose[:3, 3]
+        here = torch.nn.functional.normalize(points - pose[:3, 3], dim=-1)
+        total = torch.zeros(*depth.shape, 4)
+        for other in others.tolist():
+            colour, sees, there = _fetch(points, train, other, own[other])
+            cosine = (here * there).sum(-1).clamp(-1, 1)
+            weight = torch.exp(-(torch.rad2deg(torch.acos(cosine)) / _SPREAD).square()) + 1e-6
+            total += torch.where((sees & (depth > 0))[..., None], weight[..., None] * colour, 0.0)
+        found = total[..., 3] > 0
+        images.append(torch.where(found[..., None], total[..., :3] / total[..., 3:].clamp(min=1e-12), 0.0))
+        covered.append(depth > 0)
+        seen.append(found)
+    return Rephotographs(*(torch.stack(items).numpy() for items in (images, covered, seen)))
+
+
+def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -> float:
+    """PSNR in dB, sRGB, mean over the views, within `regions` bool [N, H, W]; black where nothing was foretold.
+
+    One factor per view and channel (least squares on linear values) is left free: exposure is no matter of shape.
+    Raises DataError where no region holds a pixel.
+    """
+    scores = []
+    for image, truth, region in zip(made.images, held_out.images, regions, strict=True):
+        if not region.any():
+            continue
+        ours, theirs = image[region].astype(np.float64), truth[region].astype(np.float64)
+        gain = (ours * theirs).sum(0) / np.maximum(np.square(ours).sum(0), 1e-12)
+        error = np.square(_shown(gain * ours) - _shown(theirs)).mean()
+        scores.append(-10 * np.log10(max(float(error), 1e-10)))
+    if not scores:
+        raise DataError(
+            "no pixel of the held-out views is to be compared", where="rephotography", fix="look at the regions"
+        )
+    return float(np.mean(scores))
+
+
+def _shown(linear: np.ndarray) -> np.ndarray:
+    return linear_to_srgb(np.clip(linear, 0, 1))
+
+
+def _depth(mesh: tuple[torch.Tensor, torch.Tensor], views: Views, view: int) -> torch.Tensor:
+    intrinsics, pose = torch.from_numpy(views.intrinsics[view]), torch.from_numpy(views.world_to_camera[view])
+    return rasterize_projected(project(mesh[0], intrinsics, pose), mesh[1], views.height, views.width).depth
+
+
+def _nearest(train: Views, held_out: Views, count: int) -> np.ndarray:
+    """Index [N, count] of the training views whose axes point most nearly the same way."""
+    cosine = held_out.camera_to_world[:, :3, 2] @ train.camera_to_world[:, :3, 2].T
+    return np.argsort(-cosine, axis=1, kind="stable")[:, :count]
+
+
+def _fetch(
+    points: torch.Tensor, views: Views, view: int, depth: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """(premultiplied colour and alpha [H, W, 4], seen bool [H, W], unit rays [H, W, 3]) of points in one view."""
+    pose = torch.from_numpy(views.world_to_camera[view]).float()
+    k = torch.from_numpy(views.intrinsics[view]).float()
+    local = points @ pose[:3, :3].T + pose[:3, 3]
+    z = local[..., 2].clamp(min=1e-6)
+    place = (local / z[..., None]) @ k.T
+    at = torch.stack([2 * place[..., 0] / views.width - 1, 2 * place[..., 1] / views.height - 1], dim=-1)
+    layers = np.concatenate([views.images[view], views.alpha[view][..., None]], axis=-1)
+    stack = torch.cat([torch.from_numpy(np.ascontiguousarray(layers)).float(), depth[..., None]], dim=-1)
+    fetch = torch.nn.functional.grid_sample
+    image = fetch(stack[..., :4].permute(2, 0, 1)[None], at[None], mode="bilinear", align_corners=False)[0]
+    seen = fetch(stack[..., 4:].permute(2, 0, 1)[None], at[None], mode="nearest", align_corners=False)[0, 0]
+    footprint = z / k[:2, :2].det().abs().sqrt()
+    inside = (local[..., 2] > 0) & (at.abs() < 1).all(-1) & (image[3] > 0.5)
+    eye = torch.from_numpy(views.camera_to_world[view][:3, 3]).float()
+    rays = torch.nn.functional.normalize(points - eye, dim=-1)
+    return image.permute(1, 2, 0), inside & (seen > 0) & ((seen - z).abs() < _FOOTPRINTS * footprint), rays
