@@ -111,6 +111,6 @@ def normals_of_depth(depth: torch.Tensor, valid: torch.Tensor, rays: torch.Tenso
 
 def _cosine(depth: torch.Tensor, intrinsics: torch.Tensor) -> torch.Tensor:
     """Cosine [H, W] between normals and the rays back to the camera; -1 where there is no normal."""
-    rays = pixel_rays(intrinsics, *depth.shape, depth)
+    rays = pixel_rays(intrinsics, depth.shape[0], depth.shape[1], depth)
     normals, known = normals_of_depth(depth, depth > 0, rays)
     return torch.where(known, -(normals * rays).sum(-1) / rays.norm(dim=-1), -1.0)

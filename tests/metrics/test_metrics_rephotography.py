@@ -68,7 +68,7 @@ def test_exposure_is_no_matter_of_shape(views) -> None:
 
 def test_what_no_training_view_sees_is_not_foretold(views) -> None:
     """Two opposite cameras only: the flanks are covered, and seen by nobody; a wall before the sphere hides it."""
-    train, held_out = views
+    held_out = views[1]
     two = painted_sphere(2)
     made = rephotograph(*icosphere(5, 0.7), two, held_out)
     assert made.covered[made.seen].all()
