@@ -19,7 +19,7 @@ BOLD = FlipSettings(max_bend=1.2, max_shift=0.5, min_shape=0.02)
 CHOICES = [FlipSettings(), BOLD, FlipSettings(criterion="valence"), FlipSettings("valence", 1.2, 0.5, 0.02)]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(meshes(), st.sampled_from(CHOICES), st.integers(1, 3))
 def test_rounds_equal_the_sequential_pass(mesh, choice, rounds):
     vertices, faces, uvs, uv_faces, _ = mesh

@@ -20,7 +20,7 @@ from exmesh_graph.geometry.split import Topology, split
 EAGER = MergeSettings(degenerate=0.3, area_quantile=0.9, min_cosine=0.2)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(meshes(), st.sampled_from([MergeSettings(), EAGER]), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1))
 def test_round_equals_the_sequential_pass(mesh, choice, unseen, seed):
     vertices, faces, uvs, uv_faces, _ = mesh

@@ -299,7 +299,7 @@ def test_a_hanging_node_is_killed_after_a_while_or_a_second_ctrl_c(bench: Any, t
 
 def test_two_runs_at_once_compute_a_key_once(bench: Any) -> None:
     """The second runner meets the first one's lease, waits, and takes the hit."""
-    text = 'nodes: {a: {type: toy.const}, s: {type: toy.slow, number: "@a.number", seconds: 3, steps: 30}}'
+    text = 'nodes: {a: {type: toy.const}, s: {type: toy.slow, number: "@a.number", seconds: 2, steps: 20}}'
     first = command(bench, text)
     events = bench.root / "runs" / "latest" / "events.jsonl"
     wait_for(lambda: events.exists() and '"node_started", "node": "s"' in events.read_text())
@@ -317,7 +317,7 @@ def test_code_edited_while_a_run_goes_on_is_not_remembered(bench: Any, tmp_path:
     text = """
 nodes:
   a: {type: toy.const, value: 5}
-  w: {type: toy.slow, number: "@a.number", seconds: 3, steps: 30}
+  w: {type: toy.slow, number: "@a.number", seconds: 2, steps: 20}
   s: {type: toy.sign, number: "@w.number"}
 """
     for workers in ("0", "1"):
