@@ -3,6 +3,7 @@
     python benchmarks/atlas.py             # 20 K, 80 K and 200 K faces, rough; xatlas takes minutes at the last
     python benchmarks/atlas.py --quick     # 5 K and 20 K faces
     python benchmarks/atlas.py --mesh FILE # an OBJ or PLY file beside them
+    python benchmarks/atlas.py --quick --bend 0.3    # charts that bend less
 
 Processor seconds (xatlas runs in a process of its own, whose time is counted). Both sets of charts are packed by the
 same packer; `use` is the part of the square under charts. Stretch: L2 and
@@ -33,6 +34,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="5 K and 20 K faces only")
     parser.add_argument("--size", type=int, default=1024, help="texels along the atlas's side")
     parser.add_argument("--noise", type=float, default=NOISE, help="roughness, in mean edge lengths")
+    parser.add_argument("--bend", type=float, default=0.45, help="how far a built-in chart may bend")
     parser.add_argument("--mesh", type=Path, help="another mesh to measure")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
@@ -42,8 +44,8 @@ def main() -> None:
         f"{'mesh':<22}{'charts by':<11}{'s':>8}{'charts':>8}{'use':>7}{'L2':>8}{'L2 95 %':>9}{'L-inf':>9}{'ratio':>8}"
     )
     for name, (vertices, faces) in meshes(options).items():
-        one = row(name, "xatlas", vertices, faces, options.size)
-        own = row(name, "discs", vertices, faces, options.size)
+        one = row(name, "xatlas", vertices, faces, options)
+        own = row(name, "discs", vertices, faces, options)
         own["ratio"] = one["seconds"] / own["seconds"]
         for figures in (one, own):
             ratio = f"{figures['ratio']:8.1f}" if "ratio" in figures else ""
@@ -80,7 +82,7 @@ def rough(vertices: np.ndarray, faces: np.ndarray, noise: float) -> tuple[np.nda
     return (vertices + np.random.default_rng(0).normal(size=vertices.shape) * noise * edge).astype(np.float32), faces
 
 
-def row(name: str, method: str, vertices: np.ndarray, faces: np.ndarray, size: int) -> dict:
+def row(name: str, method: str, vertices: np.ndarray, faces: np.ndarray, options: argparse.Namespace) -> dict:
     def spent() -> float:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         return time.process_time() + children.ru_utime + children.ru_stime
@@ -89,7 +91,16 @@ def row(name: str, method: str, vertices: np.ndarray, faces: np.ndarray, size: i
         raise SystemExit(message)
 
     begun = spent()
-    uvs, uv_faces = unwrap(vertices, faces, size, method=method, max_seconds=3600, cut_nonmanifold=True, warn=refuse)
+    uvs, uv_faces = unwrap(
+        vertices,
+        faces,
+        options.size,
+        method=method,
+        bend=options.bend,
+        max_seconds=3600,
+        cut_nonmanifold=True,
+        warn=refuse,
+    )
     seconds = spent() - begun
     area = face_areas(vertices, faces)
     real = area > 1e-7 * area.mean()

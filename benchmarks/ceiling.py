@@ -3,6 +3,7 @@
     python -m benchmarks.ceiling                 # eight test views, the training light and two unseen ones
     python -m benchmarks.ceiling --quick         # two of the views
     python -m benchmarks.ceiling --supersampling 4 --specular-samples 4
+    python -m benchmarks.ceiling --binned-suns   # small suns shine from the nearest of the transport's directions
 
 Prints the figures of `evaluate.asset` with their floors, the Chamfer distance of the mesh to itself, and processor
 seconds. What a reconstruction scores below these figures is its own error, not the renderer's.
@@ -15,11 +16,15 @@ import json
 import time
 from pathlib import Path
 
+import torch
+
 from benchmarks.blender import SCENE, true_asset
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.report.renders import Quality
 from exmesh_graph.report.scores import score_asset
+from exmesh_graph.shading.suns import find_suns
+from exmesh_graph.stage2 import render
 
 
 def main() -> None:
@@ -32,11 +37,14 @@ def main() -> None:
     parser.add_argument("--supersampling", type=int, default=2, help="samples per pixel side")
     parser.add_argument("--specular-samples", type=int, default=12, help="GGX rays per sample of a pixel")
     parser.add_argument("--bounces", type=int, default=2)
+    parser.add_argument("--binned-suns", action="store_true", help="no rays of their own for small suns")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     scene = load_blender(SCENE)
     assert scene.truth is not None
     asset = true_asset(scene.truth)
+    if options.binned_suns:
+        render.find_suns = lambda sky, count: find_suns(torch.ones_like(sky), count)
     quality = Quality(options.supersampling, options.specular_samples, bounces=options.bounces)
     begun = time.process_time()
     views = 2 if options.quick else options.views

@@ -2,11 +2,14 @@
 
     python -m benchmarks.probe graphs/samples/spot path/to/concave --middlebury path/to/temple_ring
     python -m benchmarks.probe --quick graphs/samples/spot              # half-size pictures, half the steps, two views
+    python -m benchmarks.probe --decide graphs/samples/spot             # the decisions alone, seconds a scene
 
 Scenes in the NeRF-Synthetic layout with their true mesh (or its visual hull where there is none), real photographs with
 their visual hull, and three small ones made here: a matte ball, a metal ball and an open box. One line per scene and
 choice: seconds (wall clock, processor) of transport, probe and fit, scores, and by how much `auto` stays below
-everything on. The schedule is that of graphs/quickstart.yaml. --json writes the same with the decisions.
+everything on. The schedule is that of graphs/quickstart.yaml. --decide prints what the probe finds and fits nothing; it
+adds balls of metal, pictures of noise and of one gray, and a scene of one view. --json writes the same with the
+decisions.
 """
 
 from __future__ import annotations
@@ -42,12 +45,32 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     results = []
     for name, carrier, train, test, truth in scenes(options):
-        result = compare(name, carrier, train, test, truth, options)
+        result = (
+            decide(name, carrier, train, options)
+            if options.decide
+            else compare(name, carrier, train, test, truth, options)
+        )
         results.append(result)
         if options.json:
             options.json.write_text(json.dumps(results, indent=1) + "\n")
+    if options.decide:
+        return
     worst = max((gap for result in results for gap in result["below_everything_on"].values()), default=0.0)
     print(f"auto is at most {worst:.2f} dB below everything on, over {len(results)} scenes")
+
+
+def decide(name: str, carrier: Carrier, train: Views, options: argparse.Namespace) -> dict[str, Any]:
+    """The probe's decisions on one scene."""
+    clock = Clock()
+    needs = probe_scene(carrier, train, seed=options.seed).needs
+    seconds = clock.lap()
+    print(f"{name}: concavity {needs.geometry['concavity']:.3f}, {seconds[1]:.1f} s busy")
+    for key, decision in needs.decisions.items():
+        gain = "" if decision.gain is None else f"  {decision.gain:+.2f} dB"
+        gain += "" if decision.error is None else f" ± {decision.error:.2f}"
+        print(f"    {key}: {decision.value}{gain}. {decision.reason}", flush=True)
+    decisions = {key: vars(decision) for key, decision in needs.decisions.items()}
+    return {"scene": name, "decisions": decisions, "geometry": dict(needs.geometry), "probe_seconds": seconds}
 
 
 def compare(
@@ -121,7 +144,10 @@ def scenes(options: argparse.Namespace):  # type: ignore[no-untyped-def]
         params = data.MiddleburyParams(path=path, holdout=8, downscale=2 * options.downscale)
         found = data.middlebury(ctx, p=params)
         yield path.name, hull_carrier(ctx, found.train, dissent=1), found.train, found.test, None
-    if not options.no_own:
+    if options.decide and not options.no_own:
+        for name, carrier, train in odd_scenes():
+            yield name, carrier, train, train, None
+    elif not options.no_own:
         for name, shape, metallic, above in (
             ("matte ball", probe_scenes.ball(), None, False),
             ("metal ball", probe_scenes.ball(), 1.0, False),
@@ -131,6 +157,30 @@ def scenes(options: argparse.Namespace):  # type: ignore[no-untyped-def]
             views = probe_scenes.photographed(truth, 20, above=above)
             rows = np.arange(20) % 5 == 2
             yield name, probe_scenes.carrier_of(truth), part(views, ~rows, "train"), part(views, rows, "test"), None
+
+
+def odd_scenes():  # type: ignore[no-untyped-def]
+    """(name, carrier, training views) of balls, and of pictures that show nothing of the mesh."""
+    shapes = {"ball": probe_scenes.ball(), "box": probe_scenes.box()}
+    matte = probe_scenes.asset(shapes["ball"])
+    views = probe_scenes.photographed(matte)
+    noise, gray = np.random.default_rng(5).random(views.images.shape), np.full(views.images.shape, 0.4)
+    yield "matte ball", probe_scenes.carrier_of(matte), views
+    for roughness in (0.3, 0.5):
+        metal = probe_scenes.asset(shapes["ball"], metallic=1.0, roughness=roughness)
+        yield f"metal ball, roughness {roughness}", probe_scenes.carrier_of(metal), probe_scenes.photographed(metal)
+    for name, images in (("noise", noise), ("one gray", gray)):
+        shown = replace(views, images=(images * views.alpha[..., None]).astype(np.float32))
+        yield f"ball, pictures of {name}", probe_scenes.carrier_of(matte), shown
+    yield "ball, one view", probe_scenes.carrier_of(matte), probe_scenes.photographed(matte, 1)
+    hollow = probe_scenes.asset(shapes["box"])
+    views = probe_scenes.photographed(hollow, above=True)
+    noise = np.random.default_rng(5).random(views.images.shape) * views.alpha[..., None]
+    yield (
+        "open box, pictures of noise",
+        probe_scenes.carrier_of(hollow),
+        replace(views, images=noise.astype(np.float32)),
+    )
 
 
 def hull_carrier(ctx: Quiet, train: Views, dissent: int = 0) -> Carrier:
@@ -158,6 +208,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", type=Path, nargs="*", help="folders in the NeRF-Synthetic layout")
     parser.add_argument("--middlebury", type=Path, nargs="*", default=[], help="folders of Middlebury sets")
+    parser.add_argument("--decide", action="store_true", help="print the probe's decisions and fit nothing")
     parser.add_argument("--no-own", action="store_true", help="leave the scenes made here out")
     parser.add_argument("--quick", action="store_true", help="half-size pictures, 200 steps, two scored views")
     parser.add_argument("--iterations", type=int, default=400)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from exmesh_graph.geometry.flip import FlipSettings, flip
 from exmesh_graph.geometry.merge import MergeSettings, merge
@@ -25,6 +26,8 @@ from exmesh_graph.geometry.quality import mesh_quality
 from exmesh_graph.geometry.relax import relax
 from exmesh_graph.geometry.split import SplitSettings, Topology, plan_splits, split
 from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.raster import edge_table
+from exmesh_graph.stage1.regularise import smoother, smoothness
 from exmesh_graph.uv.maintain import check_atlas, compact, refill
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
@@ -76,6 +79,8 @@ def variants() -> list[SplitSettings]:
         SplitSettings(edge_degrees="endpoints", max_degree=99),
         SplitSettings(position="midpoint"),
         SplitSettings(position="random"),
+        SplitSettings(area_quantile=0.25),
+        SplitSettings(area_quantile=0.75),
     ]
 
 
@@ -85,21 +90,37 @@ def split_quality(rows: Result, mesh: tuple, settings: SplitSettings) -> None:
     done = split(*mesh, gradient, 20_000, settings)
     quality = mesh_quality(done.vertices, done.faces)
     name = f"split to 20K, degrees {settings.edge_degrees}, at {settings.position}, degree < {settings.max_degree}"
+    name += "" if settings.area_quantile == 0.5 else f", larger than {settings.area_quantile:.0%}"
     report(rows, name, None, len(mesh[1]), len(done.faces), **{k: round(quality[k], 4) for k in FIGURES})
 
 
 def flip_quality(rows: Result, mesh: tuple) -> None:
-    """What flips and gliding make of the triangles that splits to 20 000 faces leave."""
+    """What flips and gliding make of the triangles that splits to 20 000 faces leave, and of even subdivision."""
     done = split(*mesh, np.random.default_rng(0).random(len(mesh[0])).astype(np.float32), 20_000)
     start = (done.vertices, done.faces, done.uvs, done.uv_faces)
+
+    def told(name: str, points: np.ndarray, faces: np.ndarray, **more: Any) -> None:
+        kept = {k: round(v, 4) for k, v in mesh_quality(points, faces).items() if k in FIGURES}
+        bent = round(unevenness(points, faces), 4)
+        report(rows, name, None, len(mesh[1]), len(faces), bilaplacian=bent, **kept, **more)
+
+    told("the mesh itself", *mesh[:2])
+    told("split to 20K", *start[:2])
     for criterion in ("valence", "delaunay"):
         flipped = flip(*start, FlipSettings(criterion))
-        for steps in (0, 1, 2, 4):
+        for steps in (0, 1, 2, 4, 8):
             points, *_ = relax(flipped.vertices, flipped.faces, flipped.uvs, flipped.uv_faces, steps=steps)
-            quality = mesh_quality(points, flipped.faces)
-            name = f"flip, {criterion}, then {steps} steps of gliding"
-            kept = {k: round(quality[k], 4) for k in FIGURES}
-            report(rows, name, None, len(done.faces), len(flipped.faces), flips=flipped.count, **kept)
+            told(f"flip, {criterion}, then {steps} steps of gliding", points, flipped.faces, flips=flipped.count)
+    four = subdivide(*mesh)
+    points, *_ = relax(four.vertices, four.faces, four.uvs, four.uv_faces, steps=2)
+    told("subdivided", four.vertices, four.faces)
+    told("subdivided, then 2 steps of gliding", points, four.faces)
+
+
+def unevenness(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """The scale-free bi-Laplacian with equal weights, which takes uneven edges and degrees for curvature."""
+    points = torch.from_numpy(vertices.astype(np.float64))
+    return float(smoothness(points, smoother(points, edge_table(torch.from_numpy(faces)).edges), "bilaplacian"))
 
 
 def rounds(rows: Result, mesh: tuple, n: int, repeats: int, texels: int) -> None:
@@ -144,33 +165,19 @@ def atlas(rows: Result, mesh: tuple, size: int, repeats: int) -> None:
     vertices, faces = mesh
     seconds, (uvs, uv_faces) = best(lambda: unwrap(vertices, faces, size), repeats)
     figures = check_atlas(vertices, faces, uvs, uv_faces, size)
-    report(
-        rows,
-        f"unwrap {size}",
-        seconds,
-        len(faces),
-        len(faces),
-        charts=figures.charts,
-        covered=round(figures.covered, 3),
-        stretch=round(figures.stretch, 3),
-        flipped=figures.flipped,
-    )
+    told = {"charts": figures.charts, "covered": round(figures.covered, 3), "stretch": round(figures.stretch, 3)}
+    report(rows, f"unwrap {size}", seconds, len(faces), len(faces), **told, flipped=figures.flipped)
     for margin in (0.0, 1.5):
         seconds, (face_id, _) = best(lambda: rasterize_atlas(uvs, uv_faces, size, margin=margin), repeats)  # noqa: B023
-        report(
-            rows,
-            f"rasterize {size}, margin {margin}",
-            seconds,
-            len(faces),
-            len(faces),
-            covered=round(float((face_id >= 0).mean()), 3),
-        )
+        told = {"covered": round(float((face_id >= 0).mean()), 3)}
+        report(rows, f"rasterize {size}, margin {margin}", seconds, len(faces), len(faces), **told)
 
 
 def transfer(rows: Result, mesh: tuple, size: int = 512) -> None:
     """PSNR at surface points after one to four changes of atlas, of a checkerboard with edges two texels wide."""
     vertices, faces = mesh
-    atlases = [unwrap(vertices, faces, size, max_cost=cost) for cost in (2.0, 8.0)]
+    atlases = [unwrap(vertices, faces, size, bend=bend) for bend in (0.45, 0.3)]
+    assert len(atlases[0][0]) != len(atlases[1][0]), "one atlas twice: nothing is transferred"
     rng = np.random.default_rng(0)
     face, bary = rng.integers(0, len(faces), 100_000), rng.dirichlet([1, 1, 1], 100_000)
     texture = checkerboard(vertices, faces, *atlases[0], size)
