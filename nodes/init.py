@@ -92,7 +92,7 @@ class TsdfParams(Params):
     parts: int = param(0, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
 
 
-@node("init.tsdf", version="1", libraries=("torch", "warp-lang", "open3d", "scipy", "scikit-image"))
+@node("init.tsdf", version="1", libraries=("torch", "open3d", "scipy", "scikit-image"))
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
     """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
     from exmesh_graph.errors import DataError
