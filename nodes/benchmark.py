@@ -87,7 +87,13 @@ class Synthetic4RelightParams(_RenderParams):
     pictures: int = param(3, ge=0, doc="Held-out views shown in the report.")
 
 
-@node("benchmark.synthetic4relight", version="1", libraries=_RENDER, sources=_weights, resources={"cpu": 0, "gpu?": 1})
+@node(
+    "benchmark.synthetic4relight",
+    version="1",
+    libraries=(*_RENDER, "pillow"),
+    sources=_weights,
+    resources={"cpu": 0, "gpu?": 1},
+)
 def synthetic4relight(
     ctx: Context,
     asset: Asset,

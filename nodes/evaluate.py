@@ -37,7 +37,7 @@ class ScoredOut(NamedTuple):
 @node(
     "evaluate.stage1",
     version="1",
-    libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
+    libraries=("torch", "warp-lang", "scipy", "OpenImageIO", "pillow"),
     resources={"cpu": 0, "gpu?": 1},
 )
 def stage1(
@@ -92,7 +92,7 @@ class AssetParams(Params):
 @node(
     "evaluate.asset",
     version="1",
-    libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO"),
+    libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO", "pillow"),
     resources={"cpu": 0, "gpu?": 1},
 )
 def asset(

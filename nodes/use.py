@@ -54,7 +54,7 @@ class RelightOut(NamedTuple):
     gallery: Gallery
 
 
-@node("use.relight", version="1", libraries=_RENDER, resources={"cpu": 0, "gpu?": 1})
+@node("use.relight", version="1", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1})
 def relight(
     ctx: Context,
     asset: Asset,
@@ -150,7 +150,7 @@ def _edit_sources(p: EditParams) -> Mapping[str, Path]:
     return files
 
 
-@node("use.edit_material", version="1", libraries=_RENDER, sources=_edit_sources)
+@node("use.edit_material", version="1", libraries=(*_RENDER, "pillow"), sources=_edit_sources)
 def edit_material(
     ctx: Context, asset: Asset, views: Views | None = None, frame: Frame | None = None, *, p: EditParams
 ) -> EditOut:

@@ -25,7 +25,7 @@ from exmesh_graph.export.maps import MapSettings, prepare_maps, write_map
 from exmesh_graph.types import Asset, Frame
 
 _FLOAT, _UINT = 5126, 5125
-_ARRAY, _ELEMENTS = 34962, 34963
+ARRAY, ELEMENTS = 34962, 34963
 _LINEAR, _MIPMAPPED, _CLAMP = 9729, 9987, 33071
 
 
@@ -51,7 +51,7 @@ def write_gltf(
     placement = place(frame, recentre=recentre)
     report |= mesh_report(asset, placement) | placement.report
     with new_folder(folder) as partial:
-        blob = _Blob()
+        blob = Blob()
         primitive = _primitive(blob, asset, mesh_content(asset, placement), placement)
         pictures = {"base_color": prepared["base_color"], "orm": _packed(prepared)}
         if "normal" in prepared:
@@ -75,7 +75,7 @@ def write_gltf(
             "bufferViews": blob.views,
             "buffers": [{"byteLength": len(blob.data)}],
         }
-        _write_glb(partial / f"{name}.glb", document, bytes(blob.data))
+        (partial / f"{name}.glb").write_bytes(glb_bytes(document, bytes(blob.data)))
     report["vertices_split"] = blob.accessors[0]["count"]
     report["bytes"] = (folder / f"{name}.glb").stat().st_size
     return report
@@ -90,11 +90,20 @@ def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
     return json.loads(data[20 : 20 + length]), data[28 + length :]
 
 
+def glb_bytes(document: Mapping[str, Any], binary: bytes) -> bytes:
+    """The container of a JSON document and its binary chunk."""
+    text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    binary += bytes(-len(binary) % 4)
+    header = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
+    return header + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+
+
 def _moved(report: Mapping[str, Any]) -> dict[str, float]:
     return {name: value for name, value in report.items() if name.startswith("recentred_by_")}
 
 
-class _Blob:
+class Blob:
     """The binary chunk with its views and accessors."""
 
     def __init__(self) -> None:
@@ -113,15 +122,19 @@ class _Blob:
     def accessor(self, array: np.ndarray, kind: str, *, bounds: bool = False) -> int:
         """A new accessor of float32 [N, C] or uint32 [N]."""
         indices = array.dtype == np.uint32
-        view = self.add(np.ascontiguousarray(array).tobytes(), _ELEMENTS if indices else _ARRAY)
-        entry = {"bufferView": view, "componentType": _UINT if indices else _FLOAT, "count": len(array), "type": kind}
+        number = self.entry(array, _UINT if indices else _FLOAT, kind, ELEMENTS if indices else ARRAY)
         if bounds:
-            entry |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
-        self.accessors.append(entry)
+            self.accessors[number] |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
+        return number
+
+    def entry(self, array: np.ndarray, component: int, kind: str, target: int) -> int:
+        """A new accessor of any array that holds `len(array)` elements."""
+        view = self.add(np.ascontiguousarray(array).tobytes(), target)
+        self.accessors.append({"bufferView": view, "componentType": component, "count": len(array), "type": kind})
         return len(self.accessors) - 1
 
 
-def _primitive(blob: _Blob, asset: Asset, mesh: MeshContent, placement: Placement) -> dict[str, Any]:
+def _primitive(blob: Blob, asset: Asset, mesh: MeshContent, placement: Placement) -> dict[str, Any]:
     from exmesh_graph.geometry.tangents import corner_tangents
 
     tangent, sign = corner_tangents(asset.vertices, asset.faces, asset.uvs, asset.uv_faces)
@@ -184,12 +197,3 @@ def _material(names: list[str], *, metallic: bool) -> dict[str, Any]:
     if "normal" in names:
         material["normalTexture"] = {"index": names.index("normal")}
     return material
-
-
-def _write_glb(path: Path, document: Mapping[str, Any], binary: bytes) -> None:
-    text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    text += b" " * (-len(text) % 4)
-    binary += bytes(-len(binary) % 4)
-    header = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(binary))
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
-    path.write_bytes(header + chunks)

@@ -69,6 +69,17 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Model:
+    """A binary glTF file of a Gallery, which the page's viewer turns (view/model.py)."""
+
+    node: str
+    file: str
+    title: str
+    caption: str
+    data: bytes
+
+
+@dataclass(frozen=True)
 class Curve:
     """A history: `values` over `positions` (iterations or seconds).
 
@@ -99,6 +110,7 @@ class Report:
     metrics: dict[str, dict[str, Any]]
     curves: list[Curve]
     pictures: list[Picture]
+    models: list[Model]
     state: str
     machine: dict[str, str]
     versions: dict[str, str] = field(default_factory=dict)
@@ -169,6 +181,10 @@ class Report:
             "pictures": [
                 {"node": p.node, "file": p.file, "title": p.title, "caption": p.caption} for p in self.pictures
             ],
+            "models": [
+                {"node": m.node, "file": m.file, "title": m.title, "caption": m.caption, "bytes": len(m.data)}
+                for m in self.models
+            ],
             "machine": self.machine,
             "versions": self.versions,
         }
@@ -184,6 +200,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
     stages: list[Figure] = []
     curves: list[Curve] = []
     pictures: list[Picture] = []
+    models: list[Model] = []
     for entry in record["nodes"]:
         for port, output in sorted((entry.get("outputs") or {}).items()):
             if output["type"] == "Metrics":
@@ -195,7 +212,9 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
                 ended = begun + float(entry.get("seconds") or 0.0)
                 curves += [replace(curve, span=(begun, ended)) for curve in _curves(values, entry["name"])]
             elif output["type"] == "Gallery":
-                pictures += _pictures(Path(load_artifact(output["digest"]).root), entry["name"])
+                shown = gallery_of(Path(load_artifact(output["digest"]).root), entry["name"])
+                pictures += [one for one in shown if isinstance(one, Picture)]
+                models += [one for one in shown if isinstance(one, Model)]
     report = Report(
         name=str(record.get("graph") or run_name or "run"),
         run=str(record.get("id") or run_name),
@@ -209,6 +228,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         metrics=metrics,
         curves=curves,
         pictures=pictures,
+        models=models,
         state=str(record.get("state") or ""),
         machine={str(key): str(value) for key, value in (record.get("machine") or {}).items()},
         versions=library_versions(),
@@ -277,11 +297,15 @@ def _curves(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
             yield from _curves(value, node)
 
 
-def _pictures(root: Path, node: str) -> Iterator[Picture]:
+def gallery_of(root: Path, node: str) -> list[Picture | Model]:
+    """What the folder of a Gallery holds, in the order of its captions."""
+    shown: list[Picture | Model] = []
     for entry in json.loads((root / "captions.json").read_text(encoding="utf-8")):
+        words = node, entry["file"], entry.get("title", ""), entry.get("caption", "")
         data = (root / entry["file"]).read_bytes()
-        shown = entry.get("title", ""), entry.get("caption", "")
-        yield Picture(node, entry["file"], *shown, data, int(entry.get("compare") or 0))
+        panels = int(entry.get("compare") or 0)
+        shown.append(Model(*words, data) if entry["file"].endswith(".glb") else Picture(*words, data, panels))
+    return shown
 
 
 def _number(value: Any) -> float | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.report.models import add_model
 from exmesh_graph.report.pictures import ERROR_TOP, GalleryWriter, environment_panels, error_map, shrink
 from exmesh_graph.report.scores import AssetScores, spread
 from exmesh_graph.report.scores_mesh import CarrierScores
@@ -77,6 +78,7 @@ def asset_gallery(
     _add_light(writer, asset, truth)
     _add_atlas(writer, asset)
     _add_geometry(writer, asset, views, scores.views)
+    add_model(writer, asset, "Finished asset", _eye(views, scores.views))
     return writer.finish()
 
 
@@ -95,8 +97,14 @@ def carrier_gallery(root: Path, carrier: Carrier, views: Views, scores: CarrierS
             compare=True,
         )
     _add_geometry(writer, carrier, views, scores.views)
+    add_model(writer, carrier, "Stage I", _eye(views, scores.views), by_texture=True)
     writer.add("texture", "RGB texture", "The atlas as Stage I left it.", [shrink(carrier.texture)])
     return writer.finish()
+
+
+def _eye(views: Views, chosen: list[int]) -> np.ndarray:
+    """Where the camera of the geometry's picture stands."""
+    return np.asarray(views.camera_to_world[chosen[len(chosen) // 2]][:3, 3])
 
 
 def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) -> None:

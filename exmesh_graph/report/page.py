@@ -13,6 +13,7 @@ from exmesh_graph.report.decisions import decision_tables
 from exmesh_graph.report.graph_picture import Box, graph_picture
 from exmesh_graph.report.lineage import fold_edges, fold_loops, fold_name
 from exmesh_graph.report.text import number, seconds, size
+from exmesh_graph.report.viewer import viewer_section
 
 _STATES = ("failed", "running", "done", "hit")  # the most telling state of a folded block comes first
 
@@ -35,6 +36,7 @@ def render_page(report: Report) -> str:
         error_charts=[Markup(chart) for chart in _error_charts(report.stages)],
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
         graph=Markup(graph_picture(boxes, fold_edges(report.edges), fold_loops(report.edges))),
+        viewer=Markup(viewer_section([(f"{model.title} ({model.node})", model) for model in reversed(report.models)])),
         galleries=_galleries(report),
         comparison=lambda picture: Markup(comparison(picture)),
         costs=stage_costs(report.nodes),

@@ -22,7 +22,7 @@ _RAMP = np.array([[0.0, 0.0, 0.02], [0.34, 0.06, 0.43], [0.73, 0.21, 0.33], [0.9
 
 
 class GalleryWriter:
-    """Collects pictures into a folder: PNG (or WebP) files and `captions.json`."""
+    """Collects pictures into a folder: PNG (or WebP) files, models (.glb) and `captions.json`."""
 
     def __init__(self, root: Path) -> None:
         root.mkdir(parents=True, exist_ok=True)
@@ -39,9 +39,13 @@ class GalleryWriter:
             self._captions[-1]["compare"] = len(panels)
 
     def claim(self, file: str, title: str, caption: str) -> Path:
-        """Enter a picture that the caller writes to the returned path: PNG, or animated WebP."""
+        """Enter what the caller writes to the returned path: PNG, animated WebP, or a model (view.model) as .glb."""
         self._captions.append({"file": file, "title": title, "caption": caption})
         return self.root / file
+
+    def remark(self, text: str) -> None:
+        """Add a sentence to the caption of what was entered last."""
+        self._captions[-1]["caption"] += f" {text}"
 
     def finish(self) -> Gallery:
         """Write the captions; the Gallery artifact."""

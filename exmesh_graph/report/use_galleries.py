@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.report.models import add_model
 from exmesh_graph.report.pictures import GalleryWriter, environment_panels, shrink
 from exmesh_graph.types import Asset, Gallery
 
@@ -19,6 +20,7 @@ def light_gallery(root: Path, asset: Asset, images: Sequence[np.ndarray]) -> Gal
         writer.add(f"picture_{k:02d}", f"Relit, picture {k + 1}", "The asset under this light.", [image])
     writer.add("light", "Light", "Lat-long, up is up, the centre looks along +Z.",
                environment_panels([asset.environment]))  # fmt: skip
+    add_model(writer, asset, "Relit")
     return writer.finish()
 
 
@@ -31,4 +33,5 @@ def edit_gallery(root: Path, before: Asset, after: Asset, weight: np.ndarray, ch
         panels = [linear_to_srgb(panel) for panel in panels]
     words = channel.replace("_", " ")
     writer.add("edit", f"Edited {words}", "Before, after, weight of the edit.", [*panels, shrink(weight)])
+    add_model(writer, after, f"Edited {words}")
     return writer.finish()

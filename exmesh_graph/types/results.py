@@ -51,8 +51,8 @@ class Files(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class Gallery(Files):
-    """Pictures for the report: PNG or WebP files under `root` and `captions.json`, a list of
-    {file, title, caption}.
+    """Pictures for the report: PNG or WebP files, and models (.glb), under `root` and `captions.json`, a list of
+    {file, title, caption, compare?} (docs/report.md).
     """
 
     type_name: ClassVar[str] = "Gallery"

@@ -19,6 +19,7 @@ import numpy as np
 from exmesh_graph.export.gltf import write_gltf
 from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.types import Asset
+from exmesh_graph.view.model import equirectangular
 
 LIGHT_WIDTH = 512
 """Lights are reduced to this width: three.js blurs them for each roughness anyway."""
@@ -45,7 +46,8 @@ def view_page(asset: Asset, title: str, lights: Mapping[str, np.ndarray] | None 
         "@TITLE@": title.replace("&", "&amp;").replace("<", "&lt;"),
         "@THREE@": _module("vendor/three.module.min.js"),
         "@ORBIT@": _module("vendor/OrbitControls.js"),
-        "@VIEWER@": _text("view.js"),
+        "@VIEWER@": _module("viewer.js"),
+        "@PAGE@": _text("view.js"),
         "@DATA@": json.dumps(data).replace("</", "<\\/"),
     }
     for mark, text in parts.items():
@@ -77,12 +79,8 @@ def overcast(height: int = 64) -> np.ndarray:
 
 def _encoded(radiance: np.ndarray) -> dict[str, Any]:
     """RGBA half floats, base64, as three.js reads them."""
-    step = max(radiance.shape[1] // LIGHT_WIDTH, 1)
-    height, width = radiance.shape[0] // step, radiance.shape[1] // step
-    small = radiance[: height * step, : width * step].reshape(height, step, width, step, 3).mean(axis=(1, 3))
-    turned = np.roll(small, width // 4, axis=1)[::-1]
-    rgba = np.concatenate([np.clip(turned, 0, 65504), np.ones((height, width, 1))], axis=-1).astype(np.float16)
-    return {"width": width, "height": height, "data": base64.b64encode(rgba.tobytes()).decode()}
+    rgba = equirectangular(radiance, LIGHT_WIDTH)
+    return {"width": rgba.shape[1], "height": rgba.shape[0], "data": base64.b64encode(rgba.tobytes()).decode()}
 
 
 def _text(name: str) -> str:

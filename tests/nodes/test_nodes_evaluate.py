@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from exmesh_nodes import evaluate
 
+from exmesh_graph.export.gltf import read_glb
 from exmesh_graph.io.images import read_image
 from exmesh_graph.types import Mesh, SceneTruth
 from tests.fake_context import FakeContext
@@ -70,6 +71,7 @@ def test_the_gallery_shows_ours_truth_and_error(perfect):
         "atlas.png",
         "geometry.png",
         "indirect.png",
+        "model.glb",
     } < files
     assert len([f for f in files if f.startswith("held_out")]) == 2
     assert all(entry["title"] and entry["caption"] for entry in entries)
@@ -107,6 +109,7 @@ def test_without_truth_only_held_out_views_are_scored(scene, context):
     files = {e["file"] for e in json.loads((out.gallery.root / "captions.json").read_text())}
     assert files == {
         "held_out_000.png", "held_out_002.png", "indirect.png", "environment.png", "atlas.png", "geometry.png",
+        "model.glb",
     }  # fmt: skip
 
 
@@ -163,3 +166,4 @@ def test_stage_one_is_scored_by_its_texture(scene, context):
     worse = evaluate.stage1(context, carrier, scene.test, p=evaluate.Stage1Params())
     assert worse.metrics.values["held_out"]["psnr"] < 25
     assert (out.gallery.root / "geometry.png").is_file()
+    assert read_glb(out.gallery.root / "model.glb")[0]["extensionsUsed"][-1] == "KHR_materials_unlit"

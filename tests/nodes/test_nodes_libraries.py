@@ -39,7 +39,6 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "init.sphere": {"scipy"},
     "init.tsdf": {"pymeshlab"},
     "init.visual_hull": {"open3d", "pymeshlab"},
-    "use.relight": {"pillow"},
     "stage2.init": {"scipy"},
     "transport.monte_carlo": {"scipy"},
     "uv.regenerate": {"xatlas"},

@@ -63,7 +63,7 @@ def test_the_nodes_give_an_asset_pictures_and_a_film(tmp_path):
     out = relight(context, ball(), EnvMap(red), p=RelightParams(size=24, pictures=2, bounces=0))
     assert np.array_equal(out.asset.environment, red)
     captions = json.loads((out.gallery.root / "captions.json").read_text())
-    assert [entry["file"] for entry in captions] == ["picture_00.png", "picture_01.png", "light.png"]
+    assert [entry["file"] for entry in captions] == ["picture_00.png", "picture_01.png", "light.png", "model.glb"]
     picture = np.asarray(Image.open(out.gallery.root / "picture_00.png")).astype(int)
     middle = picture[12, 12]
     assert middle[0] > 100
