@@ -150,6 +150,11 @@ def clean(ctx: Context, mesh: Mesh, *, p: CleanParams) -> ManifoldMeshOut:
         mesh.vertices, mesh.faces, faces_budget=p.faces, method=p.method, components=p.components,
         min_area=p.min_area, close_holes=p.close_holes, where=ctx.node,
     )  # fmt: skip
+    if len(faces) > 1.1 * p.faces:
+        ctx.warn(
+            f"{len(faces)} faces, not {p.faces}: the surface has holes or handles that fewer faces cannot hold. "
+            "Close the holes (close_holes), or make a smoother surface first"
+        )
     return ManifoldMeshOut(Mesh(vertices, faces))
 
 

@@ -77,7 +77,8 @@ def clean_mesh(
         vertices, faces = _decimate_open3d(vertices, faces, faces_budget)
     if method != "builtin":
         vertices, faces = weld(vertices, faces)
-    vertices, faces = largest_components(vertices.astype(np.float32), faces, components, min_area)
+    # specks smaller than a face have shrunk to a point
+    vertices, faces = largest_components(vertices.astype(np.float32), faces, components, max(min_area, 1e-6))
     if closed:
         faces = outward(vertices, faces)
     require_sound(vertices, faces, closed=closed, where=where)

@@ -28,14 +28,16 @@ from exmesh_graph.geometry.rounds import greedy_disjoint, ranges
 
 _ROUNDS = 40
 _MIN_COSINE = 0.3
+_DRIFT = 0.3  # of the length below which edges collapse: how far the boundary may move at once
 Arrays = tuple[np.ndarray, np.ndarray]
 
 
 def remesh(vertices: np.ndarray, faces: np.ndarray, budget: int, iterations: int = 6) -> Arrays:
     """(vertices float64 [V, 3], faces int32 [F, 3]) of about equilateral triangles, F <= `budget`.
 
-    The input must be edge-manifold and consistently wound. Topology is kept (link condition); boundary vertices stay
-    where they are, so an open mesh with a long, fine boundary may end above the budget. Deterministic.
+    The input must be edge-manifold and consistently wound. Topology is kept (link condition). Boundary vertices stay
+    where they are or go, along the boundary: a vertex less than a quarter edge from the line between its neighbours,
+    and any other where the budget asks for it. Deterministic.
     """
     to_source = _projector(vertices, faces)
     area = float(face_areas(vertices, faces).sum())
@@ -52,7 +54,7 @@ def remesh(vertices: np.ndarray, faces: np.ndarray, budget: int, iterations: int
         if len(f) <= budget:
             break
         v, f = _collapse(v, f, np.inf, np.inf, most=(len(f) - budget + 1) // 2)
-    v = to_source(_relax(v, f))
+    v = _spread(to_source(_relax(v, f)), f, area / max(len(f), 1))
     return v, f.astype(np.int32)
 
 
@@ -90,13 +92,16 @@ def _split(v: np.ndarray, f: np.ndarray, longest: float) -> Arrays:
 def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, most: int | None = None) -> Arrays:
     """Collapse edges shorter than `shortest` to their middle, shortest first, unless that makes an edge longer than
     `longest`, turns a face by more than about 70 degrees, or breaks the link condition. `most`: at most so many.
+
+    Edges of the boundary collapse to one of their ends, see `_boundary_ends`; others that touch it do not.
     """
     thorough = most is not None
     for _ in range(_ROUNDS if most is None else 1):
         edges = edges_of(f)
         fixed = _fixed(f, len(v), edges)
         length = edge_lengths(v, edges)
-        short = np.flatnonzero((length < shortest) & edges.interior & ~fixed[edges.vertices].any(1))
+        outline = edges.count == 1
+        short = np.flatnonzero((length < shortest) & (outline | (edges.interior & ~fixed[edges.vertices].any(1))))
         short = short[np.argsort(length[short], kind="stable")]
         if most is not None:
             short = short[: max(20 * most, 100)]
@@ -104,8 +109,12 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
             first = np.full(len(v), len(short), np.int64)
             np.minimum.at(first, edges.vertices[short].T.reshape(-1), np.tile(np.arange(len(short)), 2))
             short = short[(first[edges.vertices[short]] == np.arange(len(short))[:, None]).all(1)]
-        a, b = edges.vertices[short[link_condition(f, edges, short, len(v))]].T
-        middle = (v[a] + v[b]) / 2
+        able = short[link_condition(f, edges, short, len(v))]
+        kept, gone, drift = _boundary_ends(v, edges)
+        able = able[~outline[able] | (drift[able] < _DRIFT * shortest)]
+        a = np.where(outline[able], kept[able], edges.vertices[able, 0])
+        b = np.where(outline[able], gone[able], edges.vertices[able, 1])
+        middle = np.where(outline[able, None], v[a], (v[a] + v[b]) / 2)
         offsets, ring, owner = _rings(f, len(v), a, b)
         allowed = _keeps_shape(v, f, a, b, middle, ring, owner, longest)
         keep = np.repeat(allowed, np.diff(offsets))
@@ -125,6 +134,34 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
         used[f] = True
         v, f = v[used], (np.cumsum(used) - 1)[f]
     return v, f
+
+
+def _boundary_ends(v: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(end kept, end gone, how far the boundary then moves) of every edge; of use for edges of the boundary only.
+
+    The end that goes is the one that lies nearer to the line from the kept end to its own other neighbour.
+    """
+    outline = np.flatnonzero(edges.count == 1)
+    ends = edges.vertices[outline]
+    total = np.zeros(len(v), np.int64)
+    np.add.at(total, ends.reshape(-1), ends[:, ::-1].reshape(-1))  # two neighbours on a manifold boundary
+    beyond = total[ends] - ends[:, ::-1]  # the other neighbour of each end
+    beyond = np.where((beyond >= 0) & (beyond < len(v)), beyond, ends)
+    away = np.stack([_to_line(v[ends[:, k]], v[ends[:, 1 - k]], v[beyond[:, k]]) for k in (0, 1)], axis=1)
+    first = away[:, 0] <= away[:, 1]
+    kept, gone = np.zeros(len(edges.count), np.int64), np.zeros(len(edges.count), np.int64)
+    drift = np.full(len(edges.count), np.inf)
+    kept[outline], gone[outline] = np.where(first, ends[:, 1], ends[:, 0]), np.where(first, ends[:, 0], ends[:, 1])
+    drift[outline] = away.min(1)
+    return kept, gone, drift
+
+
+def _to_line(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Distance [N] of points to the segments from `start` to `end`, all [N, 3]."""
+    along = end - start
+    squared = np.einsum("ni,ni->n", along, along)
+    share = np.einsum("ni,ni->n", points - start, along) / np.where(squared > 0, squared, 1)
+    return np.linalg.norm(points - start - np.clip(share, 0, 1)[:, None] * along, axis=1)
 
 
 def _rings(f: np.ndarray, count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -203,6 +240,25 @@ def _relax(v: np.ndarray, f: np.ndarray, steps: int = 3) -> np.ndarray:
         move = near @ v / degree - v
         normal = area_weighted_normals(v, f)
         v = v + 0.6 * free * (move - normal * np.einsum("ni,ni->n", move, normal)[:, None])
+    return v
+
+
+def _spread(v: np.ndarray, f: np.ndarray, mean_area: float) -> np.ndarray:
+    """Vertices of faces that the way back to a folded source left without area: nearer to their neighbours' mean."""
+    for _ in range(20):
+        flat = face_areas(v, f) <= 1e-6 * mean_area
+        if not flat.any():
+            break
+        edges = edges_of(f)
+        near, far = edges.vertices.T
+        total, count = np.zeros_like(v), np.zeros((len(v), 1))
+        for here, there in ((near, far), (far, near)):
+            np.add.at(total, here, v[there])
+            np.add.at(count, here, 1)
+        moved = np.zeros(len(v), bool)
+        moved[f[flat]] = True
+        moved &= ~_fixed(f, len(v), edges)
+        v = np.where(moved[:, None], (v + total / np.maximum(count, 1)) / 2, v)
     return v
 
 

@@ -60,11 +60,16 @@ def fuse(
         intrinsic = o3d.core.Tensor(np.ascontiguousarray(views.intrinsics[view], np.float64))
         extrinsic = o3d.core.Tensor(np.ascontiguousarray(views.world_to_camera[view], np.float64))
         touched = grid.compute_unique_block_coordinates(
-            image, intrinsic, extrinsic, depth_scale=1.0, depth_max=depth_max, trunc_voxel_multiplier=truncation
+            image,
+            intrinsic,
+            extrinsic,
+            depth_scale=1.0,
+            depth_max=float(depth_max),
+            trunc_voxel_multiplier=float(truncation),
         )
         grid.integrate(
             touched, image, intrinsic, extrinsic, depth_scale=1.0, depth_max=depth_max,
-            trunc_voxel_multiplier=truncation,
+            trunc_voxel_multiplier=float(truncation),
         )  # fmt: skip
     # Extraction from a grid without a single block is an internal error of Open3D.
     mesh = grid.extract_triangle_mesh(weight_threshold=min_weight - 0.5) if grid.hashmap().size() else None

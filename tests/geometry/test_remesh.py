@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.geometry.adjacency import euler_characteristic, is_closed, is_vertex_manifold, is_winding_consistent
-from exmesh_graph.geometry.clean import inspect
-from exmesh_graph.geometry.remesh import closest_on_triangles, remesh
+from exmesh_graph.geometry.clean import inspect, largest_components, weld
+from exmesh_graph.geometry.remesh import _spread, closest_on_triangles, remesh
 from exmesh_graph.geometry.repair import drop_crowding_faces, fill_holes, make_manifold, orient
 from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
 from exmesh_graph.metrics.distance import distance_to_mesh, squared_distance
@@ -45,6 +45,29 @@ def test_open_meshes_keep_their_boundary():
     assert euler_characteristic(f) == 1
     assert v.min(0) == pytest.approx(vertices.min(0))
     assert v.max(0) == pytest.approx(vertices.max(0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_long_fine_boundary_fits_the_budget_and_stays_near(seed):
+    """A sheet whose border frays: one face in two is gone from its outermost row, all around."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = grid(40, 40)
+    low, span = vertices.min(0), np.ptp(vertices, axis=0)
+    plane = span > 0
+    share = ((vertices[faces].mean(1) - low)[:, plane]) / span[plane]
+    edge = np.minimum(share, 1 - share).min(1)
+    vertices = vertices + 0.002 * rng.normal(size=vertices.shape) * ~plane
+    vertices, faces = weld(vertices, faces[(edge > 1 / 60) | (rng.random(len(faces)) > 0.5)])
+    vertices, faces = make_manifold(*largest_components(vertices, faces, 1))
+    v, f = remesh(vertices, faces, 300)
+    assert len(f) <= 300
+    assert euler_characteristic(f) == euler_characteristic(faces)
+    assert is_vertex_manifold(f)
+    assert is_winding_consistent(f)
+    assert inspect(v, f).flat_faces == 0
+    length = np.sqrt(4 * span[plane].prod() / np.sqrt(3) / 300)
+    assert distance_to_mesh(v, vertices, faces).max() < 0.1 * length
+    assert np.quantile(distance_to_mesh(vertices, v, f), 0.99) < 0.6 * length
 
 
 def test_nothing_to_collapse():
@@ -100,3 +123,16 @@ def test_small_holes_are_closed_and_large_ones_left():
     assert is_winding_consistent(f)
     _, still = fill_holes(vertices, np.delete(faces, star, axis=0), len(star) - 1)
     assert not is_closed(still)
+
+
+def test_vertices_that_fell_together_are_spread_and_others_stay():
+    vertices, faces = icosphere(2)
+    fallen = vertices.astype(np.float64)
+    a, b = faces[7, :2]
+    fallen[a] = fallen[b]
+    assert inspect(fallen, faces).flat_faces == 2
+    spread = _spread(fallen, faces, 4 * np.pi / len(faces))
+    assert inspect(spread, faces).flat_faces == 0
+    near = np.unique(faces[(faces == a).any(1) & (faces == b).any(1)])
+    assert np.array_equal(np.delete(spread, near, axis=0), np.delete(fallen, near, axis=0))
+    assert np.linalg.norm(spread - fallen, axis=1).max() < 0.3
