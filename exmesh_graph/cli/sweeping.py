@@ -27,6 +27,7 @@ from exmesh_graph.graph.variants import CheckedVariant, Merged, merge, variant_n
 from exmesh_graph.report.sweep import sweep_table, write_sweep
 from exmesh_graph.report.sweep_charts import signed
 from exmesh_graph.report.sweep_page import label_of, text_of
+from exmesh_graph.report.sweep_pictures import sweep_pictures
 
 BASE = "base"
 
@@ -148,7 +149,8 @@ def run_sweep(
             typer.echo(f"store: {note}", err=True)
     failures = {str(record["node"]): str(record["message"]) for record in records}
     table = sweep_table(work.record, study.members(), loader(store), failures)
-    page = write_sweep(folder.path, table)
+    shown = sweep_pictures(work.record, study.members(), loader(store))
+    page = write_sweep(folder.path, table, shown)
     show_table(table)
     show_benchmarks(folder.path, work.record, store)
     for record in [record for record in records if record["job"] is not None][:5]:

@@ -14,9 +14,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.report.collect import Figure, collect
+
+if TYPE_CHECKING:
+    from exmesh_graph.report.sweep_pictures import Shown
 
 SCHEMA = "exmesh.sweep.v1"
 BASE = "base"
@@ -73,15 +76,15 @@ def sweep_table(
     }  # fmt: skip
 
 
-def write_sweep(folder: Path, table: Mapping[str, Any]) -> Path:
-    """sweep.json, sweep.csv, sweep.md and the self-contained sweep.html; returns the path of the page."""
+def write_sweep(folder: Path, table: Mapping[str, Any], shown: Shown | None = None) -> Path:
+    """sweep.json, sweep.csv, sweep.md and the self-contained sweep.html with what is `shown`; returns the page."""
     from exmesh_graph.report.sweep_markdown import sweep_markdown
     from exmesh_graph.report.sweep_page import render_sweep
 
     _replace(folder / "sweep.json", json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     _replace(folder / "sweep.csv", sweep_csv(table))
     _replace(folder / "sweep.md", sweep_markdown(table))
-    _replace(folder / "sweep.html", render_sweep(table))
+    _replace(folder / "sweep.html", render_sweep(table, shown))
     return folder / "sweep.html"
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import Any
 
 from exmesh_graph.report.sweep_charts import Mark, difference_chart, scatter_chart, signed
+from exmesh_graph.report.sweep_pictures import Shown, versus_section
 from exmesh_graph.report.text import number, seconds
+from exmesh_graph.report.viewer import viewer_section
 
 
-def render_sweep(table: Mapping[str, Any]) -> str:
-    """HTML text of a sweep's table (docs/variants.md); works offline."""
+def render_sweep(table: Mapping[str, Any], shown: Shown | None = None) -> str:
+    """HTML text of a sweep's table (docs/variants.md) and of what its variants look like; works offline."""
     from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
@@ -33,7 +35,39 @@ def render_sweep(table: Mapping[str, Any]) -> str:
                          Markup(difference_chart(differences, title="Difference to the base"))))  # fmt: skip
     repeats = max(len(row["repeats"]) for row in rows)
     style = Markup((here / "style.css").read_text(encoding="utf-8") + (here / "sweep.css").read_text(encoding="utf-8"))
-    return template.render(table=table, rows=rows, tabs=tabs, repeats=repeats, style=style)
+    labels = {(row["file"], row["variant"]): row["label"] for row in rows}
+    shown = shown or Shown()
+    return template.render(
+        table=table,
+        rows=rows,
+        tabs=tabs,
+        repeats=repeats,
+        style=style,
+        versus=Markup(versus_section(shown, labels, best_of(table))),
+        viewer=Markup(
+            viewer_section([(_together(labels[key] for key in keys), model) for keys, model in shown.models])
+        ),
+        models_left_out=shown.models_left_out,
+    )
+
+
+def best_of(table: Mapping[str, Any]) -> tuple[tuple[str, str], str] | None:
+    """((file, variant), label of the figure) of the best mean of the first figure that has a direction."""
+    figure = next((figure for figure in table["figures"] if figure["better"] in ("higher", "lower")), None)
+    if figure is None:
+        return None
+    means = {
+        (row["file"], row["variant"]): row["figures"].get(figure["label"], {}).get("mean") for row in table["variants"]
+    }
+    known = {key: float(mean) for key, mean in means.items() if isinstance(mean, int | float)}
+    if not known:
+        return None
+    return (max if figure["better"] == "higher" else min)(known, key=lambda key: known[key]), str(figure["label"])
+
+
+def _together(labels: Iterable[str]) -> str:
+    names = list(labels)
+    return ", ".join(names) if len(names) <= 3 else f"{', '.join(names[:3])} and {len(names) - 3} more"
 
 
 def label_of(row: Mapping[str, Any], several_files: bool) -> str:
