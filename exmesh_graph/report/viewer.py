@@ -26,7 +26,7 @@ def viewer_section(models: Sequence[tuple[str, Model]]) -> str:
     data = {
         "modules": {name: _packed((view / file).read_bytes()) for name, file in _MODULES.items()},
         "models": [
-            {"label": label, "caption": f"{model.caption} {size(len(model.data))} in this page.",
+            {"label": label, "caption": f"{model.caption} {size(len(model.data))}.",
              "glb": _packed(model.data)}
             for label, model in models
         ],

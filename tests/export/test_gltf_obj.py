@@ -13,6 +13,7 @@ from usd_example import SIZE, example_asset, tilted_normals
 
 from exmesh_graph.errors import DataError, ExmeshError
 from exmesh_graph.export.gltf import read_glb, write_gltf
+from exmesh_graph.export.gltf_compact import compact_glb
 from exmesh_graph.export.maps import MapSettings
 from exmesh_graph.export.obj import write_textured_obj
 from exmesh_graph.geometry.tangents import corner_tangents
@@ -108,10 +109,12 @@ def test_a_cut_glb_is_refused(tmp_path, mirrored):
 
 
 @pytest.mark.skipif(not VALIDATOR, reason="EXMESH_GLTF_VALIDATOR names no npm package gltf-validator")
-@pytest.mark.parametrize("kind", ["plain", "all maps", "frame"])
+@pytest.mark.parametrize("kind", ["plain", "all maps", "frame", "compact"])
 def test_khronos_finds_nothing(tmp_path, mirrored, kind):
     asset = example_asset() if kind == "plain" else mirrored
     write_gltf(tmp_path / "out", asset, FRAME if kind == "frame" else None)
+    if kind == "compact":
+        (tmp_path / "out" / "asset.glb").write_bytes(compact_glb(*read_glb(tmp_path / "out" / "asset.glb")))
     script = (
         "const v = require(process.argv[1]); const fs = require('fs');"
         "v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2])))"

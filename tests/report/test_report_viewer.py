@@ -77,18 +77,38 @@ def test_a_mesh_that_cannot_be_exported_is_no_error_but_a_remark(tmp_path):
     assert entry["caption"].startswith("Clay. No model to turn: uvs[0, 0] lies outside")
 
 
+DRAG = """<script>
+const place = document.getElementById("viewer"), canvas = place.querySelector("canvas");
+canvas.setPointerCapture = canvas.releasePointerCapture = () => {}; // knows no pointers made by a script
+const pointer = (kind, x) => canvas.dispatchEvent(new PointerEvent(kind, {
+  pointerId: 1, pointerType: "mouse", clientX: x, clientY: 500, button: 0, buttons: 1, bubbles: true}));
+const timer = setInterval(() => {
+  if (place.dataset.state !== "shown") return;
+  clearInterval(timer);
+  place.querySelector("[value=roughness]").click();
+  pointer("pointerdown", 300); pointer("pointermove", 420); pointer("pointerup", 420);
+  setTimeout(() => { place.dataset.turned = ""; }, 1500);
+}, 50);
+</script></body>"""
+
+
 @pytest.mark.slow
-def test_chromium_turns_the_models(run):
-    page = run[0]
+def test_chromium_shows_the_models_and_the_mouse_turns_them(run):
+    page, text, _ = run
 
-    def share(color, state):
-        pixels = screenshot_when(page, "#viewer[data-state=shown]", 900, 800, *WEBGL, state=state)
-        return (np.abs(pixels - color).max(axis=-1) < 0.02).mean()
+    def covered(color, state, wanted="shown"):
+        selector = "#viewer[data-turned]" if wanted == "turned" else "#viewer[data-state=shown]"
+        pixels = screenshot_when(page, selector, 900, 800, *WEBGL, state=state)
+        return np.abs(pixels - color).max(axis=-1) < 0.02
 
-    assert share(RED, "shown=base_color") > 0.03
-    assert share(GREEN, "shown=base_color") == 0
-    assert share(GREEN, "model=1") > 0.03  # Stage I: its texture as it is
-    assert share(np.full(3, 0.5), "shown=roughness") > 0.03
+    assert covered(RED, "shown=base_color").mean() > 0.03
+    assert covered(GREEN, "model=1").mean() > 0.03  # Stage I: its texture as it is
+    still = covered(np.full(3, 0.5), "shown=roughness")
+    assert still.mean() > 0.03
+    page.write_text(text.replace("</body>", DRAG))
+    turned = covered(np.full(3, 0.5), "", "turned")
+    assert turned.mean() > 0.03
+    assert (turned != still).mean() > 0.3 * still.mean()
 
 
 @pytest.mark.slow
