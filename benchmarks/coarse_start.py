@@ -120,7 +120,7 @@ def _score(rows: list[dict[str, Any]], foretold: list[Rephotographs], held_out: 
     regions = held_out.alpha >= 0.5 if masks else np.logical_and.reduce([made.seen for made in foretold])
     print(f"\nrephotography over {regions.mean():.1%} of the held-out pixels")
     for row, made in zip(rows, foretold, strict=True):
-        row["rephotography"] = prediction_psnr(made, held_out, regions)
+        row["rephotography"] = float(np.nanmean(prediction_psnr(made, held_out, regions)))
         row["shown"] = float(made.seen[regions].mean()) if masks else float(made.seen.mean())
         print(f"{row['start']:24s} {row['rephotography']:6.2f} dB   shows {row['shown']:.1%}")
 

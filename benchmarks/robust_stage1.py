@@ -123,15 +123,7 @@ def exposed(views: Views) -> Views:
 
 
 def without(views: Views, which: list[int]) -> Views:
-    kept = [i for i in range(len(views)) if i not in which]
-    return replace(
-        views,
-        names=tuple(views.names[i] for i in kept),
-        images=views.images[kept],
-        alpha=views.alpha[kept],
-        intrinsics=views.intrinsics[kept],
-        camera_to_world=views.camera_to_world[kept],
-    )
+    return views.subset([i for i in range(len(views)) if i not in which])
 
 
 if __name__ == "__main__":

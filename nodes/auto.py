@@ -46,12 +46,14 @@ def auto(
 ) -> AutoOut:
     """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
 
-    Only what is chosen runs. `decisions` says why, for the report.
+    Only what is chosen runs. Where Gaussians were fitted in a hull, the photographs say which surface is kept.
+    `decisions` says why, for the report.
     """
     from exmesh_nodes import init
 
     from exmesh_graph.errors import DataError
-    from exmesh_graph.geometry.coarse_start import Known, choose, reduction
+    from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction, surface_row
+    from exmesh_graph.metrics.rephotography import compared
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
     pixels = (views.width // factor) * (views.height // factor)
@@ -71,8 +73,9 @@ def auto(
             "method: tsdf fuses depth maps, and none are wired in", where=ctx.node,
             fix='wire depths: "@<a prior>.depths", or set method: auto',
         )  # fmt: skip
+    outline = init.HullParams(resolution=p.resolution, dissent=p.dissent)
     if method == "hull":
-        mesh = init.visual_hull(ctx, views, p=init.HullParams(resolution=p.resolution, dissent=p.dissent)).mesh
+        mesh = init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
         mesh = init.sphere(ctx, p=init.SphereParams(faces=p.faces)).mesh
     else:
@@ -82,6 +85,12 @@ def auto(
         whole = init.TsdfParams(resolution=p.resolution, solid=True, truncation=3, min_weight=2, dissent=p.dissent)
         bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
         mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
+        if p.method == "auto" and method == "pgsr" and masks and len(views) >= ENOUGH_VIEWS:
+            hull = init.visual_hull(ctx, views, p=outline).mesh
+            row = surface_row(*compared((hull.vertices, hull.faces), (mesh.vertices, mesh.faces), views))
+            rows.append(row)
+            ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+            mesh = mesh if row["value"] == "gaussians" else hull
     cleaning = init.CleanParams(faces=p.faces, close_holes=0 if masks else p.close_holes)
     return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from exmesh_graph.types import Decision
 
 Method = Literal["hull", "tsdf", "pgsr", "sphere"]
 LEAST_ITERATIONS, MOST_ITERATIONS = 500, 1500
+ENOUGH_VIEWS = 15
 _FIXED, _PER_PIXEL = 0.06, 1.9e-6
 """Processor seconds of an iteration of `init.pgsr` (docs/splat.md): constants, not a measurement, so that equal
 parameters give equal results on every machine."""
@@ -54,6 +55,18 @@ def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
     start = Decision(method, None, None, 1.0, f"{why[0].upper()}{why[1:]}.", evidence)
     count = Decision(paid, None, None, 1.0, f"What {seconds:g} s pay for, {LEAST_ITERATIONS} to {MOST_ITERATIONS}.", {})
     return start, count
+
+
+def surface_row(gain: float, error: float) -> dict[str, Any]:
+    """The decision between the hull and what Gaussians carved out of it, as a row for the report.
+
+    gain, error  by how many dB photographs that were left out are foretold better over the carved surface, and its
+                 standard error (exmesh_graph.metrics.rephotography.compared)
+    """
+    value = "gaussians" if gain > 0 else "hull"
+    better = "the surface of the Gaussians" if gain > 0 else "the hull"
+    reason = f"Left-out photographs are foretold better over {better}, by {abs(gain):.2f} +- {error:.2f} dB."
+    return {"name": "surface", "value": value, "gain": gain, "error": error, "reason": reason}
 
 
 def reduction(width: int, height: int, side: int) -> int:

@@ -19,6 +19,7 @@ from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.types import Views
 
 _SPREAD = 10.0  # degrees: how fast a photograph taken from elsewhere loses its say
+Surface = tuple[np.ndarray, np.ndarray]
 _FOOTPRINTS = 3.0  # depths that differ by fewer pixels' widths at that depth are of one surface
 
 
@@ -66,25 +67,41 @@ def rephotograph(
     return Rephotographs(*(torch.stack(items).numpy() for items in (images, covered, seen)))
 
 
-def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -> float:
-    """PSNR in dB, sRGB, mean over the views, within `regions` bool [N, H, W]; black where nothing was foretold.
+def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -> np.ndarray:
+    """PSNR [N] in dB, sRGB, of every view within `regions` bool [N, H, W]; black where nothing was foretold.
 
     One factor per view and channel (least squares on linear values) is left free: exposure is no matter of shape.
-    Raises DataError where no region holds a pixel.
+    NaN for a view whose region is empty; raises DataError where all are.
     """
-    scores = []
-    for image, truth, region in zip(made.images, held_out.images, regions, strict=True):
-        if not region.any():
-            continue
-        ours, theirs = image[region].astype(np.float64), truth[region].astype(np.float64)
-        gain = (ours * theirs).sum(0) / np.maximum(np.square(ours).sum(0), 1e-12)
-        error = np.square(_shown(gain * ours) - _shown(theirs)).mean()
-        scores.append(-10 * np.log10(max(float(error), 1e-10)))
-    if not scores:
+    if not regions.any():
         raise DataError(
             "no pixel of the held-out views is to be compared", where="rephotography", fix="look at the regions"
         )
-    return float(np.mean(scores))
+    scores = np.full(len(held_out), np.nan)
+    for view, (image, truth, region) in enumerate(zip(made.images, held_out.images, regions, strict=True)):
+        if region.any():
+            ours, theirs = image[region].astype(np.float64), truth[region].astype(np.float64)
+            gain = (ours * theirs).sum(0) / np.maximum(np.square(ours).sum(0), 1e-12)
+            error = np.square(_shown(gain * ours) - _shown(theirs)).mean()
+            scores[view] = -10 * np.log10(max(float(error), 1e-10))
+    return scores
+
+
+def compared(first: Surface, second: Surface, views: Views, every: int = 5) -> tuple[float, float]:
+    """(gain of the second mesh over the first in dB, its standard error) where every fifth view is left out.
+
+    Over the pixels inside the left-out masks. Raises DataError with fewer than three views to leave out.
+    """
+    held = np.arange(every // 2, len(views), every)
+    if len(held) < 3:
+        raise DataError(f"{len(views)} views are too few to leave some out", where="rephotography", expected="15 views")
+    rest = views.subset(np.setdiff1d(np.arange(len(views)), held))
+    held_out = views.subset(held)
+    scores = [prediction_psnr(rephotograph(*mesh, rest, held_out), held_out, held_out.alpha > 0.5)
+              for mesh in (first, second)]  # fmt: skip
+    gains = scores[1] - scores[0]
+    gains = gains[np.isfinite(gains)]
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
 
 
 def _shown(linear: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -134,13 +134,3 @@ def points_to_dataset(points: np.ndarray, frame: Frame) -> np.ndarray:
     """Normalised points in the axes and units of the data set's files, float64 [N, 3]."""
     matrix = frame.dataset_from_scene @ frame.scene_from_normalised
     return np.asarray(points, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-
-
-def subset(views: Views, chosen: Sequence[int]) -> Views:
-    """The chosen views."""
-    rows = list(chosen)
-    return replace(
-        views,
-        names=tuple(views.names[i] for i in rows),
-        **{name: getattr(views, name)[rows] for name in ("images", "alpha", "intrinsics", "camera_to_world")},
-    )

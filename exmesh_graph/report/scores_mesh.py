@@ -62,10 +62,10 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
     from exmesh_graph.stage1.targets import shown_pixels
 
     chosen = spread(len(views), max_views)
-    shown, alpha = render_carrier(carrier, _subset(views, chosen))
+    shown, alpha = render_carrier(carrier, views.subset(chosen))
     true = [display(views.images[i], views.alpha[i]) for i in chosen]
     if not views.has_masks:
-        inside = alpha if region is None else shown_pixels(region, _subset(views, chosen)).numpy()
+        inside = alpha if region is None else shown_pixels(region, views.subset(chosen)).numpy()
         true = [image * part[..., None] for image, part in zip(true, inside, strict=True)]
         if region is not None:
             shown = shown * inside[..., None]
@@ -96,7 +96,7 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
         },
     }
     if isinstance(carrier, Stage1State) and carrier.appearance != "uv_texture":
-        baked, _ = render_carrier(replace(carrier, appearance="uv_texture", model={}), _subset(views, chosen))
+        baked, _ = render_carrier(replace(carrier, appearance="uv_texture", model={}), views.subset(chosen))
         db, _ = compare(list(baked), [image for _, image in pairs])
         values["held_out"]["psnr_baked"] = float(np.mean(db))
     return CarrierScores(values, chosen, pairs)
@@ -120,14 +120,3 @@ def score_stage(
         stages += score_carrier(carrier, views, max_views=max_views).values["headline"]
     values["stages"] = [stage for stage in stages if stage.get("series")]
     return values
-
-
-def _subset(views: Views, chosen: list[int]) -> Views:
-    return replace(
-        views,
-        names=tuple(views.names[i] for i in chosen),
-        images=views.images[chosen],
-        alpha=views.alpha[chosen],
-        intrinsics=views.intrinsics[chosen],
-        camera_to_world=views.camera_to_world[chosen],
-    )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -64,6 +64,12 @@ class Views(Artifact):
         import numpy as np
 
         return np.logical_and((self.alpha < 1).any(axis=(1, 2)), self.has_masks)
+
+    def subset(self, rows: Sequence[int] | np.ndarray) -> Self:
+        """The views of these rows, in this order."""
+        chosen = [int(row) for row in rows]
+        arrays = {name: getattr(self, name)[chosen] for name in ("images", "alpha", "intrinsics", "camera_to_world")}
+        return replace(self, names=tuple(self.names[row] for row in chosen), **arrays)
 
     def facets(self) -> dict[str, Any]:
         return {"split": self.split, "masks": self.has_masks}

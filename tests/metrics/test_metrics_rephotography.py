@@ -7,7 +7,7 @@ import pytest
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.metrics.rephotography import prediction_psnr, rephotograph
+from exmesh_graph.metrics.rephotography import compared, prediction_psnr, rephotograph
 from exmesh_graph.types import Views
 from tests.priors.prior_scenes import paint
 
@@ -47,7 +47,7 @@ def views() -> tuple[Views, Views]:
 def score(radius: float, train: Views, held_out: Views, shift: float = 0.0) -> float:
     vertices, faces = icosphere(5, radius)
     made = rephotograph(vertices + np.float32(shift), faces, train, held_out)
-    return prediction_psnr(made, held_out, held_out.alpha > 0.5)
+    return float(prediction_psnr(made, held_out, held_out.alpha > 0.5).mean())
 
 
 def test_the_true_surface_foretells_best(views) -> None:
@@ -86,3 +86,13 @@ def test_nothing_to_compare_is_refused(views) -> None:
     made = rephotograph(*icosphere(3, 0.7), train, held_out)
     with pytest.raises(DataError, match="no pixel"):
         prediction_psnr(made, held_out, np.zeros_like(held_out.alpha, bool))
+
+
+def test_the_better_of_two_surfaces_is_told_from_the_training_views_alone() -> None:
+    views = painted_sphere(20)
+    true, larger = icosphere(4, 0.7), icosphere(4, 0.74)
+    gain, error = compared(larger, true, views)
+    assert gain > 3 * error > 0
+    assert compared(true, larger, views) == pytest.approx((-gain, error))
+    with pytest.raises(DataError, match="too few"):
+        compared(true, larger, views.subset(range(10)))

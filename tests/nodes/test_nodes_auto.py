@@ -10,6 +10,7 @@ from exmesh_nodes import auto, gaussians, init
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction
 from exmesh_graph.io.blender import BlenderOptions, load_blender
+from exmesh_graph.metrics import rephotography
 from exmesh_graph.report.decisions import decision_tables
 from exmesh_graph.types import DepthMaps, PointCloud
 from tests.fake_context import FakeContext
@@ -72,6 +73,32 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
     assert np.linalg.norm(other.mesh.vertices, axis=1) == pytest.approx(0.8, abs=0.05)
     with pytest.raises(DataError, match="none are wired in"):
         auto.auto(context, views, p=auto.AutoParams(method="tsdf"))
+
+
+@pytest.mark.parametrize("foretold", [None, (0.8, 0.2)])
+def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foretold, monkeypatch):
+    """Depth maps that cut off all that is far from the middle: the photographs do not fit what is left."""
+    views = load_blender(SAMPLE, BlenderOptions(downscale=8, max_views=20)).train
+    middle = np.linalg.norm(views.camera_to_world[:, :3, 3], axis=1).astype(np.float32) - np.float32(0.5)
+    through = DepthMaps(views.names, np.where(views.alpha > 0.5, middle[:, None, None], np.float32(0)))
+    monkeypatch.setattr(auto, "_fitted_depths", lambda *_: through)
+    if foretold is not None:
+        monkeypatch.setattr(rephotography, "compared", lambda *_: foretold)
+    context = FakeContext()
+    p = auto.AutoParams(resolution=32, faces=400)
+    out = auto.auto(context, views, p=p)
+    row = out.decisions.values["decisions"][-1]
+    hull = auto.auto(context, views, p=p.model_copy(update={"method": "hull"})).mesh
+    kept = len(hull.vertices) == len(out.mesh.vertices) and np.array_equal(hull.vertices, out.mesh.vertices)
+    if foretold is None:
+        assert kept
+        assert row["value"] == "hull"
+        assert row["gain"] < -row["error"]
+    else:
+        assert not kept
+        assert (row["value"], row["gain"], row["error"]) == ("gaussians", 0.8, 0.2)
+    assert row["reason"] in context.lines[2]
+    assert [r.name for r in decision_tables({"d": out.decisions.values})["d"]] == ["start", "iterations", "surface"]
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ def sample_views(views: Views, fitted: int = FITTED, held: int = HELD, view_pixe
     coarse, factor = _coarse(views, np.arange(count), view_pixels)
     row, column = np.indices(coarse.alpha.shape[1:])
     kept_out = (row + 2 * column) % APART == 0
-    doubled = _rows(coarse, np.concatenate([np.arange(count)] * 2))
+    doubled = coarse.subset(np.concatenate([np.arange(count)] * 2))
     alpha = doubled.alpha * np.where(np.arange(2 * count)[:, None, None] < count, ~kept_out, kept_out)
     return Sample(replace(doubled, alpha=alpha.astype(np.float32)), count, factor)
 
@@ -58,16 +58,5 @@ def _coarse(views: Views, order: np.ndarray, view_pixels: int) -> tuple[Views, i
 
     intrinsics = np.array(views.intrinsics[order], np.float64)
     intrinsics[:, :2] /= factor
-    chosen = _rows(views, order)
+    chosen = views.subset(order)
     return replace(chosen, images=mean(views.images), alpha=mean(views.alpha), intrinsics=intrinsics), factor
-
-
-def _rows(views: Views, order: np.ndarray) -> Views:
-    return replace(
-        views,
-        names=tuple(f"{views.names[i]}" for i in order),
-        images=views.images[order],
-        alpha=views.alpha[order],
-        intrinsics=views.intrinsics[order],
-        camera_to_world=views.camera_to_world[order],
-    )
