@@ -81,6 +81,8 @@ def clean_mesh(
     vertices, faces = largest_components(vertices.astype(np.float32), faces, components, max(min_area, 1e-6))
     if closed:
         faces = outward(vertices, faces)
+    else:  # what could not be spread between boundary vertices, which stay
+        vertices, faces = compact(vertices, faces[face_areas(vertices, faces) > _flat(vertices)])
     require_sound(vertices, faces, closed=closed, where=where)
     return vertices.astype(np.float32), faces.astype(np.int32)
 
@@ -222,16 +224,20 @@ def inspect(vertices: np.ndarray, faces: np.ndarray) -> Soundness:
     starts = faces.reshape(-1)[edges.halfedges[edges.interior]]
     _, fan_vertex = corner_fans(faces, edges)
     used = np.unique(faces)
-    size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 1.0
     return Soundness(
         open_edges=int((edges.count == 1).sum()),
         crowded_edges=int((edges.count > 2).sum()),
         turned_edges=int((starts[:, 0] == starts[:, 1]).sum()),
         pinched_vertices=int((np.bincount(fan_vertex, minlength=1) > 1).sum()),
         duplicate_faces=len(faces) - len(np.unique(np.sort(faces, axis=1), axis=0)),
-        flat_faces=int((face_areas(vertices, faces) <= 1e-12 * size**2).sum()),
+        flat_faces=int((face_areas(vertices, faces) <= _flat(vertices)).sum()),
         unreferenced=len(vertices) - len(used),
     )
+
+
+def _flat(vertices: np.ndarray) -> float:
+    """The area at which a face counts as flat."""
+    return 1e-12 * float(np.ptp(vertices, axis=0).max()) ** 2 if len(vertices) else 1e-12
 
 
 def require_sound(vertices: np.ndarray, faces: np.ndarray, *, closed: bool, where: str) -> None:

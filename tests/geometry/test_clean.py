@@ -154,6 +154,23 @@ def test_result_is_measured_not_believed(monkeypatch):
         clean_mesh(*ball(resolution=10), faces_budget=700)
 
 
+def test_an_open_mesh_loses_the_faces_that_stay_flat(monkeypatch):
+    vertices, faces = ball()
+    vertices, faces = vertices, faces[vertices[faces].mean(1)[:, 1] < 0.3]
+    before = clean_mesh(vertices, faces, faces_budget=300)
+
+    def fold(v, f, budget):
+        made = before[0].astype(np.float64).copy()
+        made[before[1][5, 0]] = made[before[1][5, 1]]
+        return made, before[1]
+
+    monkeypatch.setattr(clean, "remesh", fold)
+    v, f = clean_mesh(vertices, faces, faces_budget=300)
+    a, b = before[1][5, :2]
+    assert len(f) == len(before[1]) - ((before[1] == a).any(1) & (before[1] == b).any(1)).sum() < len(before[1])
+    assert inspect(v, f).flat_faces == inspect(v, f).unreferenced == 0
+
+
 def test_empty_and_collapsed_input():
     with pytest.raises(GeometryError, match="no faces"):
         clean_mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), faces_budget=100)

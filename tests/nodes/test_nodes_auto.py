@@ -78,14 +78,14 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
 @pytest.mark.parametrize("foretold", [None, (0.8, 0.2)])
 def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foretold, monkeypatch):
     """Depth maps that cut off all that is far from the middle: the photographs do not fit what is left."""
-    views = load_blender(SAMPLE, BlenderOptions(downscale=8, max_views=20)).train
+    views = load_blender(SAMPLE, BlenderOptions(downscale=8, max_views=16)).train
     middle = np.linalg.norm(views.camera_to_world[:, :3, 3], axis=1).astype(np.float32) - np.float32(0.5)
     through = DepthMaps(views.names, np.where(views.alpha > 0.5, middle[:, None, None], np.float32(0)))
     monkeypatch.setattr(auto, "_fitted_depths", lambda *_: through)
     if foretold is not None:
         monkeypatch.setattr(rephotography, "compared", lambda *_: foretold)
     context = FakeContext()
-    p = auto.AutoParams(resolution=32, faces=400)
+    p = auto.AutoParams(resolution=24, faces=200)
     out = auto.auto(context, views, p=p)
     row = out.decisions.values["decisions"][-1]
     hull = auto.auto(context, views, p=p.model_copy(update={"method": "hull"})).mesh
