@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "dcc").glob("*.md"))]
 OPTION = re.compile(r"(?<![\w=/-])--?[a-z][a-z-]*")
 COMMAND = re.compile(r"\b(?:python|exmesh|pytest) ")
+FIGURE = re.compile(r"\d ?(?:dB|ms|MiB|GB/s|thousandths)\b|\d\.\d+ s\b")
 
 
 def page_id(path):
@@ -76,6 +77,14 @@ def faults(line: str) -> list[str]:
 def test_every_command_of_a_page_exists(path):
     wrong = {line: bad for line in code(path) if (bad := faults(line))}
     assert not wrong
+
+
+@pytest.mark.parametrize("path", PAGES, ids=page_id)
+def test_a_section_with_a_measured_figure_names_a_command(path):
+    """In the unit of a measurement; each heading begins a section."""
+    sections = re.split(r"(?m)^(?=#+ )", path.read_text(encoding="utf-8"))
+    bare = [part.split("\n")[0] for part in sections if FIGURE.search(part) and not COMMAND.search(part)]
+    assert not bare
 
 
 def test_faults_are_found_and_many_commands_are_looked_at():
