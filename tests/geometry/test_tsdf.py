@@ -178,3 +178,11 @@ def test_carved_depth_is_closed_and_where_the_truth_is():
     assert np.median(np.abs(np.linalg.norm(floor - top, axis=1) - bite)) < voxel
     with pytest.raises(DataError, match="not those of the views"):
         carve(field, views, replace(depths, names=depths.names[::-1]))
+
+
+def test_depth_maps_near_the_hull_leave_it_and_others_carve():
+    from exmesh_graph.geometry.carve import carved
+
+    hull = np.full(6, 0.3)
+    below = np.array([-0.2, 0.0, 0.1, 0.15, 0.2, 0.5])
+    np.testing.assert_allclose(hull - carved(hull, hull - below, 0.1), [0, 0, 0, 0.1, 0.2, 0.5], atol=1e-12)
