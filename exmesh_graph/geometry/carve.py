@@ -53,8 +53,8 @@ def carve(
 def carved(hull: np.ndarray, said: np.ndarray, clear: float) -> np.ndarray:
     """The hull's field where depth maps put the surface less than `clear` below it, theirs where more than twice that.
 
-    The smaller of two noisy fields lies inside both: without this a fit that agrees with the outline takes its noise off
-    the rim. Between the two lengths a straight line joins them.
+    The smaller of two noisy fields lies inside both: a fit that agrees with the outline would take its noise off the
+    rim. Between the two lengths a straight line joins them.
     """
     below = hull - said
     return hull - np.clip(2 * (below - clear), 0, np.maximum(below, 0))
