@@ -11,9 +11,9 @@ from exmesh_graph.types import Decision
 Method = Literal["hull", "tsdf", "pgsr", "sphere"]
 LEAST_ITERATIONS, MOST_ITERATIONS = 500, 1500
 ENOUGH_VIEWS = 15
-_FIXED, _PER_PIXEL = 0.06, 1.9e-6
-"""Processor seconds of an iteration of `init.pgsr` (docs/splat.md): constants, not a measurement, so that equal
-parameters give equal results on every machine."""
+_FIXED, _PER_PIXEL, _PER_BARE_PIXEL = 0.06, 1.9e-6, 3.5e-6
+"""Processor seconds of an iteration of `init.pgsr`, without masks all of a picture is drawn (docs/coarse_start.md):
+constants, not a measurement, so that equal parameters give equal results on every machine."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
     for 500 iterations or more, and the hull is taken if not. Without masks Gaussians are fitted, from points or at
     random, for 500 iterations at least: from a sphere Stage I finds nothing where no outline tells it where to go.
     """
-    each = _FIXED + _PER_PIXEL * known.pixels
+    each = _FIXED + (_PER_PIXEL if known.masks else _PER_BARE_PIXEL) * known.pixels
     paid = min(MOST_ITERATIONS, math.floor(seconds / each))
     evidence = {"views": known.views, "pixels": known.pixels, "seconds_an_iteration": each, "iterations_paid_for": paid}
     time = f"{seconds:g} s pay for {paid} iterations of planar Gaussians at {known.pixels} pixels"
