@@ -79,6 +79,8 @@ def main() -> None:
         kept, seconds = depths(make)
         if case.field is not None:
             shown.append(measure(f"{name}, solid", lambda k=kept: solid(case, k), seconds))
+            for clear in options.clear:
+                measure(f"{name}, clear {clear:g}", lambda k=kept, c=clear: solid(case, k, c), seconds)
         whole = measure(f"{name}, fused", lambda k=kept: fused(case, k), seconds)
         if case.field is None:
             shown.append(whole)
@@ -93,6 +95,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, nargs="?", default=SAMPLE)
     parser.add_argument("--pgsr", type=int, nargs="*", default=[500, 1500], help="lengths of the fits, in iterations")
+    parser.add_argument(
+        "--clear", type=float, nargs="*", default=[], help="solids that carve from so many voxels on, too"
+    )
     parser.add_argument("--clean", action="store_true", help="clean-up methods and face budgets too")
     parser.add_argument("--sweep", action="store_true", help="depth maps by plane sweep too (always with mono_depth/)")
     parser.add_argument("--downscale", type=int, default=1, help="reduce the pictures by this factor")
@@ -120,7 +125,7 @@ def _score(rows: list[dict[str, Any]], foretold: list[Rephotographs], held_out: 
     regions = held_out.alpha >= 0.5 if masks else np.logical_and.reduce([made.seen for made in foretold])
     print(f"\nrephotography over {regions.mean():.1%} of the held-out pixels")
     for row, made in zip(rows, foretold, strict=True):
-        row["rephotography"] = float(np.nanmean(prediction_psnr(made, held_out, regions)))
+        row["rephotography"] = float(prediction_psnr(made, held_out, regions).mean())
         row["shown"] = float(made.seen[regions].mean()) if masks else float(made.seen.mean())
         print(f"{row['start']:24s} {row['rephotography']:6.2f} dB   shows {row['shown']:.1%}")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.carve import carve
+from exmesh_graph.geometry.carve import CLEAR, carve
 from exmesh_graph.geometry.clean import largest_components, taubin
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.tsdf import fuse
@@ -93,9 +93,9 @@ def fitted(case: Case, iterations: int) -> DepthMaps:
     return depth_maps(Gaussians.of(gaussians), prepare_targets(case.train))[0]
 
 
-def solid(case: Case, depths: DepthMaps) -> Surface:
+def solid(case: Case, depths: DepthMaps, clear: float = CLEAR) -> Surface:
     """The hull, less what the depth maps look through."""
-    return largest_components(*carve(case.field, case.train, depths), 1)
+    return largest_components(*carve(case.field, case.train, depths, clear=clear), 1)
 
 
 def fused(case: Case, depths: DepthMaps) -> Surface:

@@ -25,6 +25,7 @@ def carve(
     resolution: int = 128,
     truncation: float = 3.0,
     min_weight: float = 2.0,
+    clear: float = CLEAR,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]): closed, counter-clockwise from outside.
 
@@ -32,6 +33,7 @@ def carve(
     resolution  voxels along the longest side of the hull's box
     truncation  in voxels: a depth map speaks of what lies up to so far behind its surface; what is before it counts so
     min_weight  views that must speak of a voxel; with fewer, the hull alone decides
+    clear       in voxels, see `carved`
 
     Raises DataError where views and depth maps do not belong together or the masks have nothing in common.
     """
@@ -46,7 +48,7 @@ def carve(
     inside = np.flatnonzero(values > -2 * grid.step)
     limit = truncation * grid.step
     said = _fused(points[inside], views, depths, limit, min_weight)
-    values[inside] = carved(values[inside], said, CLEAR * grid.step)
+    values[inside] = carved(values[inside], said, clear * grid.step)
     return surface(values.reshape(grid.shape), grid)
 
 

@@ -68,23 +68,23 @@ def rephotograph(
 
 
 def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -> np.ndarray:
-    """PSNR [N] in dB, sRGB, of every view within `regions` bool [N, H, W]; black where nothing was foretold.
+    """PSNR in dB, sRGB, within `regions` bool [N, H, W] of each view that has one; black where nothing was foretold.
 
     One factor per view and channel (least squares on linear values) is left free: exposure is no matter of shape.
-    NaN for a view whose region is empty; raises DataError where all are.
+    Raises DataError where no region holds a pixel.
     """
     if not regions.any():
         raise DataError(
             "no pixel of the held-out views is to be compared", where="rephotography", fix="look at the regions"
         )
-    scores = np.full(len(held_out), np.nan)
-    for view, (image, truth, region) in enumerate(zip(made.images, held_out.images, regions, strict=True)):
+    scores = []
+    for image, truth, region in zip(made.images, held_out.images, regions, strict=True):
         if region.any():
             ours, theirs = image[region].astype(np.float64), truth[region].astype(np.float64)
             gain = (ours * theirs).sum(0) / np.maximum(np.square(ours).sum(0), 1e-12)
             error = np.square(_shown(gain * ours) - _shown(theirs)).mean()
-            scores[view] = -10 * np.log10(max(float(error), 1e-10))
-    return scores
+            scores.append(-10 * np.log10(max(float(error), 1e-10)))
+    return np.array(scores)
 
 
 def compared(first: Surface, second: Surface, views: Views, every: int = 5) -> tuple[float, float]:
@@ -100,7 +100,6 @@ def compared(first: Surface, second: Surface, views: Views, every: int = 5) -> t
     scores = [prediction_psnr(rephotograph(*mesh, rest, held_out), held_out, held_out.alpha > 0.5)
               for mesh in (first, second)]  # fmt: skip
     gains = scores[1] - scores[0]
-    gains = gains[np.isfinite(gains)]
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
 
 
