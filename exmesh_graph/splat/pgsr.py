@@ -135,7 +135,8 @@ def suspects(gaussians: Gaussians, targets: Targets, gains: Mapping[str, list[fl
     middle = np.median(psnr)
     limit = middle - max(_BELOW, _SPREADS * 1.4826 * float(np.median(np.abs(psnr - middle))))
     return {
-        name: f"PSNR {p:.1f} dB where most views have {middle:.1f}: blurred, moved, its camera off, or shown by few others"
+        name: f"PSNR {p:.1f} dB where most views have {middle:.1f}: blurred, moved, its camera off, or "
+        "shown by few others"
         for name, p in zip(targets.names, psnr, strict=True)
         if p < limit
     }
