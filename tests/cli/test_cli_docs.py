@@ -59,11 +59,11 @@ def exmesh_options() -> dict[str, set[str]]:
 def faults(line: str) -> list[str]:
     """What in a line of code names nothing."""
     found = []
-    for name, rest in re.findall(r"python3? (?:-m benchmarks\.|benchmarks/)(\w+)(?:\.py)?([^;]*)", line):
+    for name, rest in re.findall(r"python3? (?:-m benchmarks\.|benchmarks/)(\w+)(?:\.py)?([^;&]*)", line):
         known = benchmark_options(name)
         found += [f"no benchmarks/{name}"] if not known else []
         found += [f"benchmarks/{name} has no {o}" for o in OPTION.findall(rest) if known and o not in known]
-    for name, rest in re.findall(r"(?:^|[\s/;])exmesh ([a-z][a-z-]*)([^;]*)", line):
+    for name, rest in re.findall(r"(?:^|[\s/;])exmesh ([a-z][a-z-]*)([^;&]*)", line):
         known = exmesh_options().get(name, set())
         found += [f"no exmesh {name}"] if not known else []
         found += [f"exmesh {name} has no {o}" for o in OPTION.findall(rest) if known and o not in known]
