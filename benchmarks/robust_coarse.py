@@ -42,7 +42,7 @@ def main() -> None:
     truth = scene.truth.mesh_vertices, scene.truth.mesh_faces
     radius = bounding_radius(truth[0])
     rows: list[dict[str, Any]] = []
-    print(f"{'fault':<28}{'start':>7}{'faces':>7}{'Chamfer':>9}{'there':>7}{'hull':>8}{'s':>7}   said")
+    print(f"{'fault':<28}{'start':>10}{'faces':>7}{'Chamfer':>9}{'there':>7}{'hull':>8}{'s':>7}   said")
     for name, (views, points) in faults(scene.train, truth).items():
         told = Listening()
         start = time.process_time()
@@ -51,7 +51,8 @@ def main() -> None:
             t, v, p, p=auto.AutoParams(iterations=100 if options.quick else 500, device="cpu")), row)  # fmt: skip
         row["seconds"] = time.process_time() - start
         if made is not None:
-            row["start"] = made.decisions.values["decisions"][0]["value"]
+            chosen = {one["name"]: one["value"] for one in made.decisions.values["decisions"]}
+            row["start"] = chosen.get("surface", chosen["start"])
             row |= {"faces": len(made.mesh.faces), **errors(made.mesh, truth, radius)}
         row["warnings"] = list(dict.fromkeys(told.told))
         bare = attempted(lambda v=views: cleaned_hull(v), {})
@@ -121,9 +122,9 @@ def _line(row: dict[str, Any]) -> str:
     hull = "-" if row["hull"] is None else f"{row['hull']:.2f}"
     said = "; ".join(row["warnings"]) or "-"
     if "error" in row:
-        return f"{row['fault']:<28}{'':7}{'':7}{'':9}{'':7}{hull:>8}{row['seconds']:7.1f}   error: {row['error']}"
+        return f"{row['fault']:<28}{'':10}{'':7}{'':9}{'':7}{hull:>8}{row['seconds']:7.1f}   error: {row['error']}"
     return (
-        f"{row['fault']:<28}{row['start']:>7}{row['faces']:7d}{row['chamfer']:9.2f}{row['there']:7.1%}{hull:>8}"
+        f"{row['fault']:<28}{row['start']:>10}{row['faces']:7d}{row['chamfer']:9.2f}{row['there']:7.1%}{hull:>8}"
         f"{row['seconds']:7.1f}   {said}"
     )
 
