@@ -62,6 +62,8 @@ def _panel(store: Store, outputs: dict[str, Any], nodes: dict[str, str], take: s
             if gallery is None:
                 raise SystemExit("the store no longer holds the pictures: run the sweep again")
             pictures = [one for one in gallery_of(Path(gallery.root), name) if isinstance(one, Picture)]
+            if int(number) >= len(pictures):
+                raise SystemExit(f"{own[-1]} has {len(pictures)} pictures: {', '.join(one.title for one in pictures)}")
             image = Image.open(io.BytesIO(pictures[int(number)].data)).convert("RGB")
             width = (image.width + GAP) / count
             cut = image.crop((round(index * width), 0, round((index + 1) * width) - GAP, image.height))
