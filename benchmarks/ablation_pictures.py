@@ -4,7 +4,8 @@
         --take progress:0:1/6 --take look:0:0/3
 
 --take NODE:PICTURE:PANEL/PANELS takes picture number PICTURE of the gallery of the node (its own name, or its end;
-the last of several), and panel PANEL of PANELS in a row from it. Rows of the result are takes, columns variants.
+the last of several), and panel PANEL of PANELS in a row from it. Rows of the result are takes, columns variants; the
+name `truth` takes the panel after PANEL.
 """
 
 from __future__ import annotations
@@ -43,11 +44,23 @@ def main() -> None:
     store = Store(options.store)
     columns = []
     for variant in options.variants:
+        if variant == "truth":  # beside ours in a comparison
+            first = next(name for name in options.variants if name in members)
+            columns.append(
+                (variant, [_panel(store, outputs, members[first], _next(t), options.side) for t in options.take])
+            )
+            continue
         if variant not in members:
             raise SystemExit(f"{options.run} has no variant {variant!r}; it has {', '.join(members)}")
         panels = [_panel(store, outputs, members[variant], take, options.side) for take in options.take]
         columns.append((variant, panels))
     _strip(columns, options.side).save(options.picture, quality=88)
+
+
+def _next(take: str) -> str:
+    node, number, part = take.split(":")
+    index, count = part.split("/")
+    return f"{node}:{number}:{int(index) + 1}/{count}"
 
 
 def _panel(store: Store, outputs: dict[str, Any], nodes: dict[str, str], take: str, side: int) -> Image.Image:
