@@ -19,9 +19,10 @@ from exmesh_graph.io.depth import load_depths
 from exmesh_graph.io.idr import IdrOptions, load_idr
 from exmesh_graph.io.middlebury import MiddleburyOptions, load_middlebury
 from exmesh_graph.priors.align import align
-from exmesh_graph.priors.depth_filter import normals_of_depth, pixel_rays
+from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.priors.plane_sweep import SweepSettings, plane_sweep
 from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.depths import depth_maps
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.pgsr import pgsr

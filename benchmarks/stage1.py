@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -145,14 +144,7 @@ def rearrange(ctx: Quiet, method: str, state, faces: int, views):
 def some(views, count: int):
     """`count` of the views, evenly spread over their order."""
     index = np.linspace(0, len(views) - 1, count).round().astype(int)
-    return replace(
-        views,
-        names=tuple(views.names[i] for i in index),
-        images=views.images[index],
-        alpha=views.alpha[index],
-        intrinsics=views.intrinsics[index],
-        camera_to_world=views.camera_to_world[index],
-    )
+    return views.subset(index)
 
 
 def score(state, views, truth) -> dict[str, float]:

@@ -122,20 +122,8 @@ def main() -> None:
 def choosing(scene: data.BlenderOut) -> tuple[data.BlenderOut, Views]:
     """The full set cut like the sample (two of three views), tested where the sample does not look; held-out views."""
     train, test = np.arange(len(scene.train)), np.arange(len(scene.test))
-    fitted, relit = rows(scene.train, train[train % 3 < 2]), rows(scene.test, test[test % 3 == 2])
-    return scene._replace(train=fitted, test=relit), rows(scene.train, train[train % 6 == 2])
-
-
-def rows(views: Views, index: np.ndarray) -> Views:
-    """Some of the views."""
-    return replace(
-        views,
-        names=tuple(views.names[k] for k in index),
-        images=views.images[index],
-        alpha=views.alpha[index],
-        intrinsics=views.intrinsics[index],
-        camera_to_world=views.camera_to_world[index],
-    )
+    fitted, relit = scene.train.subset(train[train % 3 < 2]), scene.test.subset(test[test % 3 == 2])
+    return scene._replace(train=fitted, test=relit), scene.train.subset(train[train % 6 == 2])
 
 
 def true_carrier(ctx: Quiet, scene: data.BlenderOut) -> Carrier:

@@ -54,6 +54,7 @@ def auto(
     from exmesh_graph.errors import DataError
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction, surface_row
     from exmesh_graph.metrics.rephotography import compared
+    from exmesh_graph.torch_setup import torch_threads
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
     pixels = (views.width // factor) * (views.height // factor)
@@ -87,7 +88,8 @@ def auto(
         mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
         if p.method == "auto" and method == "pgsr" and masks and len(views) >= ENOUGH_VIEWS:
             hull = init.visual_hull(ctx, views, p=outline).mesh
-            row = surface_row(*compared((hull.vertices, hull.faces), (mesh.vertices, mesh.faces), views))
+            with torch_threads(p.threads):
+                row = surface_row(*compared((hull.vertices, hull.faces), (mesh.vertices, mesh.faces), views))
             rows.append(row)
             ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
             mesh = mesh if row["value"] == "gaussians" else hull

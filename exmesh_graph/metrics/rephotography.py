@@ -14,8 +14,8 @@ import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.color import linear_to_srgb
-from exmesh_graph.priors.depth_filter import pixel_rays
 from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.types import Views
 
 _SPREAD = 10.0  # degrees: how fast a photograph taken from elsewhere loses its say

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.raster.camera import pixel_centres
+from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.types import DepthMaps, Views
 
 _PARALLAX = 10.0  # degrees between two viewing directions: enough for depth, little enough for windows to look alike
@@ -81,14 +81,6 @@ def neighbours(camera_to_world: np.ndarray, count: int) -> list[np.ndarray]:
     away[angle > 45] = np.inf
     order = np.argsort(away, axis=1, kind="stable")
     return [row[np.isfinite(away[i, row])][:count] for i, row in enumerate(order)]
-
-
-def pixel_rays(intrinsics: torch.Tensor, height: int, width: int, like: torch.Tensor) -> torch.Tensor:
-    """[H, W, 3], K^-1 (x, y, 1) at pixel centres: points at depth 1, in the type and on the device of `like`."""
-    x, y = pixel_centres(height, width, dtype=torch.float64)
-    grid = torch.stack([x.expand(height, width), y[:, None].expand(height, width), torch.ones(height, width).double()])
-    rays = torch.linalg.inv(intrinsics.cpu().double()) @ grid.reshape(3, -1)
-    return rays.T.reshape(height, width, 3).to(like)
 
 
 def normals_of_depth(depth: torch.Tensor, valid: torch.Tensor, rays: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

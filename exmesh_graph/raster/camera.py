@@ -32,3 +32,11 @@ def pixel_centres(
     x = torch.arange(width, dtype=dtype, device=device) + 0.5
     y = torch.arange(height, dtype=dtype, device=device) + 0.5
     return x, y
+
+
+def pixel_rays(intrinsics: torch.Tensor, height: int, width: int, like: torch.Tensor) -> torch.Tensor:
+    """[H, W, 3], K^-1 (x, y, 1) at pixel centres: points at depth 1, in the type and on the device of `like`."""
+    x, y = pixel_centres(height, width, dtype=torch.float64)
+    grid = torch.stack([x.expand(height, width), y[:, None].expand(height, width), torch.ones(height, width).double()])
+    rays = torch.linalg.inv(intrinsics.cpu().double()) @ grid.reshape(3, -1)
+    return rays.T.reshape(height, width, 3).to(like)

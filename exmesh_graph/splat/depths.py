@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 import torch
 
-from exmesh_graph.priors.depth_filter import agreed, normals_of_depth, pixel_rays
+from exmesh_graph.priors.depth_filter import agreed, normals_of_depth
+from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.fit import neighbours
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.planes import plane_depth

@@ -11,7 +11,7 @@ import torch
 
 from exmesh_graph.errors import GeometryError, NumericsError
 from exmesh_graph.losses import d_ssim, l1
-from exmesh_graph.priors.depth_filter import pixel_rays
+from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.consistency import View, flattening, multi_view, single_view_normal
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.gaussians import Gaussians

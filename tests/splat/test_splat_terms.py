@@ -5,7 +5,8 @@ import pytest
 import torch
 from scipy.ndimage import minimum_filter
 
-from exmesh_graph.priors.depth_filter import normals_of_depth, pixel_rays
+from exmesh_graph.priors.depth_filter import normals_of_depth
+from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat import Gaussians, render
 from exmesh_graph.splat.consistency import View, _patch_mismatch, flattening, multi_view, single_view_normal
 from exmesh_graph.splat.depths import DepthFilter, depth_maps, middle_planes
