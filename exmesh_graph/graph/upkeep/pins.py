@@ -62,7 +62,14 @@ def unpin(store: Store, name: str) -> Pin:
 
 def pins(store: Store) -> list[Pin]:
     """All pins. Raises StoreError for one that cannot be read: what it protects is then not known."""
-    return [read_pin(path) for path in sorted((store.root / "pins").glob("*.json"))]
+    found = []
+    for path in sorted((store.root / "pins").glob("*.json")):
+        try:
+            found.append(read_pin(path))
+        except StoreError:
+            if path.exists():  # else it was unpinned since it was listed
+                raise
+    return found
 
 
 def read_pin(path: Path) -> Pin:

@@ -5,6 +5,7 @@ roots/<id>   sealed {host, path}: a folder of runs that used this store, noted b
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -39,24 +40,35 @@ def find_roots(store: Store, runs: Iterable[Path]) -> Roots:
     for note in sorted((store.root / "roots").glob("*")):
         told = store.folder_of_runs(note)
         if told is None:
-            raise StoreError(store.notes[-1], fix="name the folders of runs that are needed with --runs and go on")
+            what = store.notes[-1] if store.notes else f"{note} was moved away while it was read"
+            raise StoreError(what, fix="name the folders of runs that are needed with --runs and go on")
         host, path = told
         if path.is_dir():
             folders.add(path.resolve())
         elif host != here:
             found.notes.append(f"the runs in {path} of {host} cannot be seen from here: their results count as unused")
     for folder in sorted(folders):
-        for run in sorted(folder.glob("*/run.json")):
-            if not run.parent.is_symlink():
+        for run in _runs(folder):
+            keys = _keys(run)
+            if keys is not None:
                 found.runs += 1
-                found.shown.update(_keys(run))
+                found.shown.update(keys)
     return found
 
 
-def _keys(run: Path) -> set[str]:
+def _runs(folder: Path) -> list[Path]:
+    with contextlib.suppress(FileNotFoundError):  # the folder may be removed while it is listed
+        return sorted(run for run in folder.glob("*/run.json") if not run.parent.is_symlink())
+    return []
+
+
+def _keys(run: Path) -> set[str] | None:
+    """What a run shows; None when it was removed since it was listed: it needs nothing any more."""
     try:
         rows = json.loads(run.read_text(encoding="utf-8"))["nodes"]
         return {row["key"] for row in rows if row.get("key")}
+    except FileNotFoundError:
+        return None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"a run cannot be read ({type(error).__name__}), so that what it needs is not known"
         raise StoreError(what, where=str(run), fix="remove that run's folder if it is of no use") from error

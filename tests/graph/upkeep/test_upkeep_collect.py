@@ -19,6 +19,7 @@ from exmesh_graph.graph.files import own_folder
 from exmesh_graph.graph.lease import Lease, Leases
 from exmesh_graph.graph.store import Store, Stored
 from exmesh_graph.graph.upkeep import collect
+from exmesh_graph.graph.upkeep import pins as pins_module
 from exmesh_graph.graph.upkeep.collect import DAY, Survey, delete, survey
 from exmesh_graph.graph.upkeep.pins import key_of_prefix, pin, pins, unpin
 from exmesh_graph.types import Metrics
@@ -289,6 +290,41 @@ def test_keys_by_their_beginning(store: Store) -> None:
     assert key_of_prefix(store, key) == key
     assert key_of_prefix(store, key[:5]) is None
     assert key_of_prefix(store, "runs/latest") is None
+
+
+def test_a_run_removed_while_gc_lists_it_needs_nothing(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A user may remove runs at any time; only a run that is there and cannot be read stops gc."""
+    (kept, _), (lost, _) = result(store, 1), result(store, 2)
+    shown_by_a_run(tmp_path / "runs", kept)
+    going = shown_by_a_run(tmp_path / "runs", lost)
+    read = Path.read_text
+
+    def removed_first(path: Path, *args: Any, **options: Any) -> str:
+        if path.parent == going:
+            shutil.rmtree(going)
+        return read(path, *args, **options)
+
+    monkeypatch.setattr(Path, "read_text", removed_first)
+    found = survey(store, [tmp_path / "runs"])
+    assert found.roots.runs == 1
+    assert found.roots.shown == {kept}
+    assert lost in names(found)
+
+
+def test_a_pin_removed_while_pins_are_listed_is_none(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number, name in enumerate(("best", "other")):
+        pin(store, name, "a test", [result(store, number)[0]])
+    read = pins_module.read_pin
+
+    def removed_first(path: Path) -> Any:
+        if path.stem == "best":
+            path.unlink()
+        return read(path)
+
+    monkeypatch.setattr(pins_module, "read_pin", removed_first)
+    assert [entry.name for entry in pins(store)] == ["other"]
 
 
 @pytest.mark.reliability(
