@@ -6,13 +6,14 @@ names that the benchmark gives them, joined with dots. A result is one JSON file
 
 from __future__ import annotations
 
+import contextlib
 import json
 import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,7 +29,8 @@ SUITES = ("kernels", "stages", "quickstart", "framework")
 SHORT = ("rounds.repeat=2", "rounds.refine.iterations=20", "settle.iterations=20", "hull.resolution=48", "faces=6000",
          "coarse.faces=1000", "texels=128", "pbr.iterations=10", "pbr.texture_size=128", "score.max_views=2",
          "light.directions=64", "look.max_views=2", "shape.samples=5000")  # fmt: skip
-_NOISE = 1.25
+_FAR = 1.25
+_REMEMBERED = 10
 
 
 def register(app: typer.Typer) -> None:
@@ -62,6 +64,7 @@ def bench(
                 fix="run `exmesh bench` in a checkout of the repository, or give --root",
             )  # fmt: skip
     before = _earlier(history, compare, quick) if compare else None  # a bad name is said before minutes are spent
+    noise = _noise(history, quick, before) if before else {}
     begun, processor = time.perf_counter(), _processor_seconds()
     result: dict[str, Any] = {**_about(root), "quick": quick, "suites": {}}
     for name in chosen:
@@ -70,7 +73,7 @@ def bench(
         for suite, figures in _run(name, quick, root):
             if suite in chosen:
                 result["suites"].setdefault(suite, {}).update(figures)
-                _show(suite, figures, (before or {}).get("suites", {}).get(suite, {}))
+                _show(suite, figures, (before or {}).get("suites", {}).get(suite, {}), noise.get(suite, {}))
     result["seconds"] = round(time.perf_counter() - begun, 1)
     result["processor_seconds"] = round(_processor_seconds() - processor, 1)
     history.mkdir(parents=True, exist_ok=True)
@@ -97,6 +100,19 @@ def flat(values: Any, name: str = "") -> Iterator[tuple[str, float]]:
 def changes(figures: Mapping[str, float], before: Mapping[str, float]) -> dict[str, float]:
     """Ratio now / before of every figure both have and that was above 0."""
     return {name: value / before[name] for name, value in figures.items() if before.get(name, 0) > 0}
+
+
+def ranges(results: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, tuple[float, float]]]:
+    """{suite: {figure: (least, greatest)}} over results; figures above 0 only."""
+    found: dict[str, dict[str, tuple[float, float]]] = {}
+    for result in results:
+        for suite, figures in result["suites"].items():
+            kept = found.setdefault(suite, {})
+            for name, value in figures.items():
+                if value > 0:
+                    low, high = kept.get(name, (value, value))
+                    kept[name] = min(low, value), max(high, value)
+    return found
 
 
 def _processor_seconds() -> float:
@@ -162,26 +178,54 @@ def _call(command: list[str], root: Path) -> None:
         )  # fmt: skip
 
 
-def _show(suite: str, figures: Mapping[str, float], before: Mapping[str, float]) -> None:
+def _show(
+    suite: str, figures: Mapping[str, float], before: Mapping[str, float], noise: Mapping[str, tuple[float, float]]
+) -> None:
     ratios = changes(figures, before)
     typer.echo(f"\n{suite}")
     width = max((len(name) for name in figures), default=0)
     for name, value in figures.items():
         line = f"  {name:<{width}}{value:>14.6g}"
         if name in ratios:
-            far = "  <--" if not 1 / _NOISE < ratios[name] < _NOISE else ""
-            line += f"{before[name]:>14.6g}  x {ratios[name]:.2f}{far}"
+            line += f"{before[name]:>14.6g}  x {ratios[name]:.2f}"
+            if not 1 / _FAR < ratios[name] < _FAR:
+                low, high = noise.get(name, (before[name], before[name]))
+                line += "  (seen before)" if low <= value <= high else "  <--"
         typer.echo(line)
+
+
+def _noise(history: Path, quick: bool, before: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, float]]]:
+    """Between which values each figure lay in the last results of this kind by the machine of `before`."""
+    alike = []
+    for file in _of_kind(history, quick)[-_REMEMBERED:]:
+        with contextlib.suppress(GraphError):  # a file that is no result is refused only where it is named
+            found = _read(file, quick)
+            if _machine(found) == _machine(before):
+                alike.append(found)
+    return ranges(alike)
+
+
+def _machine(result: Mapping[str, Any]) -> list[Any]:
+    facts = result.get("machine", {})
+    return [facts.get(name) for name in ("processor", "cpus", "memory_gib")]
+
+
+def _of_kind(history: Path, quick: bool) -> list[Path]:
+    return sorted(f for f in history.glob("*.json") if f.stem.endswith("-quick") == quick)
 
 
 def _earlier(history: Path, name: str, quick: bool) -> dict[str, Any]:
     file = Path(name)
     if name == "latest":
-        kept = sorted(f for f in history.glob("*.json") if f.stem.endswith("-quick") == quick)
+        kept = _of_kind(history, quick)
         if not kept:
             raise GraphError(f"{history} holds no earlier {'quick ' if quick else ''}result", where="--compare",
                              fix="leave --compare out this time")  # fmt: skip
         file = kept[-1]
+    return _read(file, quick)
+
+
+def _read(file: Path, quick: bool) -> dict[str, Any]:
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:

@@ -62,6 +62,29 @@ def test_a_result_is_kept_and_the_next_is_compared_with_it(checkout):
     assert json.loads((checkout / "now.json").read_text())["suites"]["kernels"]["rays.rate"] == 3.0
 
 
+def test_what_earlier_results_span_is_not_marked(checkout):
+    """Noise: a figure that came out so before; a result of another machine teaches nothing."""
+    for number, rate in enumerate((2.0, 3.0, 2.0)):
+        (checkout / "benchmarks" / "rays.py").write_text(SCRIPT.format(rate=rate, extra=""))
+        bench(checkout, "kernels", "--quick", "--json", str(checkout / "now.json"))
+        for file in (checkout / "kept").glob("202*.json"):
+            file.rename(checkout / "kept" / f"200{number}-quick.json")
+    for rate, expected in ((3.0, "x 1.50  (seen before)"), (3.2, "x 1.60  <--"), (1.0, "x 0.50  <--"), (2.1, "x 1.05")):
+        (checkout / "benchmarks" / "rays.py").write_text(SCRIPT.format(rate=rate, extra=""))
+        out = bench(checkout, "kernels", "--quick", "--compare", str(checkout / "kept" / "2002-quick.json")).stdout
+        assert next(line for line in out.splitlines() if "rays.rate" in line).endswith(expected)
+        for file in (checkout / "kept").glob("202*.json"):
+            file.unlink()
+    wide = checkout / "kept" / "2001-quick.json"
+    other = json.loads(wide.read_text())
+    other["machine"]["cpus"] += 1
+    wide.write_text(json.dumps(other))
+    (checkout / "kept" / "2000-9-quick.json").write_text("no result")
+    (checkout / "benchmarks" / "rays.py").write_text(SCRIPT.format(rate=3.0, extra=""))
+    out = bench(checkout, "kernels", "--quick", "--compare", str(checkout / "kept" / "2002-quick.json")).stdout
+    assert next(line for line in out.splitlines() if "rays.rate" in line).endswith("x 1.50  <--")
+
+
 def test_what_is_refused_before_anything_runs(checkout, tmp_path):
     with pytest.raises(GraphError, match="no suite 'kernel'") as caught:
         bench(checkout, "kernel")
