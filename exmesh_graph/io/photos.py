@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
 
 _ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+_OPAQUE = (".jpg", ".jpeg")  # no alpha in these: not worth reading
 _FEWEST = 3
 _STRAIGHT = 0.05  # pixels
 _NEAR, _ROOM = 0.7, 1.05
@@ -92,7 +93,7 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
     turn, note = _upright(poses)
     train, test = ([replace(s, camera_to_world=turn @ s.camera_to_world) for s in part] for part in (train, test))
     points = motion.points @ turn[:3, :3].T
-    masked = any(mask is not None for _, mask in listed) or _has_alpha(listed[0][0])
+    masked = any(mask is not None for _, mask in listed) or any(_has_alpha(picture) for picture, _ in listed)
     sphere = None if masked else object_sphere(points, motion.tracks, turn @ poses)
     scene = load_scene(train, test, up="y", downscale=options.downscale, dissent=options.dissent, sphere=sphere)
     if note:
@@ -148,7 +149,7 @@ def _alphas(listed: list[tuple[Path, Path | None]]) -> dict[str, np.ndarray]:
 
 
 def _has_alpha(picture: Path) -> bool:
-    return bool((read_photo(picture).alpha < 1).any())
+    return picture.suffix.lower() not in _OPAQUE and bool((read_photo(picture).alpha < 1).any())
 
 
 def _shots(listed: list[tuple[Path, Path | None]], motion: Motion) -> list[Shot]:

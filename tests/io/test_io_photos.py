@@ -105,6 +105,20 @@ def test_the_node_reads_the_focal_length_of_the_camera_and_only_the_object(folde
     assert (k[0, 2], k[1, 2]) == (WIDTH / 2, HEIGHT / 2)
 
 
+def test_one_opaque_picture_does_not_hide_the_alpha_of_the_others(folder, tmp_path):
+    place = tmp_path / "photos"
+    place.mkdir()
+    for i in range(COUNT):
+        rgb, mask = Image.open(folder / f"p{i}.png"), Image.open(folder / "masks" / f"p{i}.png")
+        if i:
+            rgb.putalpha(mask.convert("L"))
+        rgb.save(place / f"p{i}.png")
+    scene, points, _ = found(place, tmp_path / "a")
+    assert scene.train.has_masks
+    assert any("have no mask: p0" in note for note in scene.notes)
+    assert np.linalg.norm(points.points, axis=1).max() < 1  # the sphere is that of the masks
+
+
 def test_without_the_extra_the_error_says_what_to_install(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(MissingLibraryError, match=r"exmesh-graph\[photos\]"):
