@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
+from exmesh_nodes.evaluate import LpipsParams, lpips_files
+
 from exmesh_graph.graph.node import Context, Params, facets, node, param
 from exmesh_graph.types import Asset, Frame, Gallery, LitViews, Mesh, Metrics, SceneTruth, Views
 
@@ -59,25 +61,13 @@ def nerf_synthetic(
     return MetricsOut(Metrics(values))
 
 
-class _RenderParams(Params):
+class _RenderParams(LpipsParams):
     scene: str = param("", doc="The scene's name in the table.")
-    lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
     directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
     bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
     supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
     specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
-
-
-def _weights(p: _RenderParams) -> Mapping[str, Path]:
-    from exmesh_graph.errors import MissingLibraryError
-
-    if p.lpips is None:
-        return {}
-    if not p.lpips.is_file():
-        raise MissingLibraryError("the LPIPS weights do not exist", where=str(p.lpips),
-                                  fix="make the file as docs/metrics.md says, or leave `lpips` out")  # fmt: skip
-    return {p.lpips.name: p.lpips}
 
 
 class Synthetic4RelightParams(_RenderParams):
@@ -91,7 +81,7 @@ class Synthetic4RelightParams(_RenderParams):
     "benchmark.synthetic4relight",
     version="1",
     libraries=(*_RENDER, "pillow"),
-    sources=_weights,
+    sources=lpips_files,
     resources={"cpu": 0, "gpu?": 1},
 )
 def synthetic4relight(
@@ -122,7 +112,7 @@ class OrbParams(_RenderParams):
     pass
 
 
-@node("benchmark.stanford_orb", version="1", libraries=_RENDER, sources=_weights, resources={"cpu": 0, "gpu?": 1})
+@node("benchmark.stanford_orb", version="1", libraries=_RENDER, sources=lpips_files, resources={"cpu": 0, "gpu?": 1})
 def stanford_orb(
     ctx: Context,
     asset: Asset,

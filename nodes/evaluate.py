@@ -1,5 +1,7 @@
 """Scores and pictures: how good is a mesh, a Stage I carrier, a finished asset."""
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from exmesh_graph.graph.node import Context, Params, facets, node, param
@@ -24,7 +26,25 @@ def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshPa
     return MeshOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
 
 
-class Stage1Params(Params):
+class LpipsParams(Params):
+    """Scores that may have LPIPS beside them."""
+
+    lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
+
+
+def lpips_files(p: LpipsParams) -> Mapping[str, Path]:
+    """The file of weights as a source, so that others give another key."""
+    from exmesh_graph.errors import MissingLibraryError
+
+    if p.lpips is None:
+        return {}
+    if not p.lpips.is_file():
+        raise MissingLibraryError("the LPIPS weights do not exist", where=str(p.lpips),
+                                  fix="make the file as docs/metrics.md says, or leave `lpips` out")  # fmt: skip
+    return {p.lpips.name: p.lpips}
+
+
+class Stage1Params(LpipsParams):
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
     pictures: int = param(2, ge=0, doc="Views shown in the report.")
 
@@ -38,6 +58,7 @@ class ScoredOut(NamedTuple):
     "evaluate.stage1",
     version="1",
     libraries=("torch", "warp-lang", "scipy", "OpenImageIO", "pillow"),
+    sources=lpips_files,
     resources={"cpu": 0, "gpu?": 1},
 )
 def stage1(
@@ -48,9 +69,11 @@ def stage1(
     Views without masks are scored where the mesh shows, or, to compare meshes, where `region` shows.
     """
     from exmesh_graph.report.galleries import carrier_gallery
+    from exmesh_graph.report.scores_lpips import add_lpips
     from exmesh_graph.report.scores_mesh import score_carrier
 
     scores = score_carrier(carrier, views, max_views=p.max_views, region=region)
+    add_lpips(scores, p.lpips, "Held-out LPIPS, Stage I")
     gallery = carrier_gallery(ctx.scratch / "gallery", carrier, views, scores, count=p.pictures)
     return ScoredOut(Metrics(scores.values), gallery)
 
@@ -80,7 +103,7 @@ def round_(
     return ScoredOut(Metrics(values), gallery)
 
 
-class AssetParams(Params):
+class AssetParams(LpipsParams):
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
     pictures: int = param(3, ge=0, doc="Held-out views shown in the report.")
     directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
@@ -93,6 +116,7 @@ class AssetParams(Params):
     "evaluate.asset",
     version="1",
     libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO", "pillow"),
+    sources=lpips_files,
     resources={"cpu": 0, "gpu?": 1},
 )
 def asset(
@@ -108,8 +132,10 @@ def asset(
     from exmesh_graph.report.galleries import asset_gallery
     from exmesh_graph.report.renders import Quality
     from exmesh_graph.report.scores import score_asset
+    from exmesh_graph.report.scores_lpips import add_lpips
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     scores = score_asset(asset, views, truth, train, max_views=p.max_views, quality=quality, progress=ctx.progress)
+    add_lpips(scores, p.lpips)
     gallery = asset_gallery(ctx.scratch / "gallery", asset, views, scores, truth, count=p.pictures)
     return ScoredOut(Metrics(scores.values), gallery)

@@ -31,6 +31,8 @@ from exmesh_graph.report.renders import (
 )
 from exmesh_graph.types import Asset, SceneTruth, Views
 
+Pictures = list[tuple[np.ndarray, np.ndarray]]  # (ours, truth) as displayed
+
 
 @dataclass
 class AssetScores:
@@ -45,10 +47,10 @@ class AssetScores:
 
     values: dict[str, Any]
     views: list[int]
-    held_out: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
-    relit: dict[str, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
-    albedo: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
-    roughness: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    held_out: Pictures = field(default_factory=list)
+    relit: dict[str, Pictures] = field(default_factory=dict)
+    albedo: Pictures = field(default_factory=list)
+    roughness: Pictures = field(default_factory=list)
     albedo_maps: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     indirect: tuple[int, np.ndarray, np.ndarray] | None = None
 

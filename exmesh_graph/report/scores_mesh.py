@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.io.images import display
-from exmesh_graph.report.scores import compare, spread
+from exmesh_graph.report.scores import Pictures, compare, spread
 from exmesh_graph.types import Carrier, Mesh, SceneTruth, Stage1State, Views
 
 
@@ -47,7 +47,7 @@ class CarrierScores:
 
     values: dict[str, Any]
     views: list[int]
-    held_out: list[tuple[np.ndarray, np.ndarray]]
+    held_out: Pictures
 
 
 def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region: Mesh | None = None) -> CarrierScores:

@@ -1,5 +1,8 @@
 """LPIPS against a slow reading of its formula, on made-up weights: the published ones are not in the repository."""
 
+import os
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +10,7 @@ from safetensors.torch import save_file
 
 from exmesh_graph.errors import MissingLibraryError, NumericsError
 from exmesh_graph.metrics.lpips import Lpips, expected_shapes
+from exmesh_graph.report.scores_lpips import add_lpips
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +88,36 @@ def test_without_weights_it_says_what_to_do(weights, tmp_path):
     save_file({k: v for k, v in weights.items() if k != "lin3.model.1.weight"}, str(tmp_path / "part.safetensors"))
     with pytest.raises(MissingLibraryError, match=r"lin3\.model\.1\.weight is missing"):
         Lpips.from_file(tmp_path / "part.safetensors")
+
+
+def test_scores_get_it_for_the_pictures_their_psnr_was_taken_on(weights, pictures, tmp_path):
+    first, second = pictures
+    file = tmp_path / "weights.safetensors"
+    save_file(weights, str(file))
+    values = {"headline": [], "held_out": {"psnr_per_view": {"a": 1.0, "b": 2.0}}, "relit": {"per_light": {"sun": {}}}}
+    scores = SimpleNamespace(
+        values=values, held_out=[(first, second), (first, first)], relit={"sun": [(second, first)]}
+    )
+    add_lpips(scores, None)
+    assert values["headline"] == []
+    add_lpips(scores, file)
+    lpips = Lpips(weights)
+    one = lpips(first, second)
+    assert values["held_out"]["lpips"] == pytest.approx(one / 2)
+    assert values["held_out"]["lpips_per_view"] == {"a": pytest.approx(one), "b": 0}
+    assert values["relit"]["lpips"] == values["relit"]["per_light"]["sun"]["lpips"] == lpips(second, first)
+    assert [(row["label"], row["better"]) for row in values["headline"]] == [
+        ("Held-out LPIPS", "lower"), ("Relit LPIPS", "lower")
+    ]  # fmt: skip
+
+
+def test_the_published_weights_give_the_values_of_the_package():
+    """docs/metrics.md's table, whose values the `lpips` package gave too (benchmarks/lpips_reference.py)."""
+    file = os.environ.get("EXMESH_LPIPS")
+    if not file:
+        pytest.skip("EXMESH_LPIPS names no file of the published weights")
+    from benchmarks.lpips_reference import faults, sample
+
+    lpips, picture, found = Lpips.from_file(file), sample(), faults()
+    for name, value in (("noise of 0.05", 0.363322), ("blurred by a pixel", 0.064075), ("moved by a pixel", 0.012079)):
+        assert lpips(np.clip(found[name](picture), 0, 1), picture) == pytest.approx(value, abs=2e-6)
