@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_nodes.evaluate import LpipsParams, lpips_files
-
 from exmesh_graph.graph.node import Context, Params, facets, node, param
 from exmesh_graph.types import Asset, Frame, Gallery, LitViews, Mesh, Metrics, SceneTruth, Views
 
@@ -61,13 +59,20 @@ def nerf_synthetic(
     return MetricsOut(Metrics(values))
 
 
-class _RenderParams(LpipsParams):
+class _RenderParams(Params):
     scene: str = param("", doc="The scene's name in the table.")
+    lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
     directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
     bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
     supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
     specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
+
+
+def _weights(p: _RenderParams) -> Mapping[str, Path]:
+    from exmesh_graph.metrics.weights import lpips_source
+
+    return lpips_source(p.lpips)
 
 
 class Synthetic4RelightParams(_RenderParams):
@@ -81,7 +86,7 @@ class Synthetic4RelightParams(_RenderParams):
     "benchmark.synthetic4relight",
     version="1",
     libraries=(*_RENDER, "pillow"),
-    sources=lpips_files,
+    sources=_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
 def synthetic4relight(
@@ -112,7 +117,7 @@ class OrbParams(_RenderParams):
     pass
 
 
-@node("benchmark.stanford_orb", version="1", libraries=_RENDER, sources=lpips_files, resources={"cpu": 0, "gpu?": 1})
+@node("benchmark.stanford_orb", version="1", libraries=_RENDER, sources=_weights, resources={"cpu": 0, "gpu?": 1})
 def stanford_orb(
     ctx: Context,
     asset: Asset,

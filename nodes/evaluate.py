@@ -26,25 +26,17 @@ def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshPa
     return MeshOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
 
 
-class LpipsParams(Params):
-    """Scores that may have LPIPS beside them."""
-
+class _LpipsParams(Params):
     lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
 
 
-def lpips_files(p: LpipsParams) -> Mapping[str, Path]:
-    """The file of weights as a source, so that others give another key."""
-    from exmesh_graph.errors import MissingLibraryError
+def _weights(p: _LpipsParams) -> Mapping[str, Path]:
+    from exmesh_graph.metrics.weights import lpips_source
 
-    if p.lpips is None:
-        return {}
-    if not p.lpips.is_file():
-        raise MissingLibraryError("the LPIPS weights do not exist", where=str(p.lpips),
-                                  fix="make the file as docs/metrics.md says, or leave `lpips` out")  # fmt: skip
-    return {p.lpips.name: p.lpips}
+    return lpips_source(p.lpips)
 
 
-class Stage1Params(LpipsParams):
+class Stage1Params(_LpipsParams):
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
     pictures: int = param(2, ge=0, doc="Views shown in the report.")
 
@@ -58,7 +50,7 @@ class ScoredOut(NamedTuple):
     "evaluate.stage1",
     version="1",
     libraries=("torch", "warp-lang", "scipy", "OpenImageIO", "pillow"),
-    sources=lpips_files,
+    sources=_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
 def stage1(
@@ -103,7 +95,7 @@ def round_(
     return ScoredOut(Metrics(values), gallery)
 
 
-class AssetParams(LpipsParams):
+class AssetParams(_LpipsParams):
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
     pictures: int = param(3, ge=0, doc="Held-out views shown in the report.")
     directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
@@ -116,7 +108,7 @@ class AssetParams(LpipsParams):
     "evaluate.asset",
     version="1",
     libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO", "pillow"),
-    sources=lpips_files,
+    sources=_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
 def asset(
