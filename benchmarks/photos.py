@@ -10,6 +10,7 @@ in degrees, and the distance of the centres in per cent of the mean distance of 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import shutil
 import tempfile
@@ -33,24 +34,34 @@ def main() -> None:
     parser.add_argument("--focal", action="store_true", help="also with the stated focal length given")
     parser.add_argument("--twice", action="store_true", help="run each a second time: are the bytes the same?")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument(
+        "--few",
+        action="store_true",
+        help="first 8, 12, 20; every 2nd, 3rd, 4th picture",
+    )
     parser.add_argument("--quick", action="store_true", help="the first quarter of the pictures")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     listed = {folder.name: list_middlebury(folder, MiddleburyOptions()) for folder in args.middlebury}
     listed |= {folder.name: list_idr(folder, IdrOptions())[:2] for folder in args.idr}
     rows = []
-    print("scene          lens     focal   found  degrees median/max  place % median/max  focal %  error px  seconds")
+    print(
+        "scene          part     lens     focal   found  degrees median/max  place % median/max  focal %  px  seconds"
+    )
     for name, (train, test) in listed.items():
         shots = sorted([*train, *test], key=lambda shot: shot.image.name)
         shots = shots[: len(shots) // 4] if args.quick else shots
-        for lens in args.lens:
+        parts = {f"first {n}": shots[:n] for n in (8, 12, 20)} | {f"every {n}": shots[::n] for n in (2, 3, 4)}
+        cases = itertools.product(parts.items() if args.few else [("all", shots)], args.lens)
+        for (part, taken), lens in cases:
             for given in (False, True) if args.focal else (False,):
-                row = {"scene": name, **measure(shots, lens, given, args.threads, args.twice)}
+                row = {"scene": name, "part": part, **measure(taken, lens, given, args.threads, args.twice)}
                 rows.append(row)
                 print(
-                    f"{name:14} {lens:8} {'given' if given else 'found':6} {row['found']:3}/{row['of']:<3}"
+                    f"{name:14} {part:9}{lens:8} {'given' if given else 'found':6} {row['found']:3}/{row['of']:<3}"
                     f" {row['degrees_median']:9.3f}/{row['degrees_max']:<9.3f}{row['place_median']:8.2f}/"
-                    f"{row['place_max']:<8.2f}{row['focal_off']:8.2f}{row['error']:9.2f}{row['seconds']:9.0f}"
+                    f"{row['place_max']:<8.2f}{row['focal_off']:8.2f}{row['error']:6.2f}{row['seconds']:8.0f}"
+                    f"  {row['how']}"
                     + (f"  same bytes: {row['same']}" if args.twice else ""), flush=True,
                 )  # fmt: skip
     if args.json:
@@ -74,7 +85,7 @@ def measure(shots: list[Shot], lens: str, given: bool, threads: int, twice: bool
         "degrees_median": float(np.median(degrees)), "degrees_max": float(degrees.max()),
         "place_median": float(np.median(place)), "place_max": float(place.max()),
         "focal_off": 100 * float(motion.lenses[0].calibration_matrix()[0, 0] / stated - 1),
-        "points": len(motion.points), "same": same(motion, run(shots, settings)) if twice else None,
+        "points": len(motion.points), "how": motion.how, "same": same(motion, run(shots, settings)) if twice else None,
     }  # fmt: skip
 
 

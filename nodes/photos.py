@@ -54,7 +54,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 @node(
     "data.photos",
     version="1",
-    libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap"),
+    libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx"),
     sources=_photo_files,
     resources={"cpu": 1},
 )
@@ -72,9 +72,9 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     for note in scene.notes:
         ctx.warn(note)
     figures = found.figures()
+    known = "from what was known" if found.focal_known else "(found from the pictures alone)"
     ctx.log(
-        f"cameras of {figures['registered']} of {figures['pictures']} pictures, {len(points)} points, reprojection "
-        f"error {found.error:.2f} px, focal length {figures['focal']:.0f} px "
-        + ("from what was known" if found.focal_known else "(found from the pictures alone)")
+        f"cameras of {figures['registered']} of {figures['pictures']} pictures ({found.how} mapping), {len(points)} "
+        f"points, reprojection error {found.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
     return PhotosOut(scene.train, scene.test, scene.frame, points, Metrics(figures))

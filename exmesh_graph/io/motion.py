@@ -1,7 +1,7 @@
 """Structure from motion through COLMAP's Python package: cameras and sparse points of a folder of photographs.
 
-pycolmap (BSD) is optional: `pip install 'exmesh-graph[photos]'`. SIFT features, all pairs, incremental mapping
-(Schoenberger and Frahm 2016). Pixel centres lie at +0.5 in COLMAP as they do here.
+pycolmap (BSD) is optional: `pip install 'exmesh-graph[photos]'`. SIFT features, all pairs, and what the matches support
+best of three mappings (`mapping`). Pixel centres lie at +0.5 in COLMAP as they do here.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import picture_size, write_image
+from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.native import import_pycolmap
 from exmesh_graph.io.normalise import some
 
 Lens = Literal["pinhole", "radial", "opencv"]
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
-_SEEN_BY = 3
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class Motion:
     left_out         pictures without a camera
     error            mean reprojection error in pixels
     focal_known      whether a focal length was given or stood in the EXIF data
+    how              which mapping they are from
     """
 
     camera_to_world: Mapping[str, np.ndarray]
@@ -59,6 +60,7 @@ class Motion:
     left_out: tuple[str, ...]
     error: float
     focal_known: bool
+    how: str = "incremental"
 
     def figures(self) -> dict[str, Any]:
         """For the report: counts, names of what was left out, error, and the (mean) lens."""
@@ -67,6 +69,7 @@ class Motion:
             "pictures": len(self.camera_to_world) + len(self.left_out),
             "registered": len(self.camera_to_world),
             "left_out": list(self.left_out),
+            "mapping": self.how,
             "points": len(self.points),
             "reprojection_error_px": self.error,
             "focal": float(np.mean(focal)),
@@ -82,8 +85,9 @@ def find_motion(
 
     masks  alpha [H, W] by file name: features where it is below 1/2 are ignored
     The same pictures, seed and version give the same bytes: mapping runs on one thread, whatever `threads` says of
-    features and matching. Raises DataError, naming pictures, where fewer than the share `registered` (or than three)
-    get a camera, MissingLibraryError without pycolmap.
+    features and matching. Pictures that hang on the others by pairs alone are left out (`mapping.tied`).
+    Raises DataError, naming pictures, where fewer than the share `registered` (or than three) get a camera,
+    MissingLibraryError without pycolmap.
     """
     colmap = import_pycolmap()
     names = [image.name for image in images]
@@ -99,18 +103,13 @@ def find_motion(
         colmap.match_exhaustive(
             database, matching_options=matching, verification_options=verify, device=colmap.Device.cpu
         )
-        mapping = colmap.IncrementalPipelineOptions()
-        mapping.min_model_size, mapping.num_threads, mapping.random_seed = 3, 1, seed
-        mapping.mapper.num_threads, mapping.mapper.random_seed = 1, seed
-        mapping.triangulation.random_seed = seed
-        models = colmap.incremental_mapping(database, images[0].parent, work, options=mapping)
+        mapped = map_cameras(colmap, database, images[0].parent, work, seed)
     finally:
         colmap.logging.minloglevel = level
-    best = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
-    found = {} if best is None else {image.name: image for image in best.images.values() if image.has_pose}
-    left_out = tuple(name for name in names if name not in found)
+    left_out = tuple(name for name in names if mapped is None or name not in mapped.names)
     _check_enough(names, left_out, settings, images[0].parent)
-    return _motion(best, found, left_out)
+    assert mapped is not None
+    return _motion(mapped, left_out)
 
 
 def _mask_files(masks: Mapping[str, np.ndarray], work: Path) -> Path | None:
@@ -159,23 +158,31 @@ def _check_enough(names: list[str], left_out: tuple[str, ...], settings: MotionS
     )  # fmt: skip
 
 
-def _motion(model: Any, found: Mapping[str, Any], left_out: tuple[str, ...]) -> Motion:
+def _motion(mapped: Mapped, left_out: tuple[str, ...]) -> Motion:
+    model = mapped.model
+    kept = {number: image for number, image in model.images.items() if image.has_pose and image.name in mapped.names}
+    used = sorted({image.camera_id for image in kept.values()})
     poses, camera = {}, {}
-    numbers = sorted(model.cameras)
-    for name in sorted(found):
+    for image in sorted(kept.values(), key=lambda image: image.name):
         pose = np.eye(4)
-        pose[:3] = found[name].cam_from_world().matrix()
-        poses[name], camera[name] = np.linalg.inv(pose), numbers.index(found[name].camera_id)
-    held = [point for _, point in sorted(model.points3D.items()) if point.track.length() >= _SEEN_BY]
-    lenses = [model.cameras[number] for number in numbers]
+        pose[:3] = image.cam_from_world().matrix()
+        poses[image.name], camera[image.name] = np.linalg.inv(pose), used.index(image.camera_id)
+    seen = {
+        number: len({element.image_id for element in point.track.elements} & kept.keys())
+        for number, point in sorted(model.points3D.items())
+    }
+    held = [number for number, count in seen.items() if count >= SEEN_BY]
+    points = [model.points3D[number] for number in held]
+    lenses = [model.cameras[number] for number in used]
     return Motion(
         camera_to_world=poses,
         camera=camera,
         lenses=lenses,
-        points=np.array([point.xyz for point in held], np.float64).reshape(-1, 3),
-        colours=np.array([point.color for point in held], np.float64).reshape(-1, 3) / 255,
-        tracks=np.array([point.track.length() for point in held], np.int64),
+        points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
+        colours=np.array([point.color for point in points], np.float64).reshape(-1, 3) / 255,
+        tracks=np.array([seen[number] for number in held], np.int64),
         left_out=left_out,
         error=float(model.compute_mean_reprojection_error()),
         focal_known=any(lens.has_prior_focal_length for lens in lenses),
+        how=mapped.how,
     )

@@ -1,0 +1,152 @@
+"""Cameras from verified matches: three ways of COLMAP, and which of their results the matches themselves support.
+
+Incremental mapping (Schoenberger and Frahm 2016) needs a good first pair and finds none among few or small pictures;
+with easier thresholds it does, and goes wrong more often; global mapping (Pan et al. 2024, GLOMAP) solves for all
+cameras at once, places more of them, and now and then all of them wrongly. No rule on counts tells these apart. What
+does: under right cameras the matches that were verified pair by pair lie on their epipolar lines.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+import numpy as np
+
+SEEN_BY = 3  # pictures that must see a point
+_TIES = 10
+_NEAR = 2.0  # pixels
+_EASIER = {"init_min_num_inliers": 50, "init_min_tri_angle": 4.0, "abs_pose_min_num_inliers": 15,
+           "abs_pose_min_inlier_ratio": 0.15}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A model of COLMAP's, the pictures in it that count, how it was found, and how many matches agree with it."""
+
+    model: Any
+    names: frozenset[str]
+    how: str
+    agreeing: int
+
+
+def map_cameras(colmap: Any, database: Path, pictures: Path, work: Path, seed: int) -> Mapped | None:
+    """The result with the most agreeing matches, the earlier of equal ones; None where nothing was found.
+
+    All of it runs on one thread with `seed`, so that equal matches give equal bytes.
+    """
+    best: Mapped | None = None
+    for how, models in _attempts(colmap, database, pictures, work, seed):
+        for model in models.values():
+            names = tied(model)
+            found = Mapped(model, names, how, agreeing(colmap, database, model, names))
+            if len(names) >= SEEN_BY and (best is None or found.agreeing > best.agreeing):
+                best = found
+    return best
+
+
+def tied(model: Any) -> frozenset[str]:
+    """The largest group of pictures that hold together by ten points or more which three pictures see.
+
+    Where pictures hang on the others by pairs alone, these say in which direction they stand, and not how far away.
+    """
+    name = {number: image.name for number, image in model.images.items() if image.has_pose}
+    shared: Counter[tuple[str, str]] = Counter()
+    for point in model.points3D.values():
+        seen = sorted({name[e.image_id] for e in point.track.elements if e.image_id in name})
+        if len(seen) >= SEEN_BY:
+            shared.update(combinations(seen, 2))
+    ties = nx.Graph()
+    ties.add_nodes_from(sorted(name.values()))
+    ties.add_edges_from(pair for pair, count in sorted(shared.items()) if count >= _TIES)
+    groups = sorted(map(sorted, nx.connected_components(ties)), key=lambda group: (-len(group), group))
+    return frozenset(groups[0] if groups else ())
+
+
+def agreeing(colmap: Any, database: Path, model: Any, names: Collection[str]) -> int:
+    """Verified matches between the pictures `names` within two pixels of both epipolar lines of the model's cameras."""
+    placed = {number: image for number, image in model.images.items() if image.has_pose and image.name in names}
+    count = 0
+    opened = colmap.Database.open(database)
+    try:
+        points = {number: np.asarray(opened.read_keypoints(number), np.float64)[:, :2] for number in placed}
+        for pair, geometry in zip(*opened.read_two_view_geometries(), strict=True):
+            first, second = colmap.pair_id_to_image_pair(pair)
+            matches = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
+            if first in placed and second in placed and len(matches):
+                sides = [
+                    _Side(placed[n], model.cameras[placed[n].camera_id], points[n][matches[:, k]])
+                    for k, n in enumerate((first, second))
+                ]
+                near = np.maximum(_off_line(*sides), _off_line(*sides[::-1])) < _NEAR
+                count += int(near.sum())
+    finally:
+        opened.close()
+    return count
+
+
+def _attempts(colmap: Any, database: Path, pictures: Path, work: Path, seed: int) -> Iterator[tuple[str, Any]]:
+    for how, changes in (("incremental", {}), ("incremental, easier", _EASIER)):
+        options = colmap.IncrementalPipelineOptions()
+        options.min_model_size = SEEN_BY
+        _quiet(options, seed)
+        for name, value in changes.items():
+            setattr(options.mapper, name, value)
+        yield how, colmap.incremental_mapping(database, pictures, _new(work, how), options=options)
+    options = colmap.GlobalPipelineOptions()
+    options.min_model_size = SEEN_BY
+    _quiet(options, seed)
+    yield "global", colmap.global_mapping(database, pictures, _new(work, "global"), options=options)
+
+
+def _quiet(options: Any, seed: int) -> None:
+    """One thread, no GPU and this seed in COLMAP's options and all that they hold."""
+    for name in dir(options):
+        if name.startswith("_"):
+            continue
+        value = getattr(options, name)
+        if name == "random_seed":
+            options.random_seed = seed
+        elif name == "num_threads":
+            options.num_threads = 1
+        elif name == "use_gpu":
+            options.use_gpu = False
+        elif hasattr(value, "todict") and hasattr(value, "mergedict"):
+            _quiet(value, seed)
+
+
+def _new(work: Path, name: str) -> Path:
+    folder = work / name.replace(", ", "-")
+    folder.mkdir()
+    return folder
+
+
+@dataclass(frozen=True)
+class _Side:
+    """A picture of a pair, its camera, and its pixels [N, 2] of the matches."""
+
+    image: Any
+    camera: Any
+    pixels: np.ndarray
+
+
+def _off_line(one: _Side, other: _Side) -> np.ndarray:
+    """Angles [N] of the rays of `other` off the epipolar planes through those of `one`, in pixels at the centre."""
+    matrix, other_matrix = one.image.cam_from_world().matrix(), other.image.cam_from_world().matrix()
+    turn = other_matrix[:, :3] @ matrix[:, :3].T
+    baseline = other_matrix[:, 3] - turn @ matrix[:, 3]
+    normals = np.cross(baseline, _rays(one) @ turn.T)
+    length = np.linalg.norm(normals, axis=1)
+    off = np.abs((normals * _rays(other)).sum(axis=1)) / np.maximum(length, 1e-12)
+    # a ray along the baseline lies in every plane through it: it says nothing, and agrees
+    return np.where(length > 1e-12, off, 0.0) * other.camera.mean_focal_length()
+
+
+def _rays(side: _Side) -> np.ndarray:
+    rays = np.c_[np.asarray(side.camera.cam_from_img(side.pixels)), np.ones(len(side.pixels))]
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
