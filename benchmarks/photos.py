@@ -17,10 +17,13 @@ import tempfile
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.io.idr import IdrOptions, list_idr
+from exmesh_graph.io.mapping import Way
 from exmesh_graph.io.middlebury import MiddleburyOptions, list_middlebury
 from exmesh_graph.io.motion import Motion, MotionSettings, find_motion
 from exmesh_graph.io.shots import Shot
@@ -31,6 +34,7 @@ def main() -> None:
     parser.add_argument("--middlebury", type=Path, action="append", default=[], help="a folder in Middlebury's layout")
     parser.add_argument("--idr", type=Path, action="append", default=[], help="a folder in IDR's layout")
     parser.add_argument("--lens", nargs="+", default=["radial"], choices=["pinhole", "radial", "opencv"])
+    parser.add_argument("--mapping", nargs="+", default=["auto"], choices=get_args(Way))
     parser.add_argument("--focal", action="store_true", help="also with the stated focal length given")
     parser.add_argument("--twice", action="store_true", help="run each a second time: are the bytes the same?")
     parser.add_argument("--threads", type=int, default=1)
@@ -52,10 +56,16 @@ def main() -> None:
         shots = sorted([*train, *test], key=lambda shot: shot.image.name)
         shots = shots[: len(shots) // 4] if args.quick else shots
         parts = {f"first {n}": shots[:n] for n in (8, 12, 20)} | {f"every {n}": shots[::n] for n in (2, 3, 4)}
-        cases = itertools.product(parts.items() if args.few else [("all", shots)], args.lens)
-        for (part, taken), lens in cases:
+        cases = itertools.product(parts.items() if args.few else [("all", shots)], args.lens, args.mapping)
+        for (part, taken), lens, way in cases:
             for given in (False, True) if args.focal else (False,):
-                row = {"scene": name, "part": part, **measure(taken, lens, given, args.threads, args.twice)}
+                try:
+                    found = measure(taken, lens, given, way, args.threads, args.twice)
+                except DataError as error:
+                    rows.append({"scene": name, "part": part, "how": way, "error": error.what})
+                    print(f"{name:14} {part:9}{lens:8} {error.what.split(';')[0]}  {way}", flush=True)
+                    continue
+                row = {"scene": name, "part": part, **found}
                 rows.append(row)
                 print(
                     f"{name:14} {part:9}{lens:8} {'given' if given else 'found':6} {row['found']:3}/{row['of']:<3}"
@@ -68,10 +78,10 @@ def main() -> None:
         args.json.write_text(json.dumps(rows, indent=1) + "\n")
 
 
-def measure(shots: list[Shot], lens: str, given: bool, threads: int, twice: bool) -> dict:
+def measure(shots: list[Shot], lens: str, given: bool, way: Way, threads: int, twice: bool) -> dict:
     """One row of the table."""
     focal = float(np.mean([shot.intrinsics[0, 0] for shot in shots])) if given else 0.0
-    settings = MotionSettings(lens=lens, focal=focal, threads=threads, registered=0.01)
+    settings = MotionSettings(lens=lens, focal=focal, threads=threads, registered=0.01, mapping=way)
     begin = time.process_time()
     motion = run(shots, settings)
     seconds = time.process_time() - begin

@@ -27,6 +27,9 @@ class PhotosParams(Params):
     features: int = param(4096, ge=100, doc="SIFT features of a picture at most; time grows with the square.")
     feature_size: int = param(1600, ge=100, unit="px", doc="Longer side of the pictures in which they are found.")
     registered: float = param(0.5, gt=0, le=1, doc="Share of the pictures that must get a camera.")
+    mapping: Literal["auto", "incremental", "easier", "global"] = param(
+        "auto", doc="Which of COLMAP's: incremental, with easier thresholds, global; or what most matches agree with."
+    )
     masks: bool = param(True, doc="Use masks where they are there.")
     downscale: int = param(1, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
     holdout: int = param(8, ge=2, unit="views", doc="Every how many views one is held out for testing.")

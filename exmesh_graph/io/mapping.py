@@ -9,18 +9,20 @@ does: under right cameras the matches that were verified pair by pair lie on the
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import networkx as nx
 import numpy as np
 
+Way = Literal["auto", "incremental", "easier", "global"]
 SEEN_BY = 3  # pictures that must see a point
 _TIES = 10
 _NEAR = 2.0  # pixels
+_WAYS = ("incremental", "easier", "global")
 _EASIER = {"init_min_num_inliers": 50, "init_min_tri_angle": 4.0, "abs_pose_min_num_inliers": 15,
            "abs_pose_min_inlier_ratio": 0.15}  # fmt: skip
 
@@ -35,14 +37,14 @@ class Mapped:
     agreeing: int
 
 
-def map_cameras(colmap: Any, database: Path, pictures: Path, work: Path, seed: int) -> Mapped | None:
-    """The result with the most agreeing matches, the earlier of equal ones; None where nothing was found.
+def map_cameras(colmap: Any, database: Path, pictures: Path, work: Path, seed: int, way: Way = "auto") -> Mapped | None:
+    """The result with the most agreeing matches, the earlier of equal ones, or of one way; None: nothing was found.
 
     All of it runs on one thread with `seed`, so that equal matches give equal bytes.
     """
     best: Mapped | None = None
-    for how, models in _attempts(colmap, database, pictures, work, seed):
-        for model in models.values():
+    for how in _WAYS if way == "auto" else (way,):
+        for model in _models(colmap, database, pictures, _new(work, how), seed, how).values():
             names = tied(model)
             found = Mapped(model, names, how, agreeing(colmap, database, model, names))
             if len(names) >= SEEN_BY and (best is None or found.agreeing > best.agreeing):
@@ -90,18 +92,14 @@ def agreeing(colmap: Any, database: Path, model: Any, names: Collection[str]) ->
     return count
 
 
-def _attempts(colmap: Any, database: Path, pictures: Path, work: Path, seed: int) -> Iterator[tuple[str, Any]]:
-    for how, changes in (("incremental", {}), ("incremental, easier", _EASIER)):
-        options = colmap.IncrementalPipelineOptions()
-        options.min_model_size = SEEN_BY
-        _quiet(options, seed)
-        for name, value in changes.items():
-            setattr(options.mapper, name, value)
-        yield how, colmap.incremental_mapping(database, pictures, _new(work, how), options=options)
-    options = colmap.GlobalPipelineOptions()
+def _models(colmap: Any, database: Path, pictures: Path, work: Path, seed: int, how: str) -> Any:
+    whole = how == "global"
+    options = colmap.GlobalPipelineOptions() if whole else colmap.IncrementalPipelineOptions()
     options.min_model_size = SEEN_BY
     _quiet(options, seed)
-    yield "global", colmap.global_mapping(database, pictures, _new(work, "global"), options=options)
+    for name, value in _EASIER.items() if how == "easier" else ():
+        setattr(options.mapper, name, value)
+    return (colmap.global_mapping if whole else colmap.incremental_mapping)(database, pictures, work, options=options)
 
 
 def _quiet(options: Any, seed: int) -> None:
@@ -121,7 +119,7 @@ def _quiet(options: Any, seed: int) -> None:
 
 
 def _new(work: Path, name: str) -> Path:
-    folder = work / name.replace(", ", "-")
+    folder = work / name
     folder.mkdir()
     return folder
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import picture_size, write_image
-from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
+from exmesh_graph.io.mapping import SEEN_BY, Mapped, Way, map_cameras
 from exmesh_graph.io.native import import_pycolmap
 from exmesh_graph.io.normalise import some
 
@@ -33,6 +33,7 @@ class MotionSettings:
     features: int = 4096
     feature_size: int = 1600
     registered: float = 0.5
+    mapping: Way = "auto"
     threads: int = 1
 
 
@@ -103,7 +104,7 @@ def find_motion(
         colmap.match_exhaustive(
             database, matching_options=matching, verification_options=verify, device=colmap.Device.cpu
         )
-        mapped = map_cameras(colmap, database, images[0].parent, work, seed)
+        mapped = map_cameras(colmap, database, images[0].parent, work, seed, settings.mapping)
     finally:
         colmap.logging.minloglevel = level
     left_out = tuple(name for name in names if mapped is None or name not in mapped.names)

@@ -1,5 +1,6 @@
 """Which of COLMAP's mappings the matches support, and which pictures hold together: on made-up models, no pycolmap."""
 
+import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,6 +34,10 @@ def image(number, matrix):
     return SimpleNamespace(
         name=f"p{number}.png", camera_id=1, has_pose=True, cam_from_world=lambda: SimpleNamespace(matrix=lambda: matrix)
     )
+
+
+def new_folder(place):
+    return Path(tempfile.mkdtemp(dir=place))
 
 
 def point(*seen):
@@ -115,15 +120,19 @@ def test_the_mapping_that_most_matches_agree_with_is_taken(colmap, tmp_path, mon
     part = model({n: right[n] for n in (1, 2, 3)}, everywhere)
     wrong, whole = model(right | {4: pose(4, 3.0)}, everywhere), model(right, everywhere)
     cases = [
-        ([{}, {0: part}, {0: wrong}], "incremental, easier", 3),  # a picture placed wrongly adds nothing
-        ([{0: part}, {0: whole}, {0: wrong}], "incremental, easier", 4),
+        ([{}, {0: part}, {0: wrong}], "easier", 3),  # a picture placed wrongly adds nothing
+        ([{0: part}, {0: whole}, {0: wrong}], "easier", 4),
         ([{0: whole}, {0: whole}, {0: whole}], "incremental", 4),
         ([{0: part, 1: whole}, {}, {}], "incremental", 4),
     ]
     for models, how, count in cases:
-        hows = ("incremental", "incremental, easier", "global")
-        monkeypatch.setattr(mapping, "_attempts", lambda *_, models=models, hows=hows: zip(hows, models, strict=True))
-        found = map_cameras(colmap, Path("x"), tmp_path, tmp_path, 0)
+        given = dict(zip(("incremental", "easier", "global"), models, strict=True))
+        monkeypatch.setattr(mapping, "_models", lambda *args, given=given: given[args[-1]])
+        found = map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0)
         assert (found.how, len(found.names)) == (how, count)
-    monkeypatch.setattr(mapping, "_attempts", lambda *_: [("incremental", {}), ("global", {0: model(right)})])
-    assert map_cameras(colmap, Path("x"), tmp_path, tmp_path, 0) is None  # four pictures, no point that three see
+    monkeypatch.setattr(mapping, "_models", lambda *_: {0: model(right)})
+    assert (
+        map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0) is None
+    )  # four pictures, no point that three see
+    monkeypatch.setattr(mapping, "_models", lambda *args: {0: {"global": whole}[args[-1]]})
+    assert map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0, "global").how == "global"
