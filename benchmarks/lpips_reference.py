@@ -35,7 +35,8 @@ from scipy.ndimage import gaussian_filter
 
 from exmesh_graph.io.color import linear_to_srgb, srgb_to_linear
 from exmesh_graph.io.images import display, read_photo
-from exmesh_graph.metrics.lpips import Lpips, expected_shapes
+from exmesh_graph.metrics.lpips import Lpips
+from exmesh_graph.metrics.weights import expected_shapes
 
 SAMPLE = Path(__file__).parents[1] / "graphs" / "samples" / "spot"
 PACKAGES = {

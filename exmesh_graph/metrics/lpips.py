@@ -17,12 +17,10 @@ import numpy as np
 import torch
 import torch.nn.functional as functional
 
-from exmesh_graph.errors import MissingLibraryError, NumericsError
+from exmesh_graph.errors import NumericsError
+from exmesh_graph.metrics.weights import BLOCKS, check_lpips
 
-# torchvision's indices of VGG-16's convolutions, block by block; between blocks 2 x 2 max pooling
-_BLOCKS = ((0, 2), (5, 7), (10, 12, 14), (17, 19, 21), (24, 26, 28))
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
-_HOW = "make the file as docs/metrics.md says (section LPIPS), and give its path"
 
 
 class Lpips:
@@ -34,29 +32,9 @@ class Lpips:
     @classmethod
     def from_file(cls, path: Path | str | None) -> Lpips:
         """Read the weights. MissingLibraryError without a file, or for one that lacks a tensor or has another form."""
-        from safetensors import SafetensorError
         from safetensors.torch import load_file
 
-        if path is None or not Path(path).is_file():
-            raise MissingLibraryError(
-                f"LPIPS needs the weights of its network, and {'no file' if path is None else path} is there",
-                expected="a .safetensors file with VGG-16's convolutions and LPIPS's five lin layers", fix=_HOW,
-            )  # fmt: skip
-        try:
-            weights = load_file(str(path))
-        except (SafetensorError, OSError) as error:
-            raise MissingLibraryError(
-                f"the LPIPS weights cannot be read ({error})", where=str(path),
-                expected="a .safetensors file (pickled .pth files are not read)", fix=_HOW,
-            ) from error  # fmt: skip
-        for name, shape in expected_shapes().items():
-            if name not in weights or tuple(weights[name].shape) != shape:
-                found = tuple(weights[name].shape) if name in weights else "missing"
-                raise MissingLibraryError(
-                    f"the LPIPS weights do not fit: {name} is {found}", where=str(path),
-                    expected=f"{name} of shape {shape}", fix=_HOW,
-                )  # fmt: skip
-        return cls(weights)
+        return cls(load_file(str(check_lpips(path))))
 
     def __call__(self, image: np.ndarray, reference: np.ndarray) -> float:
         """LPIPS of two images; 0 for equal ones. NumericsError for shapes that differ and values outside [0, 1]."""
@@ -81,7 +59,7 @@ class Lpips:
         x = torch.from_numpy(np.ascontiguousarray(image, np.float32)).permute(2, 0, 1)[None]
         x = (2 * x - 1 - torch.tensor(_SHIFT)[:, None, None]) / torch.tensor(_SCALE)[:, None, None]
         layers = []
-        for block, indices in enumerate(_BLOCKS):
+        for block, indices in enumerate(BLOCKS):
             if block:
                 x = functional.max_pool2d(x, 2)
             for index in indices:
@@ -89,19 +67,6 @@ class Lpips:
                 x = functional.relu(functional.conv2d(x, kernel, bias, padding=1))
             layers.append(x)
         return layers
-
-
-def expected_shapes() -> dict[str, tuple[int, ...]]:
-    """Name and shape of every tensor the weights' file must hold."""
-    shapes: dict[str, tuple[int, ...]] = {}
-    before = 3
-    for layer, (indices, width) in enumerate(zip(_BLOCKS, (64, 128, 256, 512, 512), strict=True)):
-        for index in indices:
-            shapes[f"features.{index}.weight"] = (width, before, 3, 3)
-            shapes[f"features.{index}.bias"] = (width,)
-            before = width
-        shapes[f"lin{layer}.model.1.weight"] = (1, width, 1, 1)
-    return shapes
 
 
 def _unit(features: torch.Tensor) -> torch.Tensor:

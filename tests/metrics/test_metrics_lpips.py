@@ -9,7 +9,8 @@ import torch
 from safetensors.torch import save_file
 
 from exmesh_graph.errors import MissingLibraryError, NumericsError
-from exmesh_graph.metrics.lpips import Lpips, expected_shapes
+from exmesh_graph.metrics.lpips import Lpips
+from exmesh_graph.metrics.weights import expected_shapes, lpips_source
 from exmesh_graph.report.scores_lpips import add_lpips
 
 
@@ -88,6 +89,10 @@ def test_without_weights_it_says_what_to_do(weights, tmp_path):
     save_file({k: v for k, v in weights.items() if k != "lin3.model.1.weight"}, str(tmp_path / "part.safetensors"))
     with pytest.raises(MissingLibraryError, match=r"lin3\.model\.1\.weight is missing"):
         Lpips.from_file(tmp_path / "part.safetensors")
+    save_file(weights | {"lin3.model.1.weight": torch.ones(1, 256, 1, 1)}, str(tmp_path / "other.safetensors"))
+    with pytest.raises(MissingLibraryError, match=r"lin3\.model\.1\.weight is \(1, 256, 1, 1\)"):
+        lpips_source(tmp_path / "other.safetensors")  # before anything runs
+    assert lpips_source(None) == {}
 
 
 def test_scores_get_it_for_the_pictures_their_psnr_was_taken_on(weights, pictures, tmp_path):

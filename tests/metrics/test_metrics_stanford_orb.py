@@ -6,7 +6,7 @@ import pytest
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.io.color import linear_to_srgb
-from exmesh_graph.metrics.lpips import Lpips, expected_shapes
+from exmesh_graph.metrics.lpips import Lpips
 from exmesh_graph.metrics.stanford_orb import (
     albedo_scores,
     depth_error,
@@ -15,6 +15,7 @@ from exmesh_graph.metrics.stanford_orb import (
     shape_error,
     view_scores,
 )
+from exmesh_graph.metrics.weights import expected_shapes
 
 FACTORS = np.array([2.0, 3, 4])
 
