@@ -31,7 +31,7 @@ def add_lpips(scores: Scored, weights: Path | None, label: str = "Held-out LPIPS
     held_out["lpips"] = float(np.mean(each))
     held_out["lpips_per_view"] = dict(zip(held_out["psnr_per_view"], each, strict=True))
     headline: list[dict[str, Any]] = scores.values["headline"]
-    headline.append(_lower(label, held_out["lpips"]))
+    headline.append(_lower(label, held_out["lpips"]) | {"series": "held-out LPIPS"})
     relit: dict[str, Pictures] = getattr(scores, "relit", {})
     if relit:
         figures = scores.values["relit"]
