@@ -65,7 +65,7 @@ def stage1(
     from exmesh_graph.report.scores_mesh import score_carrier
 
     scores = score_carrier(carrier, views, max_views=p.max_views, region=region)
-    add_lpips(scores, p.lpips, "Held-out LPIPS, Stage I")
+    add_lpips(scores.values, p.lpips, scores.held_out, label="Held-out LPIPS, Stage I")
     gallery = carrier_gallery(ctx.scratch / "gallery", carrier, views, scores, count=p.pictures)
     return ScoredOut(Metrics(scores.values), gallery)
 
@@ -128,6 +128,6 @@ def asset(
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     scores = score_asset(asset, views, truth, train, max_views=p.max_views, quality=quality, progress=ctx.progress)
-    add_lpips(scores, p.lpips)
+    add_lpips(scores.values, p.lpips, scores.held_out, scores.relit)
     gallery = asset_gallery(ctx.scratch / "gallery", asset, views, scores, truth, count=p.pictures)
     return ScoredOut(Metrics(scores.values), gallery)

@@ -46,7 +46,7 @@ class Motion:
     lenses           pycolmap's cameras, with distortion
     points, colours  float64 [P, 3] seen by three pictures or more; display colour in [0, 1]
     tracks           int [P], by how many
-    left_out         pictures without a camera
+    left_out         pictures without a camera, or tied to the others by pairs alone (`mapping.tied`)
     error            mean reprojection error in pixels
     focal_known      whether a focal length was given or stood in the EXIF data
     how              which mapping they are from
@@ -61,7 +61,7 @@ class Motion:
     left_out: tuple[str, ...]
     error: float
     focal_known: bool
-    how: str = "incremental"
+    how: str
 
     def figures(self) -> dict[str, Any]:
         """For the report: counts, names of what was left out, error, and the (mean) lens."""

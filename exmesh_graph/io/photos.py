@@ -100,7 +100,7 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
         scene.notes.append(note)
     if motion.left_out:
         scene.notes.append(
-            f"no camera was found for {len(motion.left_out)} of {len(listed)} pictures, which are left out: "
+            f"no camera that holds was found for {len(motion.left_out)} of {len(listed)} pictures, which are left out: "
             f"{some(motion.left_out)}"
         )
     cloud = PointCloud(points_to_normalised(points, scene.frame).astype(np.float32), motion.colours.astype(np.float32))

@@ -1,7 +1,6 @@
 """LPIPS against a slow reading of its formula, on made-up weights: the published ones are not in the repository."""
 
 import os
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -100,12 +99,10 @@ def test_scores_get_it_for_the_pictures_their_psnr_was_taken_on(weights, picture
     file = tmp_path / "weights.safetensors"
     save_file(weights, str(file))
     values = {"headline": [], "held_out": {"psnr_per_view": {"a": 1.0, "b": 2.0}}, "relit": {"per_light": {"sun": {}}}}
-    scores = SimpleNamespace(
-        values=values, held_out=[(first, second), (first, first)], relit={"sun": [(second, first)]}
-    )
-    add_lpips(scores, None)
+    held_out, relit = [(first, second), (first, first)], {"sun": [(second, first)]}
+    add_lpips(values, None, held_out, relit)
     assert values["headline"] == []
-    add_lpips(scores, file)
+    add_lpips(values, file, held_out, relit)
     lpips = Lpips(weights)
     one = lpips(first, second)
     assert values["held_out"]["lpips"] == pytest.approx(one / 2)
