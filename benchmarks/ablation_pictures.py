@@ -18,7 +18,7 @@ from typing import Any
 
 from PIL import Image, ImageDraw
 
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.report.collect import Picture, gallery_of
 from exmesh_graph.types import Gallery
 

@@ -19,6 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+from exmesh_graph.edit.cameras import orbit
+from exmesh_graph.evaluate.metrics.image import psnr
 from exmesh_graph.export.blender import BlenderSettings, compare_with_blender, render_in_blender
 from exmesh_graph.export.lod import reduced
 from exmesh_graph.export.usd import ExportSettings, read_usd, write_usd
@@ -26,9 +28,7 @@ from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.io.images import display, read_image, write_image
-from exmesh_graph.metrics.image import psnr
 from exmesh_graph.types import Asset, Frame, SceneTruth, Views
-from exmesh_graph.use.cameras import orbit
 
 SCENE = Path(__file__).resolve().parents[1] / "graphs" / "samples" / "spot"
 

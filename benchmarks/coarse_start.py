@@ -4,7 +4,7 @@ python -m benchmarks.coarse_start [SCENE] [--pgsr N ...] [--sweep] [--clean] [--
 
 SCENE is a folder in the NeRF-Synthetic, IDR or Middlebury layout (default: the sample in the repository). Chamfer,
 where there is a true mesh, is in thousandths of its radius. Rephotography, in dB: the training photographs warped over
-the mesh against held-out ones (exmesh_graph.metrics.rephotography), over the object's mask, or without masks over the
+the mesh against held-out ones (evaluate.metrics.rephotography), over the object's mask, or without masks over the
 pixels that every start shows. Seconds are of this process on one thread, each start from the photographs on; peak
 memory is that of the process so far.
 """
@@ -23,10 +23,10 @@ import numpy as np
 import torch
 
 from benchmarks.coarse_work import Surface, fitted, fused, hull, load_case, monocular, picture, solid
+from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
+from exmesh_graph.evaluate.metrics.rephotography import Rephotographs, prediction_psnr, rephotograph
 from exmesh_graph.geometry.clean import clean_mesh
 from exmesh_graph.io.images import encode_rgba, write_image
-from exmesh_graph.metrics.mesh import bounding_radius, chamfer
-from exmesh_graph.metrics.rephotography import Rephotographs, prediction_psnr, rephotograph
 from exmesh_graph.types import DepthMaps
 
 SAMPLE = Path(__file__).parents[1] / "graphs" / "samples" / "spot"

@@ -27,13 +27,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.framework_peers import PEERS, TOY, engine
-from exmesh_graph.graph.check import check_file
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.packs import Packs, load_packs
 from exmesh_graph.graph.files import sha256_file
-from exmesh_graph.graph.packs import Packs, load_packs
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.language.check import check_file
+from exmesh_graph.graph.run.plan import plan
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import Run
 from tests.test_architecture import framework_size
 
 ENGINES = ("inline", "local")

@@ -38,11 +38,11 @@ def dag(width: int) -> list[Row]:
 def ours(folder: Path, width: int, backend: str = "inline") -> dict[str, Any]:
     """Through `check_file` and `Run`, on a store in the folder."""
     sys.path.append(str(TOY))
-    from exmesh_graph.graph.check import check_file
-    from exmesh_graph.graph.packs import load_packs
-    from exmesh_graph.graph.run import Run
-    from exmesh_graph.graph.rundir import RunFolder
-    from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.language.check import check_file
+    from exmesh_graph.graph.run.rundir import RunFolder
+    from exmesh_graph.graph.run.runner import Run
 
     lines = []
     for name, kind, above in dag(width):

@@ -22,6 +22,7 @@ from pathlib import Path
 import torch
 
 from benchmarks import light_scene
+from exmesh_graph.gpu.torch_setup import pick_device
 from exmesh_graph.losses import d_ssim, linear_to_srgb, log_l1, ssim_target, total_variation
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
@@ -36,7 +37,6 @@ from exmesh_graph.shading.monte_carlo import (
     independent_gradient,
 )
 from exmesh_graph.stage2.surface import texel_footprint
-from exmesh_graph.torch_setup import pick_device
 
 
 def main() -> None:

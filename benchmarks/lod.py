@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
+from exmesh_graph.evaluate.metrics.image import psnr
 from exmesh_graph.export.gltf import write_gltf
 from exmesh_graph.export.lod import footprint_size, reduced
 from exmesh_graph.export.usd import read_usd
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.images import display
-from exmesh_graph.metrics.image import psnr
 from exmesh_graph.stage2.render import render_views
 
 SCENE = Path(__file__).resolve().parents[1] / "graphs" / "samples" / "spot"

@@ -33,10 +33,10 @@ from numpy._core import multiarray
 from safetensors.torch import save_file
 from scipy.ndimage import gaussian_filter
 
+from exmesh_graph.evaluate.metrics.lpips import Lpips
+from exmesh_graph.evaluate.metrics.weights import expected_shapes
 from exmesh_graph.io.color import linear_to_srgb, srgb_to_linear
 from exmesh_graph.io.images import display, read_photo
-from exmesh_graph.metrics.lpips import Lpips
-from exmesh_graph.metrics.weights import expected_shapes
 
 SAMPLE = Path(__file__).parents[1] / "graphs" / "samples" / "spot"
 PACKAGES = {

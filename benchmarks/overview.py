@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from exmesh_graph.graph.store import Store
+from exmesh_graph.evaluate.metrics.image import display
+from exmesh_graph.gallery.pictures import resize
+from exmesh_graph.gallery.shaded import shaded_geometry
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import write_image
-from exmesh_graph.metrics.image import display
-from exmesh_graph.report.pictures import resize
-from exmesh_graph.report.shaded import shaded_geometry
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.types import Asset, SceneTruth, Views
 

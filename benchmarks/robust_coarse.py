@@ -26,10 +26,10 @@ from scipy.ndimage import gaussian_filter
 
 from benchmarks.robust_stage1 import Listening, unmasked, without
 from exmesh_graph.errors import DataError, ExmeshError
+from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
+from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.geometry.sampling import sample_surface
 from exmesh_graph.io.blender import BlenderOptions, load_blender
-from exmesh_graph.metrics.distance import distance_to_mesh
-from exmesh_graph.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.types import Mesh, PointCloud, Views
 
 SAMPLE = Path(__file__).parents[1] / "graphs" / "samples" / "spot"

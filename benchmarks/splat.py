@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from exmesh_graph.evaluate.metrics.mesh import bounding_radius
 from exmesh_graph.io.blender import BlenderOptions, load_blender
-from exmesh_graph.metrics.mesh import bounding_radius
 from exmesh_graph.raster import rasterize
 from exmesh_graph.splat import Gaussians, render
 from exmesh_graph.splat.depths import DepthFilter, depth_maps

@@ -24,11 +24,11 @@ import numpy as np
 import torch
 from exmesh_nodes import data, init, regulariser, stage1, topology, uv
 
+from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
+from exmesh_graph.evaluate.metrics.image import psnr
+from exmesh_graph.evaluate.metrics.mesh import bounding_radius, count_self_intersections
 from exmesh_graph.geometry.sampling import sample_surface
 from exmesh_graph.losses import display
-from exmesh_graph.metrics.distance import distance_to_mesh
-from exmesh_graph.metrics.image import psnr
-from exmesh_graph.metrics.mesh import bounding_radius, count_self_intersections
 from exmesh_graph.stage1.render import render_carrier
 
 

@@ -71,8 +71,8 @@ def main() -> None:
 
 def measure(folder: Path, sizes: Mapping[str, int], repeats: int) -> dict[str, float]:
     """Best seconds of each way; the ways take turns."""
-    from exmesh_graph.graph.check import check_file
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.language.check import check_file
 
     path = folder / "unrolled.yaml"
     path.write_text(GRAPH.format(scene=ROOT / "graphs" / "samples" / "spot", **sizes))
@@ -100,9 +100,9 @@ def run(
 ) -> tuple[float, str]:
     """(seconds of the rounds, digest of the last state) of a run."""
     from exmesh_graph.cli.running import backend_of
-    from exmesh_graph.graph.run import Run
-    from exmesh_graph.graph.rundir import RunFolder
-    from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.run.rundir import RunFolder
+    from exmesh_graph.graph.run.runner import Run
 
     opened, runs, events = Store(folder / store), RunFolder(folder / "runs", "unrolled"), []
     force = {"start"} if workers is None else set()  # a warm worker, as after the preparations
@@ -121,7 +121,7 @@ def run(
 
 def loop(graph: Any, folder: Path) -> tuple[float, str]:
     """The rounds as plain calls of the nodes' functions."""
-    from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.cache.store import Store
 
     store = Store(folder / "base")
     state, views = _value(graph, store, "start", "state"), _value(graph, store, "views", "train")
@@ -137,8 +137,8 @@ def loop(graph: Any, folder: Path) -> tuple[float, str]:
 
 
 def _value(graph: Any, store: Any, node: str, port: str) -> Any:
-    from exmesh_graph.graph.plan import plan
-    from exmesh_graph.graph.store import artifact_types
+    from exmesh_graph.graph.cache.store import artifact_types
+    from exmesh_graph.graph.run.plan import plan
 
     step = next(step for step in plan(graph, store, reasons=False) if step.name == node)
     stored = step.action.outputs[port]

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, NamedTuple
 
 from exmesh_nodes.gaussians import KERNELS
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
@@ -52,9 +53,9 @@ def auto(
     from exmesh_nodes import init
 
     from exmesh_graph.errors import DataError
+    from exmesh_graph.evaluate.metrics.rephotography import compared
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction, surface_row
-    from exmesh_graph.metrics.rephotography import compared
-    from exmesh_graph.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import torch_threads
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
     pixels = (views.width // factor) * (views.height // factor)

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Frame, Gallery, LitViews, Mesh, Metrics, SceneTruth, Views
 
 TestViews = Annotated[Views, facets(split="test")]
@@ -27,7 +28,7 @@ class DtuParams(Params):
 
 
 def _dtu_sources(p: DtuParams) -> Mapping[str, Path]:
-    from exmesh_graph.metrics.dtu import truth_files
+    from exmesh_graph.evaluate.metrics.dtu import truth_files
 
     return {file.name: file for file in truth_files(p.folder, p.scan)}
 
@@ -37,7 +38,7 @@ def dtu(
     ctx: Context, mesh: Mesh, frame: Frame, train: Views | None = None, test: Views | None = None, *, p: DtuParams
 ) -> MetricsOut:
     """DTU's Chamfer distance in mm, unculled and, with views that have masks, culled by 2DGS's rule."""
-    from exmesh_graph.report.benchmarks import score_dtu
+    from exmesh_graph.evaluate.benchmarks import score_dtu
 
     views = [view for view in (train, test) if view is not None]
     return MetricsOut(Metrics(score_dtu(mesh, frame, p.folder, p.scan, views, seed=ctx.seed)))
@@ -53,7 +54,7 @@ def nerf_synthetic(
     ctx: Context, mesh: Mesh, truth: SceneTruth, views: TestViews, frame: Frame, *, p: NerfSyntheticParams
 ) -> MetricsOut:
     """Chamfer distance on what the test cameras see and on the whole surface, in thousandths of a Blender unit."""
-    from exmesh_graph.report.benchmarks import score_surface
+    from exmesh_graph.evaluate.benchmarks import score_surface
 
     values = score_surface(mesh, truth, views, frame, p.scene, samples=p.samples, seed=ctx.seed)
     return MetricsOut(Metrics(values))
@@ -70,7 +71,7 @@ class _RenderParams(Params):
 
 
 def _weights(p: _RenderParams) -> Mapping[str, Path]:
-    from exmesh_graph.metrics.weights import lpips_source
+    from exmesh_graph.evaluate.metrics.weights import lpips_source
 
     return lpips_source(p.lpips)
 
@@ -99,10 +100,10 @@ def synthetic4relight(
     p: Synthetic4RelightParams,
 ) -> ScoredOut:
     """New views, relit views, albedo by every published rule, roughness; what `evaluate.asset` gives as well."""
-    from exmesh_graph.metrics.lpips import Lpips
-    from exmesh_graph.report.benchmarks import score_synthetic4relight
-    from exmesh_graph.report.galleries import asset_gallery
-    from exmesh_graph.report.renders import Quality
+    from exmesh_graph.evaluate.benchmarks import score_synthetic4relight
+    from exmesh_graph.evaluate.metrics.lpips import Lpips
+    from exmesh_graph.evaluate.renders import Quality
+    from exmesh_graph.gallery.evaluation import asset_gallery
 
     scores = score_synthetic4relight(
         asset, views, truth, train, p.scene, rule=p.rule, lpips=Lpips.from_file(p.lpips) if p.lpips else None,
@@ -129,9 +130,9 @@ def stanford_orb(
     p: OrbParams,
 ) -> MetricsOut:
     """Stanford-ORB's PSNR-H, PSNR-L and SSIM in new views and under new lights; depth, normal, shape, albedo."""
-    from exmesh_graph.metrics.lpips import Lpips
-    from exmesh_graph.report.renders import Quality
-    from exmesh_graph.report.scores_orb import score_orb
+    from exmesh_graph.evaluate.metrics.lpips import Lpips
+    from exmesh_graph.evaluate.renders import Quality
+    from exmesh_graph.evaluate.scores_orb import score_orb
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     lpips = Lpips.from_file(p.lpips) if p.lpips else None
@@ -152,8 +153,8 @@ class SpeedParams(Params):
 @node("benchmark.speed", version="1", libraries=_RENDER, resources={"cpu": 0, "gpu?": 1})
 def speed(ctx: Context, asset: Asset, views: Views, *, p: SpeedParams) -> MetricsOut:
     """Relighting frames per second by the paper's rule, vertices, and the mesh's size as PLY."""
-    from exmesh_graph.report.renders import Quality
-    from exmesh_graph.report.speed import measure_speed
+    from exmesh_graph.evaluate.renders import Quality
+    from exmesh_graph.evaluate.speed import measure_speed
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     return MetricsOut(Metrics(measure_speed(asset, views, p.size, p.frames, quality)))

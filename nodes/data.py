@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Frame, LitViews, SceneTruth, Views
 
 if TYPE_CHECKING:

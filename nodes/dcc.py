@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, node, param
+from exmesh_graph.graph.declare.node import Context, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import EnvMap, Gallery, UsdAsset
 
 
@@ -91,7 +92,7 @@ class BlenderOut(NamedTuple):
 @node("use.blender", version="1", libraries=("usd-core", "OpenImageIO"), resources={"cpu": 0})
 def blender(ctx: Context, files: UsdAsset, *, p: BlenderParams) -> BlenderOut:
     """Pictures of an exported file by Blender's Cycles, from the file's own cameras."""
-    from exmesh_graph.report.blender_gallery import blender_gallery
+    from exmesh_graph.gallery.blender import blender_gallery
 
     return BlenderOut(
         blender_gallery(

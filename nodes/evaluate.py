@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Gallery, Mesh, Metrics, SceneTruth, Views
 
 TestViews = Annotated[Views, facets(split="test")]
@@ -21,7 +22,7 @@ class MeshOut(NamedTuple):
 @node("evaluate.mesh", version="1", libraries=("scipy",))
 def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshParams) -> MeshOut:
     """Chamfer distance to the true surface, whether the mesh is closed and manifold, its size."""
-    from exmesh_graph.report.scores_mesh import score_mesh
+    from exmesh_graph.evaluate.scores_mesh import score_mesh
 
     return MeshOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
 
@@ -31,7 +32,7 @@ class _LpipsParams(Params):
 
 
 def _weights(p: _LpipsParams) -> Mapping[str, Path]:
-    from exmesh_graph.metrics.weights import lpips_source
+    from exmesh_graph.evaluate.metrics.weights import lpips_source
 
     return lpips_source(p.lpips)
 
@@ -60,9 +61,9 @@ def stage1(
 
     Views without masks are scored where the mesh shows, or, to compare meshes, where `region` shows.
     """
-    from exmesh_graph.report.galleries import carrier_gallery
-    from exmesh_graph.report.scores_lpips import add_lpips
-    from exmesh_graph.report.scores_mesh import score_carrier
+    from exmesh_graph.evaluate.scores_lpips import add_lpips
+    from exmesh_graph.evaluate.scores_mesh import score_carrier
+    from exmesh_graph.gallery.evaluation import carrier_gallery
 
     scores = score_carrier(carrier, views, max_views=p.max_views, region=region)
     add_lpips(scores.values, p.lpips, scores.held_out, label="Held-out LPIPS, Stage I")
@@ -85,9 +86,9 @@ def round_(
     ctx: Context, state: Carrier, views: TestViews | None = None, truth: SceneTruth | None = None, *, p: RoundParams
 ) -> ScoredOut:
     """What a round of Stage I has reached: turntable, edges, atlas; error against seconds and vertices."""
-    from exmesh_graph.report.rounds import round_gallery
-    from exmesh_graph.report.scores_mesh import score_stage
-    from exmesh_graph.torch_setup import torch_threads
+    from exmesh_graph.evaluate.scores_mesh import score_stage
+    from exmesh_graph.gallery.rounds import round_gallery
+    from exmesh_graph.gpu.torch_setup import torch_threads
 
     with torch_threads(1):
         gallery = round_gallery(ctx.scratch / "gallery", state, ctx.node.rpartition(".")[0] or ctx.node)
@@ -121,10 +122,10 @@ def asset(
     p: AssetParams,
 ) -> ScoredOut:
     """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object; pictures."""
-    from exmesh_graph.report.galleries import asset_gallery
-    from exmesh_graph.report.renders import Quality
-    from exmesh_graph.report.scores import score_asset
-    from exmesh_graph.report.scores_lpips import add_lpips
+    from exmesh_graph.evaluate.renders import Quality
+    from exmesh_graph.evaluate.scores import score_asset
+    from exmesh_graph.evaluate.scores_lpips import add_lpips
+    from exmesh_graph.gallery.evaluation import asset_gallery
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     scores = score_asset(asset, views, truth, train, max_views=p.max_views, quality=quality, progress=ctx.progress)

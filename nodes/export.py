@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.graph.node import Context, Params, node, param
+from exmesh_graph.graph.declare.node import Context, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Frame, GltfAsset, Metrics, ObjAsset, UsdAsset, Views
 
 

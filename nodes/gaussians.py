@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Files, Frame, Metrics, PlanarGaussians, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
@@ -56,9 +57,9 @@ def pgsr(
     ctx: Context, views: Train, points: PointCloud | None = None, begin: PlanarGaussians | None = None, *, p: PgsrParams
 ) -> PgsrOut:
     """Fit planar Gaussians to the photographs (PGSR): a coarse surface that opens what no outline shows."""
+    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.splat.pgsr import pgsr as run
     from exmesh_graph.splat.settings import FitSettings
-    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     other = {"start", "count", "dissent", "downscale", "device", "threads"}
     with torch_threads(p.threads):
@@ -114,10 +115,10 @@ class DepthOut(NamedTuple):
 def depth_from_gaussians(ctx: Context, gaussians: PlanarGaussians, views: Views, *, p: DepthParams) -> DepthOut:
     """Depth maps of fitted Gaussians, without grazing planes and what neighbouring views contradict."""
     from exmesh_graph.errors import GeometryError
+    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.splat.depths import DepthFilter, depth_maps
     from exmesh_graph.splat.gaussians import Gaussians
     from exmesh_graph.stage1.targets import prepare_targets
-    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     with torch_threads(p.threads):
         device = pick_device(p.device)

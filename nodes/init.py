@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Frame, Mesh, Views
 
 MaskedTrain = Annotated[Views, facets(split="train", masks=True)]
@@ -173,9 +174,9 @@ def photometric(
     ctx: Context, mesh: Annotated[Mesh, facets(manifold=True)], views: Train, *, p: PhotometricParams
 ) -> ManifoldMeshOut:
     """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree."""
+    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.stage1.photometric import SweepSettings, sweep
     from exmesh_graph.stage1.targets import prepare_targets
-    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     settings = SweepSettings(passes=p.passes, reach=p.reach, smoothness=p.smoothness)
     with torch_threads(p.threads):

@@ -7,7 +7,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Frame, Metrics, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Views
 
 AnyDepth = Annotated[DepthMaps, facets(units=None)]
@@ -32,9 +33,9 @@ class DepthOut(NamedTuple):
 def plane_sweep(ctx: Context, views: Views, *, p: SweepParams) -> DepthOut:
     """Depth from the photographs alone: where windows of neighbouring views correlate best (plane sweep)."""
     from exmesh_graph.errors import DataError
+    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.priors.plane_sweep import SweepSettings
     from exmesh_graph.priors.plane_sweep import plane_sweep as run
-    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     if p.window % 2 == 0:
         raise DataError(f"window {p.window} has no middle pixel", where=ctx.node, fix=f"window: {p.window + 1}")
@@ -104,8 +105,8 @@ def _weights(p: DepthAnythingParams) -> Mapping[str, Path]:
 )
 def depth_anything(ctx: Context, views: Views, *, p: DepthAnythingParams) -> RelativeOut:
     """Relative depth by Depth Anything 3; needs the optional package and its weights (docs/data.md)."""
+    from exmesh_graph.gpu.torch_setup import pick_device
     from exmesh_graph.priors.depth_anything import NetworkSettings, estimate
-    from exmesh_graph.torch_setup import pick_device
 
     settings = NetworkSettings(**p.model_dump(exclude={"device"}))
     return RelativeOut(estimate(views, settings, device=pick_device(p.device), progress=ctx.progress))

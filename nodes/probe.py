@@ -2,7 +2,8 @@
 
 from typing import Annotated, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, Metrics, SceneNeeds, Views
 
 
@@ -23,8 +24,8 @@ def probe(
 
     `needs` decides parameters that are `auto`; `decisions` is the same for the report, with the seconds of steps.
     """
+    from exmesh_graph.gpu.torch_setup import torch_threads
     from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
-    from exmesh_graph.torch_setup import torch_threads
 
     with torch_threads(p.threads):
         probed = probe_scene(carrier, views, seed=ctx.seed, progress=ctx.progress)

@@ -8,7 +8,8 @@ from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
 from pydantic import model_validator
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, DepthMaps, Mesh, Metrics, Stage1State, Views
 
 Train = Annotated[Views, facets(split="train")]
@@ -34,8 +35,8 @@ def init(
     ctx: Context, carrier: Carrier, views: Train, appearance: Appearance | None = None, *, p: InitParams
 ) -> InitOut:
     """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero."""
+    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.stage1.init import initial_state
-    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     with torch_threads(p.threads):
         device = pick_device(p.device)
@@ -103,9 +104,9 @@ def refine(
     """Move vertices and texels against the photographs on a fixed topology."""
     from dataclasses import replace
 
+    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.stage1.refine import refine as run
     from exmesh_graph.stage1.settings import RefineSettings
-    from exmesh_graph.torch_setup import pick_device, torch_threads
 
     if not views.has_masks and region is None:
         ctx.warn("the views have no masks and no region is wired in: the outline follows from colour alone")

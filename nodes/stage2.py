@@ -5,7 +5,8 @@ from typing import Annotated, Literal, NamedTuple
 from exmesh_nodes.transport import LightModel
 from pydantic import Field
 
-from exmesh_graph.graph.node import Auto, Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Auto, Params, param
 from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, decided
 
 
@@ -94,11 +95,11 @@ def fit(
 
     `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from.
     """
-    from exmesh_graph.machine import memory_in_use
+    from exmesh_graph.gpu.torch_setup import torch_threads
+    from exmesh_graph.graph.machine import memory_in_use
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.memory import plan_memory
     from exmesh_graph.stage2.settings import FitSettings
-    from exmesh_graph.torch_setup import torch_threads
 
     def progress(step: int, total: int, figures: dict[str, float]) -> None:
         ctx.progress(step, total, **figures)

@@ -2,7 +2,8 @@
 
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, facets, node, param
+from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Stage1State, Views
 
 

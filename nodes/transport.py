@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 from pydantic import Field
 
 from exmesh_graph.graph import Component, component
-from exmesh_graph.graph.node import Auto, Context, Params, node, param
+from exmesh_graph.graph.declare.node import Context, node
+from exmesh_graph.params import Auto, Params, param
 from exmesh_graph.types import Carrier, SceneNeeds, Transport, decided
 
 if TYPE_CHECKING:

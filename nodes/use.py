@@ -5,7 +5,8 @@ from math import pi
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, node, param
+from exmesh_graph.graph.declare.node import Context, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, EnvMap, Frame, Gallery, Transport, Views
 
 _RENDER = ("torch", "warp-lang", "embreex", "scipy", "OpenImageIO")
@@ -65,10 +66,10 @@ def relight(
     p: RelightParams,
 ) -> RelightOut:
     """The asset under another environment, turned and exposed (its own where none is wired), with pictures."""
-    from exmesh_graph.report.use_galleries import light_gallery
-    from exmesh_graph.use.cameras import orbit
-    from exmesh_graph.use.pictures import pictures
-    from exmesh_graph.use.relight import relit
+    from exmesh_graph.edit.cameras import orbit
+    from exmesh_graph.edit.pictures import pictures
+    from exmesh_graph.edit.relight import relit
+    from exmesh_graph.gallery.editing import light_gallery
 
     result = relit(asset, None if light is None else light.radiance, rotation=p.rotation, exposure=p.exposure)
     if views is None:
@@ -102,9 +103,9 @@ class TurntableOut(NamedTuple):
 @node("use.turntable", version="1", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1})
 def turntable(ctx: Context, asset: Asset, transport: Transport | None = None, *, p: TurntableParams) -> TurntableOut:
     """A film of the asset turning under its light (animated WebP, shown in the report)."""
-    from exmesh_graph.report.pictures import GalleryWriter
-    from exmesh_graph.use.pictures import turntable as render
-    from exmesh_graph.use.pictures import write_film
+    from exmesh_graph.edit.pictures import turntable as render
+    from exmesh_graph.edit.pictures import write_film
+    from exmesh_graph.gallery.pictures import GalleryWriter
 
     images = render(
         asset, frames=p.frames, size=p.size, elevation=p.elevation, turn=p.turn, transport=transport,
@@ -155,8 +156,8 @@ def edit_material(
     ctx: Context, asset: Asset, views: Views | None = None, frame: Frame | None = None, *, p: EditParams
 ) -> EditOut:
     """Set, scale or paint a map in a region; all other texels keep their bytes."""
-    from exmesh_graph.report.use_galleries import edit_gallery
-    from exmesh_graph.use.apply import EditSettings, apply_edit
+    from exmesh_graph.edit.apply import EditSettings, apply_edit
+    from exmesh_graph.gallery.editing import edit_gallery
 
     result, weight = apply_edit(asset, EditSettings(**p.model_dump()), views, frame, where=f"node {ctx.node}")
     changed = int((weight > 0).sum())

@@ -2,7 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from exmesh_graph.graph.node import Context, Params, node, param
+from exmesh_graph.graph.declare.node import Context, node
+from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, Mesh, Stage1State
 
 

@@ -71,7 +71,7 @@ def test_graph_knows_nothing_of_3d() -> None:
     rooms = tuple(f"exmesh_graph.{room}" for room in ROOMS_3D)
     assert "exmesh_graph.geometry" in rooms
     above = ("exmesh_graph.cli", "exmesh_graph.report", "exmesh_nodes")
-    losses = ("exmesh_graph.losses", "exmesh_graph.torch_setup")
+    losses = ("exmesh_graph.losses", "exmesh_graph.gpu.torch_setup")
     assert offences(LIBRARY / "graph", (*rooms, *losses, *above, *HEAVY), top_only=False) == []
 
 
@@ -107,7 +107,7 @@ def loaded_by(code: str) -> set[str]:
 def test_imports_stay_light(module: str) -> None:
     code = f"import {module}"
     if module == "exmesh_nodes":
-        code = "from exmesh_graph.graph.packs import load_packs\nassert not load_packs().broken, load_packs().broken"
+        code = "from exmesh_graph.graph.declare.packs import load_packs\nassert not load_packs().broken"
     assert loaded_by(code) == set()
 
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.sampling import hammersley, sample_specular
 from exmesh_graph.shading.transport import trace_transport
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Asset, Carrier, Transport, Views
 
 SIZE, TEXELS, SKY_ROWS = 40, 16, 16

@@ -67,8 +67,8 @@ def run(
 ) -> None:
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
     from exmesh_graph.cli.running import backend_of, run_graph
-    from exmesh_graph.graph.layer import writable
-    from exmesh_graph.graph.schedule import parse_tokens
+    from exmesh_graph.graph.cache.layer import writable
+    from exmesh_graph.graph.run.schedule import parse_tokens
 
     offered = parse_tokens(tokens)
     checked, packs = checked_graph(graph, set_, variant, store)
@@ -126,8 +126,8 @@ def plan(
     shared: SharedUrl = None,
 ) -> None:
     """Show what a run would do with each node, and why."""
-    from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN
-    from exmesh_graph.graph.plan import plan as make_plan
+    from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN
+    from exmesh_graph.graph.run.plan import plan as make_plan
 
     checked, _ = checked_graph(graph, set_, variant, store)
     targets = checked.needed_for(named(checked, node)) if node else None
@@ -172,7 +172,7 @@ def report(
     """Build a run's report again."""
     from exmesh_graph.cli.running import make_report
     from exmesh_graph.cli.show import read_run
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
 
     load_packs()
     record = read_run(run)

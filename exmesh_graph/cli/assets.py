@@ -58,7 +58,7 @@ def view(
     from exmesh_graph.errors import DataError, ExmeshError
     from exmesh_graph.export.usd import read_usd
     from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
-    from exmesh_graph.view.page import view_page
+    from exmesh_graph.report.view.page import view_page
 
     if convention not in ("openexr", "blender"):
         raise ExmeshError(f"unknown convention {convention!r}", expected="openexr or blender")

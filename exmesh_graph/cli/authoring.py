@@ -23,7 +23,7 @@ def nodes(
 ) -> None:
     """List the node types, or describe one."""
     from exmesh_graph.cli.show import show_node, show_nodes
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
 
     packs = load_packs()
     if markdown is not None:
@@ -48,7 +48,7 @@ def new_node(
     """Write a working node with its test, in a package that graphs find once it is installed."""
     from exmesh_graph.cli.scaffold import offered, write_node
     from exmesh_graph.errors import GraphError
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
 
     if type in load_packs().types:
         raise GraphError(f"there is a node type {type!r} already", fix=f"exmesh nodes {type}")
@@ -66,8 +66,8 @@ def schema(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")] = None,
 ) -> None:
     """Print the JSON schema of graph files with the node types at hand, for editors."""
+    from exmesh_graph.graph.declare.packs import load_packs
     from exmesh_graph.graph.language.schema import schema_text
-    from exmesh_graph.graph.packs import load_packs
 
     text = schema_text(load_packs())
     if output is None:

@@ -239,7 +239,7 @@ def _read(file: Path, quick: bool) -> dict[str, Any]:
 
 
 def _about(root: Path) -> dict[str, Any]:
-    from exmesh_graph.machine import machine_facts
+    from exmesh_graph.graph.machine import machine_facts
     from exmesh_graph.report.collect import library_versions
 
     when = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

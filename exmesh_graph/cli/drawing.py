@@ -12,9 +12,9 @@ import typer
 from exmesh_graph.cli.options import checked_graph
 from exmesh_graph.cli.show import read_run
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.check import Bound, Checked
-from exmesh_graph.graph.plan import HIT, RUN, plan
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.language.check import Bound, Checked
+from exmesh_graph.graph.run.plan import HIT, RUN, plan
 from exmesh_graph.graph.variants import identities
 from exmesh_graph.graph.variants.compare import (
     ADDED,

@@ -12,8 +12,8 @@ import typer
 
 from exmesh_graph.cli.board import Board
 from exmesh_graph.cli.show import clock
-from exmesh_graph.graph.check import Checked
-from exmesh_graph.graph.run import Listener
+from exmesh_graph.graph.language.check import Checked
+from exmesh_graph.graph.run.runner import Listener
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from exmesh_graph.graph.check import Checked
-    from exmesh_graph.graph.packs import Packs
-    from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.declare.packs import Packs
+    from exmesh_graph.graph.language.check import Checked
     from exmesh_graph.graph.variants import CheckedVariant
 
 GraphFile = Annotated[Path, typer.Argument(metavar="GRAPH", help="The graph file (YAML).")]
@@ -59,8 +59,8 @@ def checked_graph(
 
     Where the store is there already, long files that were parsed before are not parsed again.
     """
-    from exmesh_graph.graph.check import check_file
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.language.check import check_file
 
     packs = load_packs()
     with _remembering(store):
@@ -75,7 +75,7 @@ def checked_variants(
     graph: Path, sets: list[str] | None, store: Path | None = None, **options: Any
 ) -> tuple[list[CheckedVariant], Packs]:
     """A graph file and all variants that it declares, checked; `options` are those of `check_variants`."""
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
     from exmesh_graph.graph.variants import check_variants
 
     packs = load_packs()
@@ -98,7 +98,7 @@ def _remembering(store: Path | None) -> Iterator[None]:
 
 def open_store(folder: Path | None, shared: str | None = None) -> Store:
     """The store that --store, $EXMESH_STORE or the working folder names."""
-    from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.cache.store import Store
 
     return Store(store_folder(folder), shared or os.environ.get("EXMESH_SHARED"))
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from exmesh_graph.cli.show import parameter_facts, traits
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.node import NodeDef
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.ports import Port, Signature, link_form, signature
+from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.declare.ports import Port, Signature, link_form, signature
 
 _MARK = "<!-- made by `exmesh nodes --markdown`; edits are lost -->"
 

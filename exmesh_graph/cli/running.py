@@ -12,12 +12,12 @@ import typer
 from exmesh_graph.cli.live import view
 from exmesh_graph.cli.show import clock
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.backends import Backend
-from exmesh_graph.graph.check import Checked
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.run import NodeFailed, Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store, artifact_types
+from exmesh_graph.graph.cache.store import Store, artifact_types
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.language.check import Checked
+from exmesh_graph.graph.run.backends import Backend
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import NodeFailed, Run
 from exmesh_graph.types import Artifact
 
 
@@ -57,11 +57,11 @@ def run_graph(
 def backend_of(workers: int | None, store: Store, kind: str = "local", address: str | None = None) -> Backend:
     """local: this process for 0 workers, else worker processes, as many as the machine can take for None; or ray."""
     if kind == "ray":
-        from exmesh_graph.graph.backends.ray import RayCluster
+        from exmesh_graph.graph.run.backends.ray import RayCluster
 
         return RayCluster(store, address)
-    from exmesh_graph.graph.backends.inline import Inline
-    from exmesh_graph.graph.backends.local import Local
+    from exmesh_graph.graph.run.backends.inline import Inline
+    from exmesh_graph.graph.run.backends.local import Local
 
     return Inline(store) if workers == 0 else Local(workers)
 

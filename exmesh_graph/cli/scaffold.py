@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from exmesh_graph.graph import Context, Params, node, param
+from exmesh_graph.graph import node
+from exmesh_graph.graph import Context, Params, param
 from exmesh_graph.types import Mesh
 
 
@@ -51,8 +52,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exmesh_graph.graph.node import REGISTRY
-from exmesh_graph.graph.ports import signature
+from exmesh_graph.graph.declare.node import REGISTRY
+from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.types import Mesh
 from {package}.{module} import {Class}Params, {function}
 

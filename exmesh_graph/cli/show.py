@@ -12,15 +12,15 @@ from typing import Any
 import typer
 
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.check import Checked
-from exmesh_graph.graph.fingerprint import fingerprint
-from exmesh_graph.graph.node import NodeDef
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.ports import Signature, signature
+from exmesh_graph.graph.cache.accepted import accepted_between
+from exmesh_graph.graph.cache.fingerprint import fingerprint
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.declare.ports import Signature, signature
+from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.problems import nearest
-from exmesh_graph.graph.store import Store
-from exmesh_graph.graph.upkeep.accepted import accepted_between
+from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.upkeep.why import differences, explain, record_time
 
 

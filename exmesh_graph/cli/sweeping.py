@@ -16,13 +16,13 @@ from exmesh_graph.cli.options import checked_variants
 from exmesh_graph.cli.running import loader, show_benchmarks
 from exmesh_graph.cli.show import clock
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.backends import Backend
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.plan import HIT, RUN, UNKNOWN, plan
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.problems import GraphErrors, Problem, nearest
-from exmesh_graph.graph.run import NodeFailed, Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.run.backends import Backend
+from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, plan
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import NodeFailed, Run
 from exmesh_graph.graph.variants import CheckedVariant, Merged, merge, variant_names
 from exmesh_graph.report.sweep import sweep_table, write_sweep
 from exmesh_graph.report.sweep_charts import signed

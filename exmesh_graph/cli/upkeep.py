@@ -23,7 +23,7 @@ from exmesh_graph.cli.options import (
 from exmesh_graph.errors import ExmeshError
 
 if TYPE_CHECKING:
-    from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.cache.store import Store
 
 
 def register(app: typer.Typer) -> None:
@@ -63,8 +63,8 @@ def accept(
 
     Holds for the node type in every graph of this store. Without a graph: list what was accepted.
     """
+    from exmesh_graph.graph.cache.accepted import accepted
     from exmesh_graph.graph.upkeep import accept as accepting
-    from exmesh_graph.graph.upkeep.accepted import accepted
 
     opened = open_store(store)
     for id in revoke or []:
@@ -155,7 +155,7 @@ def gc(
 
 def doctor(store: StoreFolder = None, shared: SharedUrl = None) -> None:
     """Try what runs need: the store's file system, libraries, the GPU. Exits with 1 if runs would fail."""
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
     from exmesh_graph.graph.upkeep.doctor import FAIL, WARN, examine
 
     counts: Counter[str] = Counter()

@@ -58,7 +58,7 @@ def sweep(
     """Run a graph and all variants it declares, equal nodes once, and compare them in one table."""
     from exmesh_graph.cli.running import backend_of
     from exmesh_graph.cli.sweeping import Study, run_sweep, show_plan
-    from exmesh_graph.graph.schedule import parse_tokens
+    from exmesh_graph.graph.run.schedule import parse_tokens
 
     offered = parse_tokens(tokens)
     study = Study.of(graphs, set_ or [], only, node, store)

@@ -45,7 +45,7 @@ def log(
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on until the run ends.")] = False,
 ) -> None:
     """Show what happened in a run, or in one of its nodes."""
-    from exmesh_graph.graph.rundir import is_alive, log_file
+    from exmesh_graph.graph.run.rundir import is_alive, log_file
 
     if not (run / "events.jsonl").is_file():
         raise ExmeshError(f"{run} is no run folder", fix="exmesh status lists the runs")
@@ -79,10 +79,10 @@ def replay(
     import faulthandler
 
     from exmesh_graph.cli.live import Plain
-    from exmesh_graph.graph.job import BROKEN, DONE, Job, execute, rekeyed
-    from exmesh_graph.graph.memory import Memory
-    from exmesh_graph.graph.packs import load_packs
-    from exmesh_graph.graph.store import Store
+    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.run.job import BROKEN, DONE, Job, execute, rekeyed
+    from exmesh_graph.graph.run.memory import Memory
 
     load_packs()
     faulthandler.enable(2)
@@ -116,7 +116,7 @@ def _lines_of(run: Path, record: Mapping[str, Any]) -> Iterator[str]:
     """A run's state in one line, and a line for each node that runs or stopped it."""
     from exmesh_graph.cli.board import board_of
     from exmesh_graph.cli.show import clock
-    from exmesh_graph.graph.rundir import is_alive
+    from exmesh_graph.graph.run.rundir import is_alive
 
     board = None
     state, states = record["state"], {row["name"]: row["state"] for row in record["nodes"]}

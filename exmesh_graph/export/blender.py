@@ -93,7 +93,7 @@ def compare_with_blender(
     Returns view, psnr and psnr_linear [dB] over pixels that both cover wholly, whole_psnr, iou of the coverage, gain
     (Blender / ours, one per channel), and the two linear premultiplied pictures "blender" and "ours" [H, W, 4].
     """
-    from exmesh_graph.metrics.image import psnr
+    from exmesh_graph.evaluate.metrics.image import psnr
     from exmesh_graph.stage2.render import render_views
 
     contents = read_usd(usd, variants)

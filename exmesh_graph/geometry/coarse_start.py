@@ -61,7 +61,7 @@ def surface_row(gain: float, error: float) -> dict[str, Any]:
     """The decision between the hull and what Gaussians carved out of it, as a row for the report.
 
     gain, error  by how many dB photographs that were left out are foretold better over the carved surface, and its
-                 standard error (exmesh_graph.metrics.rephotography.compared)
+                 standard error (exmesh_graph.evaluate.metrics.rephotography.compared)
     """
     value = "gaussians" if gain > 0 else "hull"
     better = "the surface of the Gaussians" if gain > 0 else "the hull"

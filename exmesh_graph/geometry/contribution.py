@@ -20,8 +20,8 @@ def contribution_counts(
     """
     import torch
 
+    from exmesh_graph.gpu.torch_setup import tensor_of
     from exmesh_graph.raster.rasterize import rasterize
-    from exmesh_graph.torch_setup import tensor_of
 
     points, triangles = tensor_of(vertices), tensor_of(faces)
     zoom = np.diag([supersample, supersample, 1.0])

@@ -9,9 +9,9 @@ from __future__ import annotations
 import torch
 from torch.autograd.function import once_differentiable
 
-from exmesh_graph.raster.limits import check_indices, check_size
+from exmesh_graph.gpu.limits import check_indices, check_size
+from exmesh_graph.gpu.warp_runtime import kernels, launch
 from exmesh_graph.raster.texture import sample_adjoint, sample_texture
-from exmesh_graph.raster.warp_runtime import kernels, launch
 
 
 def barycentrics(

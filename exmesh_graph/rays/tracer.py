@@ -104,8 +104,8 @@ def make_ray_tracer(
         from exmesh_graph.rays.embree import EmbreeTracer
 
         return EmbreeTracer(vertices, faces, threads)
+    from exmesh_graph.gpu.torch_setup import pick_device
     from exmesh_graph.rays.warp_bvh import WarpTracer
-    from exmesh_graph.torch_setup import pick_device
 
     pick_device(device.split(":")[0])
     return WarpTracer(vertices, faces, device)

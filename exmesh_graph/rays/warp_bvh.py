@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from exmesh_graph.raster.warp_runtime import launch, warp
+from exmesh_graph.gpu.warp_runtime import launch, warp
 from exmesh_graph.rays.tensors import TensorHits
 from exmesh_graph.rays.tracer import Hits, unit_mesh
 

@@ -22,7 +22,7 @@ def viewer_section(models: Sequence[tuple[str, Model]]) -> str:
     """HTML of one viewer with a choice among (label, model); "" without models. Once per page."""
     if not models:
         return ""
-    view = resources.files("exmesh_graph.view")
+    view = resources.files("exmesh_graph.report.view")
     data = {
         "modules": {name: _packed((view / file).read_bytes()) for name, file in _MODULES.items()},
         "models": [

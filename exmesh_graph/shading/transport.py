@@ -24,11 +24,11 @@ import torch
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_normals
+from exmesh_graph.gpu.torch_setup import csr_tensor
 from exmesh_graph.rays import MISS, RayTracer, make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.directions import fibonacci_sphere, nearest_direction
 from exmesh_graph.shading.lattice import Lattice, build_lattice, locate
-from exmesh_graph.torch_setup import csr_tensor
 from exmesh_graph.types import Transport
 
 #: How far ray origins move from their lattice point towards the centre of the face that carries it: rays that start

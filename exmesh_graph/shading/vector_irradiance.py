@@ -12,9 +12,9 @@ import math
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.torch_setup import csr_tensor
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.transport import LightTransport
-from exmesh_graph.torch_setup import csr_tensor
 
 
 class VectorTransport:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from exmesh_graph.raster.warp_runtime import launch
+from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.runtime import kernels
 

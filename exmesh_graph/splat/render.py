@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import torch
 from torch.autograd.function import once_differentiable
 
-from exmesh_graph.raster.limits import check_near, check_size
-from exmesh_graph.raster.warp_runtime import launch
+from exmesh_graph.gpu.limits import check_near, check_size
+from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.runtime import kernels
 

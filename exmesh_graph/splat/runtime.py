@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import torch
 
-from exmesh_graph.raster.warp_runtime import warp
+from exmesh_graph.gpu.warp_runtime import warp
 
 _USES = {"project": ("camera", "harmonics")}
 """Files whose functions a file of kernels calls."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import (
     EdgeTable,
     Fragments,
@@ -18,7 +19,6 @@ from exmesh_graph.raster import (
 )
 from exmesh_graph.stage1.appearance.kinds import model_of
 from exmesh_graph.stage1.appearance.model import Model
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Carrier, Views
 
 

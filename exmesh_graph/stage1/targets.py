@@ -8,9 +8,9 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import Box, SsimTarget, display, mask_box, ssim_target
 from exmesh_graph.raster import project, rasterize_projected
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import DepthMaps, Mesh, Views
 
 _CACHE_BYTES = 1 << 30

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import SsimTarget
 from exmesh_graph.raster import rasterize
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Views
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import torch
 import torch.nn.functional as F
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import srgb_to_linear
 from exmesh_graph.shading.envmap import parameter_of
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Asset, Carrier
 
 #: The logit's usable range: a texel that starts at exactly 0 or 1 could never leave it. A start that was fitted before

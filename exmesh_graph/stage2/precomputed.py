@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
@@ -28,7 +29,6 @@ from exmesh_graph.stage2.normal_map import TangentFrames, bent_irradiance, mappe
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.sunlight import FittedSuns, find_fitted_suns
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Transport
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
@@ -28,7 +29,6 @@ from exmesh_graph.stage2.normal_map import TangentFrames, bent, bent_irradiance,
 from exmesh_graph.stage2.reflect import traced_specular
 from exmesh_graph.stage2.sunlight import narrow_lobes, sun_radiance
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Asset, Transport
 
 #: Lattice points and directions of the transport that `render_views` traces when it is given none.

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.shading import brdf
 from exmesh_graph.shading.suns import Suns, find_suns, stratified, sun_transfer, unoccluded
 from exmesh_graph.shading.transport import LightTransport, lattice_origins
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
-from exmesh_graph.torch_setup import tensor_of
 
 if TYPE_CHECKING:
     from exmesh_graph.stage2.gbuffer import ViewBuffer

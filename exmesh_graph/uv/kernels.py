@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""Warp kernel of the packer. Import only after `exmesh_graph.raster.warp_runtime.warp()` has configured Warp."""
+"""Warp kernel of the packer. Import only after `exmesh_graph.gpu.warp_runtime.warp()` has configured Warp."""
 
 import warp as wp
 

@@ -159,7 +159,7 @@ def _place(items: Items, side: int, order: int) -> tuple[np.ndarray, np.ndarray]
 
 def _lowest_place(taken: np.ndarray, cells: np.ndarray, rows: int, columns: int) -> tuple[int, int] | None:
     """The free (row, column) with the lowest row, then column, below (rows, columns); None without one."""
-    from exmesh_graph.raster.warp_runtime import warp
+    from exmesh_graph.gpu.warp_runtime import warp
 
     wp = warp()
     from exmesh_graph.uv.kernels import first_free

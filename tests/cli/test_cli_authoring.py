@@ -143,8 +143,8 @@ outputs: {mesh: "@smooth.mesh"}
 
 
 def test_the_sub_graph_and_the_parameters_in_the_docs(tmp_path: Path) -> None:
-    from exmesh_graph.graph.check import check_file
-    from exmesh_graph.graph.packs import load_packs
+    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.language.check import check_file
 
     blocks = [part.split("```")[0] for part in (ROOT / "docs" / "graph_files.md").read_text().split("```yaml\n")[1:]]
     params, part, use = blocks[2:]

@@ -19,10 +19,10 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from exmesh_graph.graph.check import check, check_file
+from exmesh_graph.graph.declare.packs import load_packs
+from exmesh_graph.graph.language.check import check, check_file
 from exmesh_graph.graph.language.expand import expand
 from exmesh_graph.graph.language.spec import load_tree
-from exmesh_graph.graph.packs import load_packs
 from exmesh_graph.graph.problems import GraphErrors, Problems
 
 TOY = Path(__file__).parent.parent / "graph" / "toy"

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph import fingerprint as fp
+from exmesh_graph.graph.cache import fingerprint as fp
 
 Exmesh = Callable[..., Any]
 GRAPH = 'nodes: {a: {type: toy.const}, s: {type: toy.sign, number: "@a.number"}}\noutputs: {s: "@s.number"}\n'

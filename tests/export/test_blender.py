@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from usd_example import SIZE, example_asset
 
+from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.blender import BlenderSettings, compare_with_blender, render_in_blender
 from exmesh_graph.export.usd import ExportSettings, write_usd
 from exmesh_graph.types import Frame, Views
-from exmesh_graph.use.cameras import orbit
 
 FRAME = Frame(np.array([[0, 0, 2.0, 1], [0, 2.0, 0, -2], [-2.0, 0, 0, 3], [0, 0, 0, 1.0]]), np.eye(4))
 BPY = os.environ.get("EXMESH_BPY", "")

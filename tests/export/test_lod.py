@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from usd_example import SIZE, example_asset, tilted_normals
 
+from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.lod import baked_normals, footprint_size, reduced, resized
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.types import Asset, Views
-from exmesh_graph.use.cameras import orbit
 from exmesh_graph.uv.unwrap import unwrap
 
 

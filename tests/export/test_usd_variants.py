@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from usd_example import SIZE, example_asset, tilted_normals
 
+from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.errors import DataError, ExmeshError
 from exmesh_graph.export.maps import MapSettings
 from exmesh_graph.export.provenance import provenance_of
 from exmesh_graph.export.usd import ExportSettings, read_usd, validate_usd, write_usd
 from exmesh_graph.types import Frame, Views
-from exmesh_graph.use.cameras import orbit
 
 TURNED = np.array([[0, 0, 2.0, 1], [0, 2.0, 0, -2], [-2.0, 0, 0, 3], [0, 0, 0, 1.0]])
 FRAME = Frame(scene_from_normalised=TURNED, dataset_from_scene=np.eye(4))
@@ -147,7 +147,7 @@ def test_what_is_read_back_looks_the_same(tmp_path, frame, options):
     """The picture of the scene file, read by our own reader, against the picture of the asset itself."""
     import torch
 
-    from exmesh_graph.metrics.image import psnr
+    from exmesh_graph.evaluate.metrics.image import psnr
     from exmesh_graph.stage2.render import render_transport, render_views
 
     torch.set_num_threads(1)

@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
+from exmesh_graph.evaluate.metrics.mesh import count_self_intersections
 from exmesh_graph.geometry.shapes import grid, icosphere
 from exmesh_graph.geometry.untangle import cutting_pairs, untangle
-from exmesh_graph.metrics.mesh import count_self_intersections
 
 
 def rough(seed: int, noise: float) -> tuple[np.ndarray, np.ndarray]:

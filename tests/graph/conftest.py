@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.check import Checked, check_file
-from exmesh_graph.graph.packs import Packs, load_packs
+from exmesh_graph.graph.cache.store import Store, artifact_types
+from exmesh_graph.graph.declare.packs import Packs, load_packs
+from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.problems import GraphErrors
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store, artifact_types
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import Run
 
 TOY = Path(__file__).parent / "toy"
 

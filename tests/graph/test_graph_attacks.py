@@ -13,14 +13,14 @@ import pytest
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.checkpoint import Checkpoints
-from exmesh_graph.graph.job import execute, job_of
-from exmesh_graph.graph.keys import key_of, preimage_of
-from exmesh_graph.graph.memory import Memory
-from exmesh_graph.graph.node import register
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.run import NodeFailed
-from exmesh_graph.graph.store import artifact_types
+from exmesh_graph.graph.cache.keys import key_of, preimage_of
+from exmesh_graph.graph.cache.store import artifact_types
+from exmesh_graph.graph.declare.node import register
+from exmesh_graph.graph.run.checkpoint import Checkpoints
+from exmesh_graph.graph.run.job import execute, job_of
+from exmesh_graph.graph.run.memory import Memory
+from exmesh_graph.graph.run.plan import plan
+from exmesh_graph.graph.run.runner import NodeFailed
 from exmesh_graph.types import Artifact, Metrics
 
 ARRAYS = """
@@ -135,7 +135,7 @@ nodes:
             saved.append(self.root)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("exmesh_graph.graph.job.Checkpoints", Seen)
+        patch.setattr("exmesh_graph.graph.run.job.Checkpoints", Seen)
         assert execute(job, store, Memory(), bench.events.append).state == "done"
         assert set(saved) == {store.root}
         saved.clear()

@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 import pytest
 
 from exmesh_graph.graph import Context, NodeDef, Params, facets, param
-from exmesh_graph.graph.ports import signature
+from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.types import Metrics
 
 GOOD = """

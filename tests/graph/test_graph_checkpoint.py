@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import GraphError, StoreError
-from exmesh_graph.graph.checkpoint import Checkpoints
+from exmesh_graph.graph.run.checkpoint import Checkpoints
 
 KEY = "ab" * 32
 
@@ -138,7 +138,7 @@ def test_doubt_means_the_one_before(tmp_path: Path, name: str, spoil: Any) -> No
 
 
 def test_a_full_disk_says_so_and_keeps_the_last_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph import checkpoint
+    from exmesh_graph.graph.run import checkpoint
 
     checkpoints = Checkpoints(tmp_path, KEY)
     checkpoints.save(1, {"x": 1})
@@ -156,5 +156,5 @@ def test_a_full_disk_says_so_and_keeps_the_last_one(tmp_path: Path, monkeypatch:
 def test_plain_states_load_no_torch() -> None:
     import subprocess
 
-    code = "import sys, exmesh_graph.graph.checkpoint; assert not {'torch', 'numpy'} & set(sys.modules)"
+    code = "import sys, exmesh_graph.graph.run.checkpoint; assert not {'torch', 'numpy'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -6,12 +6,13 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph import Component, NodeDef, keys, param
-from exmesh_graph.graph.job import Job, job_of
-from exmesh_graph.graph.keys import key_of, preimage_of
-from exmesh_graph.graph.language.components import MAX_NESTING, differences, rebuild
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.ports import signature
+from exmesh_graph.graph import Component, NodeDef, param
+from exmesh_graph.graph.cache import keys
+from exmesh_graph.graph.cache.keys import key_of, preimage_of
+from exmesh_graph.graph.declare.components import MAX_NESTING, differences, rebuild
+from exmesh_graph.graph.declare.ports import signature
+from exmesh_graph.graph.run.job import Job, job_of
+from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.types import Mesh
 
 GRAPH = """

@@ -14,11 +14,11 @@ import pytest
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.layer import writable
-from exmesh_graph.graph.lease import Lease, Leases
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store, Stored, artifact_types
+from exmesh_graph.graph.cache.layer import writable
+from exmesh_graph.graph.cache.lease import Lease, Leases
+from exmesh_graph.graph.cache.store import Store, Stored, artifact_types
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import Run
 from exmesh_graph.types import Metrics
 
 GRAPH = """

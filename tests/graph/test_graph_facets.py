@@ -8,8 +8,8 @@ from typing import Annotated, Any, NamedTuple
 import pytest
 
 from exmesh_graph.graph import Component, Context, NodeDef, facets
-from exmesh_graph.graph.ports import Port, signature
-from exmesh_graph.graph.run import NodeFailed
+from exmesh_graph.graph.declare.ports import Port, signature
+from exmesh_graph.graph.run.runner import NodeFailed
 from exmesh_graph.types import Asset, Carrier, Files, Mesh, Metrics, Stage1State, Views
 
 GRAPH = """

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph import fingerprint as fp
+from exmesh_graph.graph.cache import fingerprint as fp
+from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.files import Memo
-from exmesh_graph.graph.node import NodeDef
 
 FILES = {
     "__init__.py": "",
@@ -197,7 +197,7 @@ def test_every_library_module_that_a_node_imports_counts(packs: Any) -> None:
     """A walk over the imports of each built-in node's module finds nothing that its nodes' fingerprints all miss."""
     import ast
 
-    from exmesh_graph.graph.node import REGISTRY
+    from exmesh_graph.graph.declare.node import REGISTRY
 
     covered: dict[str, set[str]] = {}
     for definition in list(REGISTRY.values()):
@@ -219,7 +219,7 @@ def test_every_library_module_that_a_node_imports_counts(packs: Any) -> None:
 def test_types_package_is_followed_by_name(packs: Any) -> None:
     from toy_pack import nodes
 
-    from exmesh_graph.graph.node import REGISTRY
+    from exmesh_graph.graph.declare.node import REGISTRY
 
     parts = fp.fingerprint(REGISTRY["toy.sign"]).parts
     assert nodes.sign.__module__ + ":sign" in parts

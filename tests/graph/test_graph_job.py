@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.backends.inline import Inline
-from exmesh_graph.graph.job import BROKEN, FAILED, Job, Outcome, execute
-from exmesh_graph.graph.memory import Memory
-from exmesh_graph.graph.run import NodeFailed
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.job import BROKEN, FAILED, Job, Outcome, execute
+from exmesh_graph.graph.run.memory import Memory
+from exmesh_graph.graph.run.runner import NodeFailed
 
 GRAPH = """
 nodes:
@@ -112,8 +112,8 @@ nodes:
     def rows(run: Any, name: str) -> Any:
         return run.rows[name]["outputs"]
 
-    from exmesh_graph.graph.run import Run
-    from exmesh_graph.graph.rundir import RunFolder
+    from exmesh_graph.graph.run.rundir import RunFolder
+    from exmesh_graph.graph.run.runner import Run
 
     folder = RunFolder(bench.root / "runs", "damage")
     bench.run_ = Run(bench.check(text), bench.store, folder, bench.events.append, backend=Damage(bench.store))

@@ -16,16 +16,16 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph import machine
-from exmesh_graph.graph import lease as leases_module
-from exmesh_graph.graph.lease import Holder, Lease, Leases
-from exmesh_graph.machine import Process
+from exmesh_graph.graph import machine
+from exmesh_graph.graph.cache import lease as leases_module
+from exmesh_graph.graph.cache.lease import Holder, Lease, Leases
+from exmesh_graph.graph.machine import Process
 
 KEY = "ab" * 32
 HOLD = """
 import sys, time
 from pathlib import Path
-from exmesh_graph.graph.lease import Leases
+from exmesh_graph.graph.cache.lease import Leases
 lease = Leases(Path(sys.argv[1])).acquire(sys.argv[2])
 print(type(lease).__name__, flush=True)
 sys.stdin.readline()

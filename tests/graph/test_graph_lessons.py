@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph import keys
-from exmesh_graph.graph.keys import digest_of
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.store import Store, Stored, artifact_types
+from exmesh_graph.graph.cache import keys
+from exmesh_graph.graph.cache.keys import digest_of
+from exmesh_graph.graph.cache.store import Store, Stored, artifact_types
+from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.types import Metrics
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.node import param
+from exmesh_graph.params import param
 
 GRAPH = """
 params:

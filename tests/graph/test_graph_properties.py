@@ -14,12 +14,12 @@ from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.graph import files
-from exmesh_graph.graph.keys import canonical, key_of, preimage_of
-from exmesh_graph.graph.node import REGISTRY, NodeDef
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache.keys import canonical, key_of, preimage_of
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.node import REGISTRY, NodeDef
+from exmesh_graph.graph.run.plan import plan
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import Run
 
 FEW = settings(
     max_examples=12,

@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import MissingLibraryError, StoreError
+from exmesh_graph.graph.cache.remote import Remote
+from exmesh_graph.graph.cache.store import NOTHING, Store, Stored
 from exmesh_graph.graph.files import seal_text, unseal
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.remote import Remote
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import NOTHING, Store, Stored
+from exmesh_graph.graph.run.plan import plan
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import Run
 from exmesh_graph.types import Metrics
 
 fsspec = pytest.importorskip("fsspec")

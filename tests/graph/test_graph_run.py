@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.graph import contracts
-from exmesh_graph.graph.plan import plan
-from exmesh_graph.graph.run import NodeFailed
+from exmesh_graph.graph.run import contracts
+from exmesh_graph.graph.run.plan import plan
+from exmesh_graph.graph.run.runner import NodeFailed
 
 LOOP = """
 name: loop
@@ -147,7 +147,7 @@ def test_targets(bench: Any, states: Any) -> None:
 
 
 def test_memory_is_let_go(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph.run import Run
+    from exmesh_graph.graph.run.runner import Run
 
     sizes = []
     settle = Run._settle
@@ -320,11 +320,11 @@ def arm(module, name):
         return real(*args, **kwargs)
     setattr(module, name, call)
 from pathlib import Path
-from exmesh_graph.graph.check import check_file
-from exmesh_graph.graph.packs import load_packs
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.language.check import check_file
+from exmesh_graph.graph.declare.packs import load_packs
+from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.cache.store import Store
 graph = check_file(Path({file!r}), [], load_packs())
 for name in ("rename", "replace", "fsync"):
     arm(os, name)
@@ -348,8 +348,8 @@ def test_kill_9_at_any_write(bench: Any, states: Any) -> None:
         bench_store = type(bench.store)(store)
         assert list(bench_store.verify()) == []
         graph = bench.check(LOOP)
-        from exmesh_graph.graph.run import Run
-        from exmesh_graph.graph.rundir import RunFolder
+        from exmesh_graph.graph.run.rundir import RunFolder
+        from exmesh_graph.graph.run.runner import Run
 
         folder = RunFolder(runs, "k")
         record = Run(graph, bench_store, folder, lambda event: None).run()
@@ -362,7 +362,7 @@ def test_kill_9_at_any_write(bench: Any, states: Any) -> None:
 
 
 def test_code_edited_during_the_run_is_not_remembered(bench: Any, states: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph import job
+    from exmesh_graph.graph.run import job
 
     monkeypatch.setattr(job, "sources_changed", lambda definition: ["toy_pack.nodes"])
     record = bench.run(CUT)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.schedule import Pool, machine_tokens, parse_tokens, remaining_seconds
+from exmesh_graph.graph.run.schedule import Pool, machine_tokens, parse_tokens, remaining_seconds
 
 CHAIN = """
 nodes:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.layouts import LIGHTS, RUNS, SAMPLE, run, write_layouts
+from exmesh_graph.evaluate.metrics.dtu import dtu_chamfer, read_truth
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.io.idr import load_idr
@@ -11,7 +12,6 @@ from exmesh_graph.io.meshes import read_mesh
 from exmesh_graph.io.normalise import frame_scale, points_to_normalised
 from exmesh_graph.io.stanford_orb import OrbOptions, load_orb
 from exmesh_graph.io.synthetic4relight import load_synthetic4relight
-from exmesh_graph.metrics.dtu import dtu_chamfer, read_truth
 from exmesh_graph.report.published import TABLES
 
 

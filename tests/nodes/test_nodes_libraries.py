@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from exmesh_graph.graph.fingerprint import fingerprint
-from exmesh_graph.graph.packs import load_packs
+from exmesh_graph.graph.cache.fingerprint import fingerprint
+from exmesh_graph.graph.declare.packs import load_packs
 
 BUILTIN = {name: d for name, d in load_packs().types.items() if d.function.__module__.startswith("exmesh_nodes.")}
 ROOT = Path(__file__).parent.parent.parent

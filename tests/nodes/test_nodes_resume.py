@@ -25,12 +25,12 @@ nodes:
 RUN = """
 import sys
 from pathlib import Path
-from exmesh_graph.graph.backends.local import Local
-from exmesh_graph.graph.check import check_file
-from exmesh_graph.graph.packs import load_packs
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.run.backends.local import Local
+from exmesh_graph.graph.language.check import check_file
+from exmesh_graph.graph.declare.packs import load_packs
+from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.cache.store import Store
 folder = Path(sys.argv[1])
 graph = check_file(folder / "g.yaml", [], load_packs())
 runs = RunFolder(folder / "runs", "cut")

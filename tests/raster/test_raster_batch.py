@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.stability.scenes import camera, icosphere, soup
+from exmesh_graph.gpu.limits import check_size
 from exmesh_graph.raster import (
     antialias,
     barycentrics,
@@ -19,7 +20,6 @@ from exmesh_graph.raster import (
     uv_footprint,
 )
 from exmesh_graph.raster.interpolate import shade_reference
-from exmesh_graph.raster.limits import check_size
 
 
 def cameras(width, height):
@@ -136,7 +136,7 @@ def test_indices_outside_the_mesh_are_refused_not_read(index):
 @pytest.mark.parametrize("kernels", ["visibility", "texture", "silhouette"])
 def test_the_same_kernels_compile_for_cuda(kernels, tmp_path):
     """To PTX, which takes no CUDA device."""
-    from exmesh_graph.raster import warp_runtime
+    from exmesh_graph.gpu import warp_runtime
 
     wp = warp_runtime.warp()
     if not hasattr(wp, "compile_aot_module"):
@@ -154,7 +154,7 @@ def test_a_near_plane_must_lie_before_the_camera(near):
 
 def test_the_key_keeps_faces_with_numbers_of_32_bits_apart():
     """Depth above, face below: the largest face index loses a tie to a smaller one and wins when nearer."""
-    from exmesh_graph.raster.warp_runtime import warp
+    from exmesh_graph.gpu.warp_runtime import warp
 
     warp()
     largest = 2**31 - 1

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from exmesh_graph.gallery.pictures import GalleryWriter
 from exmesh_graph.report.collect import Node, Picture
 from exmesh_graph.report.compare import comparison
 from exmesh_graph.report.costs import stage_costs
-from exmesh_graph.report.pictures import GalleryWriter
 from tests.report.chromium import screenshot
 
 

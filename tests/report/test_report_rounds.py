@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from exmesh_graph.evaluate.scores_mesh import score_stage
+from exmesh_graph.gallery.rounds import atlas_panels, round_gallery
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.report.collect import Figure
 from exmesh_graph.report.page import _error_charts
-from exmesh_graph.report.rounds import atlas_panels, round_gallery
-from exmesh_graph.report.scores_mesh import score_stage
 from exmesh_graph.types import Carrier, SceneTruth
 from exmesh_graph.uv.unwrap import unwrap
 

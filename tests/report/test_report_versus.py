@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from exmesh_graph.gallery.pictures import GalleryWriter
 from exmesh_graph.report import sweep_pictures as module
-from exmesh_graph.report.pictures import GalleryWriter
 from exmesh_graph.report.sweep_page import best_of
 from exmesh_graph.report.sweep_pictures import Shown, sweep_pictures, versus_section
 from tests.report.chromium import screenshot

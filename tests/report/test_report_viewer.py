@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from exmesh_graph.gallery.models import add_model
+from exmesh_graph.gallery.pictures import GalleryWriter
 from exmesh_graph.report import build_report
-from exmesh_graph.report.models import add_model
-from exmesh_graph.report.pictures import GalleryWriter
 from exmesh_graph.types import Asset, Carrier
 from tests.report.chromium import NO_WEBGL, WEBGL, screenshot_when
 

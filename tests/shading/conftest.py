@@ -2,7 +2,7 @@
 
 import pytest
 
-from exmesh_graph.torch_setup import torch_threads
+from exmesh_graph.gpu.torch_setup import torch_threads
 
 
 @pytest.fixture

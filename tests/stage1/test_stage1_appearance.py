@@ -10,7 +10,7 @@ from exmesh_nodes import appearance, evaluate, topology, uv
 from stage1_scenes import ball, fresh_state, grid_ball, photographs
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.metrics.image import psnr
+from exmesh_graph.evaluate.metrics.image import psnr
 from exmesh_graph.raster import edge_table, project, rasterize_projected
 from exmesh_graph.stage1.appearance.kinds import model_of
 from exmesh_graph.stage1.appearance.mlp import Mlp, weight_count

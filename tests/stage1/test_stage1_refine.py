@@ -184,7 +184,7 @@ def test_the_state_survives_a_face_without_area(views):
 
 
 def test_threads_are_restored():
-    from exmesh_graph.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import torch_threads
 
     before = torch.get_num_threads()
     with torch_threads(before + 1):

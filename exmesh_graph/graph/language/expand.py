@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.declare.ports import Port
 from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.parts import MAX_COPIED, Lost, Part, declare_part
 from exmesh_graph.graph.language.spec import (
@@ -25,7 +26,6 @@ from exmesh_graph.graph.language.spec import (
     substitute,
 )
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.ports import Port
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 MAX_ROUNDS = 1000

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.declare.packs import library_version
 from exmesh_graph.graph.files import Memo
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.packs import library_version
 from exmesh_graph.graph.problems import Where
 
 SHORT, MOST = 4096, 8  # shorter texts are parsed; so many parsed ones are kept

@@ -21,9 +21,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.graph.declare.ports import Port, link_form, types_by_name
 from exmesh_graph.graph.language.spec import Tree, Value, _mapping, _merge_nodes, load_merged, substitute, tree_of
 from exmesh_graph.graph.language.yamlfile import Map, files_like
-from exmesh_graph.graph.ports import Port, link_form, types_by_name
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.declare.ports import Port, Signature, signature, types_by_name
 from exmesh_graph.graph.language.params import KINDS, SIGNS
-from exmesh_graph.graph.node import NodeDef
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.ports import Port, Signature, signature, types_by_name
 from exmesh_graph.graph.variants.patches import OPERATIONS
 
 _NAMES = {"pattern": "^[A-Za-z_][A-Za-z0-9_-]*$"}

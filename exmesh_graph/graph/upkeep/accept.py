@@ -8,12 +8,12 @@ from typing import Any
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.check import Bound, Checked
-from exmesh_graph.graph.plan import HIT, UNKNOWN, plan
-from exmesh_graph.graph.store import Action, Store
-from exmesh_graph.graph.upkeep.accepted import Accepted, accepted, accepted_id, codes, without_codes
+from exmesh_graph.graph.cache.accepted import Accepted, accepted, accepted_id, codes, without_codes
+from exmesh_graph.graph.cache.store import Action, Store
+from exmesh_graph.graph.language.check import Bound, Checked
+from exmesh_graph.graph.machine import user_and_host
+from exmesh_graph.graph.run.plan import HIT, UNKNOWN, plan
 from exmesh_graph.graph.upkeep.why import changed_code, explain
-from exmesh_graph.machine import user_and_host
 
 
 def accept(graph: Checked, store: Store, only: set[str] | None = None) -> Iterator[tuple[str, str]]:

@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from exmesh_graph.graph import files
-from exmesh_graph.graph.lease import Leases
-from exmesh_graph.graph.store import NOTHING, Store
+from exmesh_graph.graph.cache.lease import Leases
+from exmesh_graph.graph.cache.store import NOTHING, Store
 from exmesh_graph.graph.upkeep.roots import Roots, find_roots
 
 HOUR, DAY = 3600.0, 86400.0

@@ -22,12 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph.cache.fingerprint import outside_imports
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.files import sync
-from exmesh_graph.graph.fingerprint import outside_imports
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.upkeep.units import shown_bytes
-from exmesh_graph.machine import machine_facts
 
 OK, WARN, FAIL = "ok", "warn", "fail"
 LOW, EMPTY = 5 * 10**9, 5 * 10**8

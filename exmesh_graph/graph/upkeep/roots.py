@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.lease import Leases
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache.lease import Leases
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.machine import Process
 from exmesh_graph.graph.upkeep.pins import pins
-from exmesh_graph.machine import Process
 
 
 @dataclass

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.checkpoint import checked_step
-from exmesh_graph.graph.lease import Leases
-from exmesh_graph.graph.store import Store
-from exmesh_graph.graph.upkeep.accepted import read_accepted
+from exmesh_graph.graph.cache.accepted import read_accepted
+from exmesh_graph.graph.cache.lease import Leases
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.run.checkpoint import checked_step
 from exmesh_graph.graph.upkeep.pins import read_pin
 
 

@@ -6,10 +6,10 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from exmesh_graph.graph.check import Bound
-from exmesh_graph.graph.fingerprint import fingerprint
-from exmesh_graph.graph.language import components
-from exmesh_graph.graph.store import Action, Store
+from exmesh_graph.graph.cache.fingerprint import fingerprint
+from exmesh_graph.graph.cache.store import Action, Store
+from exmesh_graph.graph.declare import components
+from exmesh_graph.graph.language.check import Bound
 
 COMPARED = 200  # records of one type
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from exmesh_graph.graph.check import Checked, check
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.language.check import Checked, check
 from exmesh_graph.graph.language.expand import expand
 from exmesh_graph.graph.language.spec import load_merged, tree_of
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 from exmesh_graph.graph.variants.declared import BASE, Repeats, Row, repeats_of, rows_of, setting
 from exmesh_graph.graph.variants.draft import Draft, is_part, refuse

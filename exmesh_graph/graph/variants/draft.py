@@ -11,11 +11,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.declare.ports import Port, Signature, signature
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.spec import Value, _resolve_params, substitute
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.ports import Port, Signature, signature
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 
 Names = tuple[str, ...]

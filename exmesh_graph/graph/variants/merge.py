@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from exmesh_graph.graph.check import Bound, Checked
-from exmesh_graph.graph.keys import key_of, preimage_of
-from exmesh_graph.graph.language.components import BoundComponent
+from exmesh_graph.graph.cache.keys import key_of, preimage_of
+from exmesh_graph.graph.declare.components import BoundComponent
+from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.language.expand import Link
 
 

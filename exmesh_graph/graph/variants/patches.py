@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.packs import Packs
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import Draft, clone, refuse
 from exmesh_graph.graph.variants.rewire import add, bypass, insert, remove, replace

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from exmesh_graph.graph.declare.ports import Port, Signature, type_name
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.ports import Port, Signature, type_name
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, Spot, clone, is_block, is_link, is_part, layers_of, refuse
 from exmesh_graph.graph.variants.values import fixed_spot, need, needed, port_address, round_layer

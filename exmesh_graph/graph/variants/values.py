@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from exmesh_graph.graph.declare.ports import Signature
 from exmesh_graph.graph.language.params import give
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.ports import Signature
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, clone, is_block, is_link, layers_of, refuse
 from exmesh_graph.graph.variants.inside import part_in, put_inside

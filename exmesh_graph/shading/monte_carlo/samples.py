@@ -17,7 +17,7 @@ from typing import Literal, get_args
 
 import torch
 
-from exmesh_graph.raster.warp_runtime import launch
+from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.rays.tensors import any_hit
 from exmesh_graph.shading.brdf_sampling import specular_share

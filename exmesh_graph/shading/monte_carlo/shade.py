@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch.autograd.function import once_differentiable
 
-from exmesh_graph.raster.warp_runtime import launch, warp
+from exmesh_graph.gpu.warp_runtime import launch, warp
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.monte_carlo.points import Material

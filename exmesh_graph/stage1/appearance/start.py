@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.stage1.appearance.mlp import Mlp, layers, weight_count
-from exmesh_graph.torch_setup import tensor_of
 from exmesh_graph.types import Stage1State
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import sample_bilinear

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.backends.local import Local
-from exmesh_graph.graph.run import NodeFailed
+from exmesh_graph.graph.run.backends.local import Local
+from exmesh_graph.graph.run.runner import NodeFailed
 
 TOY = Path(__file__).parent.parent / "toy"
 

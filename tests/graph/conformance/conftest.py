@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.backends import Backend
-from exmesh_graph.graph.backends.inline import Inline
-from exmesh_graph.graph.backends.local import Local
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.run.backends import Backend
+from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.backends.local import Local
 
 TOY = Path(__file__).parent.parent / "toy"
 RAY = [pytest.mark.ray, pytest.mark.slow]
@@ -44,7 +44,7 @@ def backend(kind: str) -> Iterator[Callable[[Store], Backend]]:
 
     def make(store: Store) -> Backend:
         if kind == "ray":
-            from exmesh_graph.graph.backends.ray import RayCluster
+            from exmesh_graph.graph.run.backends.ray import RayCluster
 
             made.append(RayCluster(store))
         else:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.backends.inline import Inline
+from exmesh_graph.graph.run.backends.inline import Inline
 
 TOY = Path(__file__).parent.parent / "toy"
 ray = pytest.importorskip("ray", reason="Ray is not installed (pip install 'exmesh-graph[ray]')")
@@ -80,7 +80,7 @@ def kill_worker() -> None:
 def test_a_lost_machine_or_worker_costs_only_the_steps_since_its_checkpoint(
     bench: Any, cluster: Any, tmp_path: Path, what: str
 ) -> None:
-    from exmesh_graph.graph.backends.ray import RayCluster
+    from exmesh_graph.graph.run.backends.ray import RayCluster
 
     other = type(bench)(tmp_path / "other", bench.packs)
     whole = other.run(COUNT.replace("MORE", ""), backend=Inline(other.store))
@@ -102,8 +102,8 @@ def test_a_lost_machine_or_worker_costs_only_the_steps_since_its_checkpoint(
 
 
 def test_a_wish_that_no_machine_can_meet_is_a_failed_node(bench: Any, cluster: Any) -> None:
-    from exmesh_graph.graph.backends.ray import RayCluster
-    from exmesh_graph.graph.run import NodeFailed
+    from exmesh_graph.graph.run.backends.ray import RayCluster
+    from exmesh_graph.graph.run.runner import NodeFailed
 
     text = 'nodes: {a: {type: toy.const}, x: {type: toy.gpu, number: "@a.number"}}'
     with pytest.raises(NodeFailed, match=r"toy\.gpu asks for gpu=1"):
@@ -113,7 +113,7 @@ def test_a_wish_that_no_machine_can_meet_is_a_failed_node(bench: Any, cluster: A
 
 
 def test_no_cluster_at_an_address_is_said(bench: Any) -> None:
-    from exmesh_graph.graph.backends.ray import RayCluster
+    from exmesh_graph.graph.run.backends.ray import RayCluster
 
     if ray.is_initialized():
         ray.shutdown()

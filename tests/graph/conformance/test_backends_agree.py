@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.backends.inline import Inline
-from exmesh_graph.graph.job import DONE, FAILED, STOPPED, Job, Outcome
-from exmesh_graph.graph.run import NodeFailed, Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.schedule import Pool
+from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.job import DONE, FAILED, STOPPED, Job, Outcome
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import NodeFailed, Run
+from exmesh_graph.graph.run.schedule import Pool
 
 GRAPH = """
 name: conformance
@@ -268,7 +268,7 @@ def test_an_unknown_node_type_is_a_failed_job(
 
 def test_without_ray_its_backend_says_what_to_install(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from exmesh_graph.errors import MissingLibraryError
-    from exmesh_graph.graph.backends.ray import RayCluster
+    from exmesh_graph.graph.run.backends.ray import RayCluster
 
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingLibraryError, match="exmesh-graph\\[ray\\]"):
@@ -276,7 +276,7 @@ def test_without_ray_its_backend_says_what_to_install(bench: Any, monkeypatch: p
 
 
 def test_ray_is_imported_only_where_it_is_used() -> None:
-    code = "import sys, exmesh_graph.graph.backends.ray, exmesh_graph.cli.app; assert 'ray' not in sys.modules"
+    code = "import sys, exmesh_graph.graph.run.backends.ray, exmesh_graph.cli.app; assert 'ray' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -22,10 +22,10 @@ from faults import Fault, Stuck, end, forked, sleep_until, traced, waited
 from worlds import Report, Truth, World, audit, execute, published, random_world, recorded, truth_of, wrong_values
 
 from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph.cache.accepted import accepted_id
+from exmesh_graph.graph.cache.lease import Leases
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import seal_text, write_durably
-from exmesh_graph.graph.lease import Leases
-from exmesh_graph.graph.store import Store
-from exmesh_graph.graph.upkeep.accepted import accepted_id
 from exmesh_graph.graph.upkeep.pins import pin
 from exmesh_graph.graph.upkeep.verify import verify
 

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.cli.running import backend_of
-from exmesh_graph.graph.check import Checked, check_file
-from exmesh_graph.graph.packs import load_packs
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store, artifact_types
+from exmesh_graph.graph.cache.store import Store, artifact_types
+from exmesh_graph.graph.declare.packs import load_packs
+from exmesh_graph.graph.language.check import Checked, check_file
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import Run
 from exmesh_graph.graph.upkeep.verify import verify
 
 sys.path.append(str(Path(__file__).parent.parent / "toy"))

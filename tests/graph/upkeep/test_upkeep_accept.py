@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import fingerprint as fp
-from exmesh_graph.graph import job, keys, plan
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache import fingerprint as fp
+from exmesh_graph.graph.cache import keys
+from exmesh_graph.graph.cache.accepted import accepted, accepted_between
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.run import job, plan
 from exmesh_graph.graph.upkeep import why
 from exmesh_graph.graph.upkeep.accept import accept, revoke
-from exmesh_graph.graph.upkeep.accepted import accepted, accepted_between
 
 GRAPH = """
 nodes:

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import store as store_module
-from exmesh_graph.graph.checkpoint import Checkpoints
+from exmesh_graph.graph.cache import store as store_module
+from exmesh_graph.graph.cache.lease import Lease, Leases
+from exmesh_graph.graph.cache.store import Store, Stored
 from exmesh_graph.graph.files import own_folder
-from exmesh_graph.graph.lease import Lease, Leases
-from exmesh_graph.graph.store import Store, Stored
+from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.upkeep import collect
 from exmesh_graph.graph.upkeep import pins as pins_module
 from exmesh_graph.graph.upkeep.collect import DAY, Survey, delete, survey
@@ -241,7 +241,7 @@ def test_checkpoints_and_quarantine(store: Store) -> None:
 def test_a_killed_gc_leaves_no_dangling_record(store: Store) -> None:
     made = [result(store, n) for n in range(6)]
     code = (
-        "import os, sys\nfrom pathlib import Path\nfrom exmesh_graph.graph.store import Store\n"
+        "import os, sys\nfrom pathlib import Path\nfrom exmesh_graph.graph.cache.store import Store\n"
         "from exmesh_graph.graph.upkeep import collect\n"
         "real, count = collect._rename, int(sys.argv[2])\n"
         "def rename(path, target):\n"
@@ -335,7 +335,7 @@ def test_gc_beside_a_runner(bench: Any) -> None:
     """Runs and gc with no grace at all, at once, with no folder of runs known: no run fails, no record dangles."""
     graph = bench.write("\n".join(["nodes:"] + [f"  n{n}: {{type: toy.const, value: {n}}}" for n in range(30)]))
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom exmesh_graph.graph.store import Store\n"
+        "import sys, time\nfrom pathlib import Path\nfrom exmesh_graph.graph.cache.store import Store\n"
         "from exmesh_graph.graph.upkeep.collect import delete, survey\n"
         "store, end = Store(Path(sys.argv[1])), time.monotonic() + 3\n"
         "while time.monotonic() < end:\n    delete(store, survey(store, age=-1))\n"

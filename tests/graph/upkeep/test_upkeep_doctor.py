@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.packs import Packs
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.upkeep import doctor
 from exmesh_graph.graph.upkeep.doctor import FAIL, OK, WARN, Finding, examine
 

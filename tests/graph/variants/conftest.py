@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.check import Checked
+from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.variants import check_variant
 
 BASE = """

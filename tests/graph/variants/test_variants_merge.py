@@ -8,11 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.graph.check import Checked
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.language.yamlfile import parse_yaml
-from exmesh_graph.graph.run import Run
-from exmesh_graph.graph.rundir import RunFolder
-from exmesh_graph.graph.store import Store
+from exmesh_graph.graph.run.rundir import RunFolder
+from exmesh_graph.graph.run.runner import Run
 from exmesh_graph.graph.variants import apply_patches, check_variants, merge
 
 TEXT = """

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from exmesh_graph.graph import Component, Context, Params, component, facets, node, param
-from exmesh_graph.graph.node import Auto
+from exmesh_graph.params import Auto
 from toy_pack.helpers import sign_of
 from toy_pack.nodes import Number, NumberOut, Series, Whole
 

@@ -1,0 +1,115 @@
+"""An edit as a user states it: region, operation, value, checked and carried out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from exmesh_graph.edit.pick import picked_point
+from exmesh_graph.edit.texels import Channel, TexelSurface, ball_region, decal, edited, mask_region, texel_surface
+from exmesh_graph.errors import DataError
+from exmesh_graph.io.images import read_mask, read_photo
+from exmesh_graph.types import Asset, Frame, Views
+
+
+@dataclass(frozen=True)
+class EditSettings:
+    """Settings of `apply_edit`; meanings and units are those of the node `use.edit_material`."""
+
+    channel: Channel = "base_color"
+    operation: Literal["set", "scale", "paint"] = "set"
+    value: tuple[float, ...] = ()
+    picture: Path | None = None
+    mask: Path | None = None
+    center: tuple[float, float, float] | None = None
+    view: str = ""
+    pixel: tuple[float, float] | None = None
+    radius: float = 0.0
+    feather: float = 0.0
+
+
+def apply_edit(
+    asset: Asset, settings: EditSettings, views: Views | None = None, frame: Frame | None = None, *, where: str = ""
+) -> tuple[Asset, np.ndarray]:
+    """The edited asset and the weight [R, R] of the edit in each texel.
+
+    The region is the product of what is given: mask, ball, the picture's own alpha; the whole atlas without any. With
+    `frame`, `center` and `radius` are in scene units. Raises DataError for settings that contradict each other.
+    """
+    _check(settings, views, where)
+    surface = texel_surface(asset)
+    weight = np.ones(asset.roughness.shape, np.float32)
+    if settings.mask is not None:
+        weight = weight * mask_region(read_mask(settings.mask), len(weight))
+    ball = _ball(asset, settings, views, frame)
+    if ball is not None:
+        weight = weight * ball_region(surface, ball[0], ball[1], settings.feather)
+    value = np.asarray(settings.value, np.float32)
+    if settings.operation == "paint":
+        painted, alpha = _painted(settings, surface, ball)
+        weight = weight * alpha
+        value = painted if settings.channel == "base_color" else painted.mean(axis=-1, keepdims=True)
+    return edited(asset, settings.channel, weight, settings.operation, value), weight
+
+
+def _ball(
+    asset: Asset, settings: EditSettings, views: Views | None, frame: Frame | None
+) -> tuple[np.ndarray, float] | None:
+    """Middle and radius of the ball in normalised units."""
+    if settings.radius == 0:
+        return None
+    scale = 1.0 if frame is None else float(np.cbrt(np.linalg.det(frame.scene_from_normalised[:3, :3])))
+    if settings.pixel is not None:
+        assert views is not None
+        return picked_point(asset, views, settings.view, settings.pixel), settings.radius / scale
+    center = np.asarray(settings.center, float)
+    if frame is not None:
+        center = np.linalg.solve(frame.scene_from_normalised, np.append(center, 1.0))[:3]
+    return center, settings.radius / scale
+
+
+def _painted(
+    settings: EditSettings, surface: TexelSurface, ball: tuple[np.ndarray, float] | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Straight linear colour [R, R, 3] and alpha [R, R] of the picture at each texel."""
+    assert settings.picture is not None
+    photo = read_photo(settings.picture)
+    layers = np.concatenate([photo.rgb, photo.alpha[..., None]], axis=-1)
+    if ball is not None:
+        laid = decal(surface, layers, ball[0], ball[1])
+    else:
+        laid = np.stack([mask_region(layers[..., c], surface.position.shape[0]) for c in range(4)], axis=-1)
+    return laid[..., :3] / np.maximum(laid[..., 3:], 1e-6), laid[..., 3]
+
+
+def _check(settings: EditSettings, views: Views | None, where: str) -> None:
+    """Raise DataError for what contradicts itself or is not enough."""
+
+    def wrong(message: str, fix: str) -> DataError:
+        return DataError(message, where=where, fix=fix)
+
+    if settings.operation == "paint" and settings.picture is None:
+        raise wrong("nothing to paint with", "set `picture`, or operation: set with a `value`")
+    if settings.operation != "paint" and settings.picture is not None:
+        raise wrong(f"`picture` does nothing with operation: {settings.operation}", "set operation: paint")
+    if settings.operation != "paint" and not settings.value:
+        raise wrong(f"operation: {settings.operation} has no `value`", "give one number, or three for base_color")
+    if settings.operation == "paint" and settings.value:
+        raise wrong("`value` does nothing with operation: paint", "take it away, or set operation: set")
+    if any(value < 0 or (value > 1 and settings.operation == "set") for value in settings.value):
+        least = "no less than 0" if settings.operation == "scale" else "from 0 to 1 (base_color: linear RGB)"
+        raise wrong(f"`value` {settings.value} is out of range", f"give numbers {least}")
+    if (settings.pixel is None) != (settings.view == ""):
+        raise wrong("`view` and `pixel` belong together", "give both, or `center`")
+    if settings.pixel is not None and settings.center is not None:
+        raise wrong("`center` and `pixel` both say where the ball is", "give one of them")
+    if settings.pixel is not None and views is None:
+        raise wrong("`pixel` needs the cameras", 'wire `views: "@views.train"`')
+    placed = settings.pixel is not None or settings.center is not None
+    if placed != (settings.radius > 0):
+        raise wrong("a ball needs a middle and a radius", "give `radius` with `center`, or with `view` and `pixel`")
+    if settings.feather > 0 and not placed:
+        raise wrong("`feather` belongs to a ball", "give `center` and `radius`, or soften the mask itself")

@@ -1,0 +1,1 @@
+"""Metrics, scoring and the protocols of published benchmarks."""

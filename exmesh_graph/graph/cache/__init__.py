@@ -1,0 +1,1 @@
+"""What a result is known by and where it is kept: fingerprints, keys, the store, leases."""

@@ -1,0 +1,113 @@
+"""The key of an action: sha256 over the canonical JSON of everything that can change its result.
+
+    {epoch, type, version, code, params, seed, libraries, sources: {name: digest}, inputs: {port: [type, digest]},
+     components: {port: {type, version, code, params, libraries, components}}, where any are plugged in}
+
+Tuning parameters and paths stay out; the contents of the files behind the paths are in. Port names are bound to
+digests, so that swapped inputs give another key. The input digests are those of recorded outputs, so that equal
+outputs of an upstream change stop the cascade. Golden-key tests pin the format; raise EPOCH when it changes.
+"""
+
+from __future__ import annotations
+
+import enum
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.cache.fingerprint import fingerprint
+from exmesh_graph.graph.declare.components import BoundComponent
+from exmesh_graph.graph.declare.packs import library_version
+from exmesh_graph.graph.declare.ports import signature
+from exmesh_graph.graph.language.check import Bound
+
+EPOCH = 1
+ABSENT = ("none", "none")
+
+
+def canonical(value: Any) -> str:
+    """Canonical JSON: sorted keys, no blanks, floats as hexadecimal; other types are refused."""
+    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
+def digest_of(value: Any) -> str:
+    """sha256 of the canonical JSON."""
+    return hashlib.sha256(canonical(value).encode("ascii")).hexdigest()
+
+
+def key_of(preimage: Mapping[str, Any]) -> str:
+    """The key that belongs to a pre-image, fresh or read back from a record."""
+    text = json.dumps(preimage, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return hashlib.sha256(b"exmesh.action\n" + text.encode("ascii")).hexdigest()
+
+
+def preimage_of(
+    bound: Bound, code: str, sources: Mapping[str, str], inputs: Mapping[str, tuple[str, str]]
+) -> dict[str, Any]:
+    """The pre-image of a node's key. `inputs` maps connected ports to (type name, artifact digest)."""
+    leave_out = bound.signature.path_fields() | bound.signature.tuning_fields()
+    params = bound.params.model_dump(mode="python")
+    kept = {name: value for name, value in params.items() if name not in leave_out}
+    beside = {name: _without_paths(params[name]) for name in sorted(bound.signature.path_fields())}
+    kept.update({name: value for name, value in beside.items() if value is not None})
+    return {
+        "epoch": EPOCH,
+        "type": bound.definition.type,
+        "version": bound.definition.version,
+        "code": code,
+        "params": _plain(kept),
+        "seed": bound.seed,
+        "libraries": {name: library_version(name) for name in sorted(bound.definition.libraries)},
+        "sources": dict(sorted(sources.items())),
+        "inputs": {port: list(pair) for port, pair in sorted(inputs.items())},
+        **({"components": _components(bound.components)} if bound.components else {}),
+    }
+
+
+def _components(plugs: Mapping[str, BoundComponent]) -> dict[str, Any]:
+    """Everything about components that can change a result, by port."""
+    found = {}
+    for port, plug in sorted(plugs.items()):
+        definition, tuning = plug.definition, signature(plug.definition).tuning_fields()
+        found[port] = {
+            "type": definition.type,
+            "version": definition.version,
+            "code": fingerprint(definition).digest,
+            "params": _plain({name: value for name, value in plug.params("python").items() if name not in tuning}),
+            "libraries": {name: library_version(name) for name in sorted(definition.libraries)},
+            "components": _components(plug.nested),
+        }
+    return found
+
+
+def _without_paths(value: Any) -> Any:
+    """What a path parameter holds beside paths: a name of something built in, a number per file. None for nothing."""
+    if isinstance(value, PurePath):
+        return None
+    if isinstance(value, list | tuple):
+        left = [_without_paths(item) for item in value]
+        return left if any(item is not None for item in left) else None
+    if isinstance(value, Mapping):
+        named = {key: _without_paths(item) for key, item in value.items()}
+        return named if any(item is not None for item in named.values()) else None
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, enum.Enum):
+        return _plain(value.value)
+    if value is None or isinstance(value, bool | str | int):
+        return value
+    if isinstance(value, float):
+        return {"~float": value.hex()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        return {("~" + key if key.startswith("~") else key): _plain(item) for key, item in value.items()}
+    raise GraphError(
+        f"a {type(value).__name__} cannot be part of a key",
+        expected="null, bool, int, float, str, lists and mappings of them",
+    )

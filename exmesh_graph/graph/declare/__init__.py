@@ -1,0 +1,1 @@
+"""Declaring nodes, ports, components and packs of them."""

@@ -1,0 +1,134 @@
+"""Components: small specs that plug into a solver node, such as a loss, an appearance or a light-transport model.
+
+    class Loss(Component):
+        \"\"\"Base of what a port of type Loss takes.\"\"\"
+
+    @component("loss.smooth", version="1")
+    class Smooth(Loss):
+        \"\"\"One line for `exmesh nodes`.\"\"\"
+
+        weight: float = param(0.1, ge=0, doc="...")
+        inner: Loss | None = None              # components nest
+
+        def value(self, x): ...
+
+    @node("stage9.fit", version="1")
+    def fit(ctx: Context, carrier: Carrier, loss: Loss, *, p: FitParams) -> FitOut: ...
+
+In a graph a component is an entry like a node's, linked without a port: `loss: "@smooth"`. It never runs and has no
+artifacts: the node receives the validated object; type, code, version and parameters are part of the node's key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.declare.node import REGISTRY, NodeDef, register
+from exmesh_graph.graph.problems import Where
+from exmesh_graph.params import Params
+
+MAX_NESTING = 32
+C = TypeVar("C", bound="type[Component]")
+
+
+class Component(Params):
+    """Base of all components: a frozen model whose fields are parameters and nested components."""
+
+
+def component(
+    type: str, *, version: str, libraries: tuple[str, ...] = (), code: tuple[str, ...] = ()
+) -> Callable[[C], C]:
+    """Register a class as the component `type`; the words mean what they mean for `node`."""
+
+    def add(cls: C) -> C:
+        register(NodeDef(type, cls, version, libraries=libraries, code=code))
+        return cls
+
+    return add
+
+
+@dataclass(frozen=True)
+class BoundComponent:
+    """A component of a graph: its validated object, and the components plugged into it, by field."""
+
+    name: str
+    definition: NodeDef
+    value: Component
+    nested: Mapping[str, BoundComponent]
+    where: Where
+
+    @property
+    def depth(self) -> int:
+        """How deep components nest here, itself counted."""
+        return 1 + max((plug.depth for plug in self.nested.values()), default=0)
+
+    def params(self, mode: str = "json") -> dict[str, Any]:
+        """The parameters without the nested components."""
+        return self.value.model_dump(mode=mode, exclude=component_fields(self.value))
+
+    def describe(self) -> dict[str, Any]:
+        """Plain JSON-like data from which `rebuild` makes the same component elsewhere, and which people can read."""
+        nested = {field: inner.describe() for field, inner in self.nested.items()}
+        return {"type": self.definition.type, "params": self.params(), "components": nested}
+
+    def all(self) -> list[BoundComponent]:
+        """Itself and all components plugged into it."""
+        return [self, *(inner for plug in self.nested.values() for inner in plug.all())]
+
+
+def component_fields(value: Component) -> set[str]:
+    """Names of the fields that hold components, or None where a component may be."""
+    from exmesh_graph.graph.declare.ports import component_ports
+
+    return set(component_ports(type(value)))
+
+
+def rebuild(name: str, told: Mapping[str, Any], where: Where) -> BoundComponent:
+    """The component that `describe` told of; the node packs must be loaded."""
+    nested = {field: rebuild(f"{name}.{field}", inner, where) for field, inner in told["components"].items()}
+    definition = REGISTRY[told["type"]]
+    fields = {field: plug.value for field, plug in nested.items()}
+    assert isinstance(definition.function, type)
+    assert issubclass(definition.function, Component)
+    value = definition.function.model_validate({**told["params"], **fields})
+    found = BoundComponent(name, definition, value, nested, where)
+    if found.params() != told["params"]:
+        raise validated_otherwise(definition.type, found.params(), told["params"], where)
+    return found
+
+
+def validated_otherwise(kind: str, now: Mapping[str, Any], keyed: Mapping[str, Any], where: Where) -> GraphError:
+    """The error of parameters that are not what they are keyed by once they are validated again."""
+    names = ", ".join(sorted(name for name in {*now, *keyed} if now.get(name) != keyed.get(name)))
+    return GraphError(
+        f"{kind}: a validator or serializer changes {names} each time it is applied",
+        where=str(where),
+        fix="let the validator only check, and convert in the code that uses the parameter",
+    )
+
+
+def differences(label: str, new: Any, old: Any, shown: Callable[[Any], str]) -> list[str]:
+    """How two pre-images of a component differ, one sentence each; None stands for no component."""
+    if old is None or new is None:
+        state = "newly plugged in" if old is None else "no longer plugged in"
+        return [f"component {label} ({(new or old)['type']}) is {state}"]
+    if new["type"] != old["type"]:
+        return [f"component {label} is {new['type']}, was {old['type']}"]
+    words = []
+    if new["version"] != old["version"]:
+        words.append(f"component {label}: version {old['version']} -> {new['version']}")
+    if new["code"] != old["code"]:
+        words.append(f"component {label}: code changed")
+    for field, word in (("params", "parameter"), ("libraries", "library")):
+        for name in sorted({*new[field], *old[field]}):
+            if new[field].get(name) != old[field].get(name):
+                change = f"{shown(old[field].get(name))} -> {shown(new[field].get(name))}"
+                words.append(f"component {label}: {word} {name} {change}")
+    for name in sorted({*new["components"], *old["components"]}):
+        inner, before = new["components"].get(name), old["components"].get(name)
+        if inner != before:
+            words += differences(f"{label}.{name}", inner, before, shown)
+    return words

@@ -1,0 +1,160 @@
+"""Declaring a node: a function, its ports from the annotations, its parameters from one frozen model.
+
+    class HullParams(Params):
+        resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Grid points along the longest side.")
+
+    class HullOut(NamedTuple):
+        mesh: Annotated[Mesh, facets(manifold=True)]
+
+    @node("init.visual_hull", version="1")
+    def visual_hull(ctx: Context, views: Annotated[Views, facets(split="train")], *, p: HullParams) -> HullOut:
+        \"\"\"One line for `exmesh nodes`.\"\"\"
+
+Input ports are the positional parameters after `ctx` (a default of None makes one optional); output ports are the
+fields of the NamedTuple that the function returns. Heavy imports belong inside the function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Properties a port promises (outputs) or asks for (inputs)."""
+
+    values: Mapping[str, Any]
+
+    def __hash__(self) -> int:  # typing hashes the notes of `Annotated[...] | None`
+        return hash(tuple(sorted(self.values)))
+
+
+def facets(**values: Any) -> Facets:
+    """Used inside `Annotated[Type, facets(closed=True)]`."""
+    return Facets(values)
+
+
+@runtime_checkable
+class Context(Protocol):
+    """What a running node may ask of the framework."""
+
+    @property
+    def node(self) -> str:
+        """The node's name in the graph, e.g. `rounds[3].refine`."""
+
+    @property
+    def key(self) -> str:
+        """The node's key: a hash of its inputs, parameters, code and libraries. For provenance."""
+
+    @property
+    def seed(self) -> int:
+        """The seed of this node; part of the key."""
+
+    @property
+    def scratch(self) -> Path:
+        """An empty folder of this attempt, removed afterwards; outputs of type Files may lie here."""
+
+    @property
+    def threads(self) -> int:
+        """CPU threads that this node may use; they must not change the result."""
+
+    def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
+        """Offer the state after `step` steps, for a run that is cut off to go on from.
+
+        Cheap to call every step: it is written at most every half minute and on the first Ctrl-C. `state` holds numpy
+        arrays, torch tensors, numbers, strings, None, and nested dicts and lists of these; it must be enough to end
+        with the same result as an uninterrupted run. Only in nodes declared `resumable=True`.
+        """
+
+    def resume(self) -> tuple[int, dict[str, Any]] | None:
+        """(step, state) of the last checkpoint of an earlier attempt at this very key, or None: start afresh."""
+
+    def progress(self, step: int, total: int, **figures: float) -> None:
+        """Report progress: `loss=`, `psnr=` and the like are shown live and logged. Cheap to call often."""
+
+    def log(self, message: str) -> None:
+        """A line for the node's log."""
+
+    def warn(self, message: str) -> None:
+        """A warning for the user: shown, logged and kept in the run's report."""
+
+
+@dataclass(frozen=True)
+class NodeDef:
+    """A registered node type, or a component type, whose `function` is its class."""
+
+    type: str
+    function: Callable[..., Any]
+    version: str
+    deterministic: bool = True
+    libraries: tuple[str, ...] = ()
+    code: tuple[str, ...] = ()
+    sources: Callable[[Any], Mapping[str, Path]] | None = None
+    resources: Mapping[str, float] = field(default_factory=dict)
+    resumable: bool = False
+
+
+REGISTRY: dict[str, NodeDef] = {}
+
+
+def node(
+    type: str,
+    *,
+    version: str,
+    deterministic: bool = True,
+    libraries: tuple[str, ...] = (),
+    code: tuple[str, ...] = (),
+    sources: Callable[[Any], Mapping[str, Path]] | None = None,
+    resources: Mapping[str, float] | None = None,
+    resumable: bool = False,
+) -> Callable[[F], F]:
+    """Register a function as the node `type`.
+
+    version    raise it when the meaning changes in a way the code fingerprint cannot see
+    libraries  distributions whose version belongs in the key (xatlas, warp-lang, ...)
+    code       extra modules whose source belongs in the fingerprint, beside those the function imports
+    sources    params -> {name: file} of every file the node reads; their contents belong in the key and the
+               path parameters do not. It raises DataError for a missing file, so that `check` can say so.
+    resources  what one execution takes: {"cpu": 1, "gpu": 0, "vram_gb": 0, "ram_gb": 0, any other name: n}; these are
+               the defaults, and "cpu": 0 takes all cores. "gpu?": 1 takes one where there is any (`device: auto`). They
+               never change a key.
+    resumable  whether the node uses ctx.checkpoint and ctx.resume
+    """
+    taken = {"cpu": 1.0, **(resources or {})}
+    if any(isinstance(n, bool) or not isinstance(n, int | float) or n < 0 for n in taken.values()):
+        raise ValueError(f"node type {type!r}: resources are numbers >= 0, not {dict(taken)!r}")
+
+    def add(function: F) -> F:
+        register(NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable))
+        return function
+
+    return add
+
+
+def wanted_of(definition: NodeDef, most: Mapping[str, float]) -> dict[str, float]:
+    """What one execution takes on a machine that has `most`: cpus cut to its own, `name?` only where it has any."""
+    wanted = {"cpu": 1.0}
+    for name, count in definition.resources.items():
+        if not name.endswith("?"):
+            wanted[name] = count
+        elif most.get(name[:-1], 0.0) > 0:
+            wanted[name[:-1]] = min(count, most[name[:-1]])
+    cpus = most.get("cpu", 1.0)
+    return {**wanted, "cpu": min(wanted["cpu"] or cpus, cpus)}
+
+
+def register(definition: NodeDef) -> None:
+    """Add a type to the registry; one name stands for one function or class."""
+    known = REGISTRY.get(definition.type)
+    if known is not None and _origin(known) != _origin(definition):
+        raise ValueError(f"the type {definition.type!r} is registered twice: {_origin(known)}, {_origin(definition)}")
+    REGISTRY[definition.type] = definition
+
+
+def _origin(definition: NodeDef) -> str:
+    return f"{definition.function.__module__}.{definition.function.__qualname__}"

@@ -1,0 +1,230 @@
+"""What a node type looks like from outside: ports and parameters, read off the function's annotations."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import pathlib
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from exmesh_graph.graph.declare.components import Component
+from exmesh_graph.graph.declare.node import Facets, NodeDef
+from exmesh_graph.params import Auto, Params
+from exmesh_graph.types import Artifact
+
+RESERVED = ("type", "graph", "seed", "doc", "every", "at", "repeat", "carry", "next", "nodes")
+
+
+@dataclass(frozen=True)
+class Port:
+    """One end of a wire: the nominal types it takes (outputs have one), its facets, whether it may be absent."""
+
+    name: str
+    types: tuple[type, ...]
+    facets: Mapping[str, Any] = field(default_factory=dict)
+    optional: bool = False
+
+    @property
+    def type(self) -> Any:
+        """The one type of an output."""
+        return self.types[0]
+
+    @property
+    def plugged(self) -> bool:
+        """Whether it takes components and nothing else."""
+        return all(issubclass(kind, Component) for kind in self.types)
+
+    @property
+    def mixed(self) -> bool:
+        """Whether it takes an artifact or a component: the link says which, by naming an output or not."""
+        return not self.plugged and any(issubclass(kind, Component) for kind in self.types)
+
+    @property
+    def promises(self) -> dict[str, Any]:
+        """What is known of every value of an output before it is made; `facets(x=None)` takes a promise back."""
+        known = {**getattr(self.type, "conventions", {}), **self.facets}
+        return {name: value for name, value in known.items() if value is not None}
+
+    def wanted(self, kind: Any) -> dict[str, Any]:
+        """The facets that an input asks of a value of the type `kind`."""
+        base = next((getattr(own, "conventions", {}) for own in self.types if issubclass(kind, own)), {})
+        return {name: value for name, value in {**base, **self.facets}.items() if value is not None}
+
+    def clashes(self, source: Port) -> dict[str, tuple[Any, Any]]:
+        """Facets that this input asks for and `source` promises otherwise: {name: (wanted, promised)}."""
+        promised = source.promises
+        wanted = self.wanted(source.type)
+        return {k: (v, promised[k]) for k, v in wanted.items() if k in promised and promised[k] != v}
+
+    def takes(self, source: Port) -> bool:
+        """Whether the output `source` may be wired to this input, as far as is known before a run."""
+        return issubclass(source.type, self.types) and not self.clashes(source)
+
+    def __str__(self) -> str:
+        extra = ", ".join(f"{key}={value!r}" for key, value in self.facets.items())
+        return " | ".join(map(type_name, self.types)) + (f"[{extra}]" if extra else "")
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Ports and parameters of a node type."""
+
+    inputs: Mapping[str, Port]
+    outputs: Mapping[str, Port]
+    params: type[Params]
+    params_name: str | None
+    doc: str
+    component: type[Component] | None = None
+
+    def path_fields(self) -> set[str]:
+        """Names of the parameters that hold file paths."""
+        return {name for name, info in self.params.model_fields.items() if _holds(info.annotation, pathlib.PurePath)}
+
+    def tuning_fields(self) -> set[str]:
+        """Names of the parameters that cannot change the result."""
+        return {name for name in self.params.model_fields if self.extra(name).get("tuning")}
+
+    def decided_by(self) -> dict[str, str]:
+        """{parameter: port} of those that may be `auto`."""
+        fields = self.params.model_fields.items()
+        return {name: note.port for name, info in fields for note in info.metadata if isinstance(note, Auto)}
+
+    def extra(self, name: str) -> dict[str, Any]:
+        """Unit and tuning mark of a parameter."""
+        extra = self.params.model_fields[name].json_schema_extra
+        return dict(extra) if isinstance(extra, dict) else {}
+
+
+def signature(definition: NodeDef) -> Signature:
+    """The signature of a node or component type. Raises TypeError when the declaration cannot be used."""
+    found = _signature(definition.function)
+    if found.path_fields() and definition.sources is None:
+        names = ", ".join(sorted(found.path_fields()))
+        raise TypeError(
+            f"node type {definition.type!r} has path parameters ({names}) but declares no sources=: "
+            "the contents of the files it reads would not be part of its key"
+        )
+    return found
+
+
+def type_name(kind: type) -> str:
+    """What messages call a wire type or a component class."""
+    return kind.type_name if issubclass(kind, Artifact) else kind.__name__
+
+
+def link_form(port: Port) -> str:
+    """How a link to this port is written."""
+    return '"@component"' if port.plugged else '"@node.port" or "@component"' if port.mixed else '"@node.port"'
+
+
+def types_by_name() -> dict[str, type]:
+    """All wire types and component classes that loaded modules define, by the name that messages give them."""
+    found: dict[str, type] = {}
+    todo: list[type] = [Artifact, Component]
+    while todo:
+        kind = todo.pop()
+        found.setdefault(type_name(kind), kind)
+        todo += kind.__subclasses__()
+    return found
+
+
+@functools.cache
+def component_ports(cls: type[Component]) -> Mapping[str, Port]:
+    """The fields of a component class that take components."""
+    ports = {}
+    for name, info in cls.model_fields.items():
+        if _holds(info.annotation, Component):
+            ports[name] = _port(cls, name, info.annotation, not info.is_required())
+            if not ports[name].plugged:
+                raise TypeError(f"{cls.__qualname__}: {name} is {ports[name]}; a component holds components only")
+            if not info.is_required() and info.get_default(call_default_factory=True) is not None:
+                raise TypeError(f"{cls.__qualname__}: {name} may be required or None, but not a component by default")
+    return ports
+
+
+@functools.cache
+def _signature(function: Callable[..., Any]) -> Signature:
+    if isinstance(function, type) and issubclass(function, Component):
+        _refuse_clashes(function, {}, function)
+        return Signature(component_ports(function), {}, function, None, inspect.getdoc(function) or "", function)
+    hints = typing.get_type_hints(function, include_extras=True)
+    inputs: dict[str, Port] = {}
+    params: type[Params] = Params
+    params_name = None
+    for index, (name, parameter) in enumerate(inspect.signature(function).parameters.items()):
+        if index == 0:
+            continue
+        if name not in hints:
+            raise TypeError(f"{function.__qualname__}: {name} has no annotation")
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
+            if params_name is not None or not _is_subclass(hints[name], Params):
+                raise TypeError(f"{function.__qualname__}: the one keyword-only argument is a Params class")
+            params, params_name = hints[name], name
+        else:
+            optional = parameter.default is not inspect.Parameter.empty
+            inputs[name] = _port(function, name, hints[name], optional)
+    outputs = _outputs(function, hints.get("return"))
+    _refuse_clashes(function, inputs, params)
+    found = Signature(inputs, outputs, params, params_name, inspect.getdoc(function) or "")
+    for name, port in found.decided_by().items():
+        if port not in inputs or not inputs[port].optional:
+            raise TypeError(f"{function.__qualname__}: {name} is decided by {port}, which is no optional input")
+    return found
+
+
+def _outputs(function: Callable[..., Any], returned: Any) -> dict[str, Port]:
+    if not (_is_subclass(returned, tuple) and hasattr(returned, "_fields")):
+        raise TypeError(f"{function.__qualname__} must return a NamedTuple of its output ports")
+    hints = typing.get_type_hints(returned, include_extras=True)
+    ports = {name: _port(function, name, hints[name], False) for name in returned._fields}
+    for port in ports.values():
+        if len(port.types) > 1 or port.plugged:
+            raise TypeError(f"{function.__qualname__}: output {port.name} must be one Artifact type, not {port}")
+    return ports
+
+
+def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Port:
+    """A port from `T`, `A | B`, `T | None` and `Annotated[..., facets(...)]` around any of them.
+
+    `Artifact | Component` makes a mixed port: one solver takes a finished artifact or the spec of how to do without.
+    """
+    found: dict[str, Any] = {}
+    kinds: tuple[Any, ...] = (hint,)
+    while len(kinds) == 1:
+        hint = kinds[0]
+        origin = typing.get_origin(hint)
+        if origin is typing.Annotated:
+            inner, *notes = typing.get_args(hint)
+            kinds = (inner,)
+            for note in notes:
+                if isinstance(note, Facets):
+                    found.update(note.values)
+        elif origin in (typing.Union, types.UnionType):
+            kinds = tuple(arg for arg in typing.get_args(hint) if arg is not type(None))
+            optional = optional or len(kinds) < len(typing.get_args(hint))
+        else:
+            break
+    if all(_is_subclass(kind, Artifact) or _is_subclass(kind, Component) for kind in kinds):
+        return Port(name, kinds, found, optional)
+    shown = " | ".join(map(str, kinds))
+    raise TypeError(f"{owner.__qualname__}: port {name} is {shown}, not an Artifact type or Component class")
+
+
+def _refuse_clashes(function: Callable[..., Any], inputs: Mapping[str, Port], params: type[Params]) -> None:
+    both = set(inputs) & set(params.model_fields)
+    reserved = (set(inputs) | set(params.model_fields)) & set(RESERVED)
+    if both or reserved:
+        raise TypeError(f"{function.__qualname__}: names in use already: {sorted(both | reserved)}")
+
+
+def _is_subclass(value: Any, base: type) -> bool:
+    return isinstance(value, type) and issubclass(value, base)
+
+
+def _holds(annotation: Any, base: type) -> bool:
+    """Whether a (possibly nested) annotation mentions a subclass of `base`."""
+    return _is_subclass(annotation, base) or any(_holds(arg, base) for arg in typing.get_args(annotation))

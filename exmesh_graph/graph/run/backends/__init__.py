@@ -1,0 +1,43 @@
+"""Where jobs run. A backend places jobs and reports how they end; data moves through the store, never through it.
+
+The run calls a backend from one thread: `submit` while tokens are free, then `poll` until outcomes come, `close` in
+the end. Which node runs when, on how many tokens and under which lease is the run's affair (see `run`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Protocol
+
+from exmesh_graph.graph.run.job import Emit, Job, Outcome
+
+
+class Backend(Protocol):
+    """What a run asks of a backend."""
+
+    def capacity(self) -> Mapping[str, float]:
+        """Tokens that jobs may hold at once: cpu, gpu, vram_gb, ram_gb, any name, and `jobs`, one for each job."""
+
+    def largest(self) -> Mapping[str, float]:
+        """What one job can have at most, where `capacity` is that of several machines; empty for a single one."""
+
+    def submit(self, job: Job) -> None:
+        """Begin a job. Its name is unique among those that run."""
+
+    def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
+        """Wait up to `timeout` seconds for something to happen; events go to `emit`, ended jobs are returned.
+
+        A job whose process died is an outcome as well (failed, with the signal in words and its last output).
+        """
+
+    def forget(self, digests: Iterable[str]) -> None:
+        """No job to come reads these artifacts: they need not be kept in memory."""
+
+    def stop(self) -> None:
+        """Ask all running jobs to write a checkpoint where they can and end; they become `stopped` outcomes."""
+
+    def cancel(self, name: str) -> None:
+        """End one job at once, whatever it is doing. It gives no outcome."""
+
+    def close(self) -> None:
+        """End everything that still runs and let go of the machines."""

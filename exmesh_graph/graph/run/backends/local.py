@@ -1,0 +1,227 @@
+"""Jobs in warm worker processes of this machine. A worker that dies is one failed node, and is replaced.
+
+Workers live for one run and are started when a job finds none idle. A job goes to the idle worker that holds most of
+its inputs in memory. A worker has the number of threads and the GPUs of the job it was started for, since native
+libraries read both only once; a job that is granted others gets another worker.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.graph.run.job import FAILED, Emit, Job, Outcome
+from exmesh_graph.graph.run.schedule import machine_tokens
+
+_START = "import sys; sys.path[:] = {path!r}; from exmesh_graph.graph.run.backends.worker import main; main({budget})"
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_WAITING = {"OMP_WAIT_POLICY": "passive"}  # threads that spin at barriers starve one another beside other processes
+_MEMORY_SHARE = 0.3  # of the machine's memory, for artifacts kept by all workers together
+_LOOK = 1.0  # seconds; a child that a node left behind may keep a dead worker's pipe open
+_TAIL = 12  # lines of a dead worker's output that are shown,
+_OWN_FRAME = str(Path("graph", "job.py"))  # up to where the traceback of a fault leaves the node
+
+
+class Local:
+    """The backend of worker processes."""
+
+    def __init__(self, workers: int | None = None) -> None:
+        tokens = machine_tokens()
+        self.count = workers or max(1, int(min(tokens["cpu"], tokens["ram_gb"] // 4)))
+        self.budget = int(_MEMORY_SHARE * tokens["ram_gb"] * 1e9 / self.count)
+        self.workers: list[_Worker] = []
+        self.sizes: dict[str, int] = {}
+        self.selector = selectors.DefaultSelector()
+
+    def capacity(self) -> Mapping[str, float]:
+        return {**machine_tokens(), "jobs": self.count}
+
+    def largest(self) -> Mapping[str, float]:
+        return {}
+
+    def submit(self, job: Job) -> None:
+        idle = [w for w in self.workers if w.job is None]
+        fitting = [w for w in idle if w.suits(job)]
+        if fitting:
+            digests = {digest for _, digest in job.inputs.values()}
+            worker = max(fitting, key=lambda w: sum(self.sizes.get(d, 1) for d in digests & w.holds))
+        else:
+            if len(self.workers) >= self.count and idle:
+                self._drop(idle[0])
+            worker = _Worker(job, self.budget)
+            self.workers.append(worker)
+            self.selector.register(worker.output, selectors.EVENT_READ, worker)
+        worker.begin(job)
+
+    def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
+        end = time.monotonic() + timeout
+        done: list[Outcome] = []
+        for worker in self.workers:
+            worker.forget()
+        while not done:
+            wait = min(max(0.0, end - time.monotonic()), _LOOK)
+            heard: list[_Worker] = [key.data for key, _ in self.selector.select(wait)]
+            for worker in heard or [w for w in self.workers if w.process.poll() is not None]:
+                for message in worker.messages():
+                    if "outcome" in message:
+                        done.append(self._ended(worker, Outcome.from_json(message["outcome"])))
+                    elif "event" in message:
+                        emit(message)
+                if worker.closed:
+                    if worker.job is not None:
+                        done.append(worker.obituary(worker.job))
+                    self._drop(worker)
+            if time.monotonic() >= end:
+                break
+        return done
+
+    def _ended(self, worker: _Worker, outcome: Outcome) -> Outcome:
+        if worker.job is not None:
+            worker.holds.update(digest for _, digest in worker.job.inputs.values())
+        for stored in outcome.outputs.values():
+            worker.holds.add(stored.digest)
+            self.sizes[stored.digest] = stored.bytes
+        worker.job = None
+        return outcome
+
+    def forget(self, digests: Iterable[str]) -> None:
+        gone = set(digests)
+        for worker in self.workers:
+            worker.gone |= worker.holds & gone
+            worker.holds -= gone
+
+    def stop(self) -> None:
+        for worker in self.workers:
+            if worker.job is not None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(worker.process.pid, signal.SIGINT)
+
+    def cancel(self, name: str) -> None:
+        for worker in [w for w in self.workers if w.job is not None and w.job.name == name]:
+            worker.job = None
+            self._drop(worker, kill=True)
+
+    def close(self) -> None:
+        for worker in list(self.workers):
+            self._drop(worker, kill=worker.job is not None)
+        self.selector.close()
+
+    def _drop(self, worker: _Worker, kill: bool = False) -> None:
+        self.workers.remove(worker)
+        self.selector.unregister(worker.output)
+        worker.end(kill)
+
+
+class _Worker:
+    """The run's end of a worker process. It has its own session: a Ctrl-C at the terminal is not for it."""
+
+    def __init__(self, job: Job, budget: int) -> None:
+        self.threads, self.devices = job.threads, job.devices
+        self.job: Job | None = None
+        self.holds: set[str] = set()
+        self.gone: set[str] = set()
+        self.closed = False
+        self._rest = b""
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (what it prints outside of nodes; closed in `end`)
+        environment = {**_WAITING, **os.environ, **dict.fromkeys(_THREAD_VARIABLES, str(job.threads))}
+        if job.devices:
+            visible = [word.strip() for word in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if word.strip()]
+            names = [visible[number] if number < len(visible) else str(number) for number in job.devices]
+            environment["CUDA_VISIBLE_DEVICES"] = ",".join(names)
+        code = _START.format(path=[entry or os.getcwd() for entry in sys.path], budget=budget)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env=environment,
+            start_new_session=True,
+        )
+        assert self.process.stdout is not None
+        self.output = self.process.stdout
+        os.set_blocking(self.output.fileno(), False)
+
+    def suits(self, job: Job) -> bool:
+        return (self.threads, self.devices) == (job.threads, job.devices)
+
+    def begin(self, job: Job) -> None:
+        self.job = job
+        self.send({"forget": sorted(self.gone), "job": job.to_json()})
+        self.gone.clear()
+
+    def forget(self) -> None:
+        """Pass on what it need not keep, where that did not go out with a job."""
+        if self.gone:
+            self.send({"forget": sorted(self.gone)})
+            self.gone.clear()
+
+    def send(self, message: Mapping[str, Any]) -> None:
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # its death is noticed on the other pipe
+            self.process.stdin.write(json.dumps(message).encode() + b"\n")
+            self.process.stdin.flush()
+
+    def messages(self) -> list[dict[str, Any]]:
+        """What has come in. A line that was cut off by an interrupt is left out."""
+        data = b""
+        with contextlib.suppress(BlockingIOError):
+            while part := os.read(self.output.fileno(), 1 << 16):
+                data += part
+            self.closed = True
+        self.closed = self.closed or self.process.poll() is not None
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        found = []
+        for line in filter(None, lines):
+            with contextlib.suppress(ValueError):
+                found.append(json.loads(line))
+        return found
+
+    def obituary(self, job: Job) -> Outcome:
+        """The outcome of a job whose process died under it."""
+        code = self.process.wait()
+        if code < 0:
+            name = signal.Signals(-code).name
+            hint = {"SIGKILL": ", most often for want of memory", "SIGSEGV": ", a fault in a native library"}
+            what = f"its process was ended by {name}{hint.get(name, '')}"
+        else:
+            what = f"its process ended itself with exit status {code}"
+        lines = self._tail(Path(job.log)) if job.log else []
+        if not lines:
+            self._errors.seek(0)
+            lines = self._errors.read().decode(errors="replace").splitlines()
+        own = next((number for number, line in enumerate(lines) if _OWN_FRAME in line), len(lines))
+        shown = lines[max(0, own - _TAIL) : own]
+        message = "\n".join([what, *(f"  | {line}" for line in shown)])
+        info = {"error": "ProcessDied", "what": what, "message": message, "at": "", "traceback": "\n".join(lines)}
+        return Outcome(job.name, FAILED, info=info)
+
+    def _tail(self, path: Path) -> list[str]:
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - 20_000))
+            return file.read().decode(errors="replace").splitlines()
+        return []
+
+    def end(self, kill: bool) -> None:
+        if kill:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        try:
+            self.process.wait(2.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.output.close()
+        self._errors.close()

@@ -1,0 +1,118 @@
+"""A warm worker process: jobs come as JSON lines on stdin, events and outcomes go out as JSON lines.
+
+It keeps artifacts in memory between jobs and loads a library once. What a node prints, native libraries included,
+goes to the job's log file. The pipe to the run is the worker's life line: when it closes, the worker exits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import json
+import os
+import queue
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.run.job import STOPPED, Job, Outcome, execute
+from exmesh_graph.graph.run.memory import Memory
+
+
+def main(budget: int) -> None:
+    """Work until the pipe closes. `budget` is in bytes of artifacts kept in memory."""
+    _Worker(budget).work()
+
+
+class _Worker:
+    def __init__(self, budget: int) -> None:
+        self.commands = os.fdopen(os.dup(0), "r", encoding="utf-8")
+        self.out = os.dup(1)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.dup2(2, 1)
+        self.idle_output = os.dup(2)
+        self.memory = Memory(budget)
+        self.stores: dict[str, Store] = {}
+        self.queue: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self.busy = False
+
+    def work(self) -> None:
+        from exmesh_graph.graph.declare.packs import load_packs
+
+        faulthandler.enable(2, all_threads=False)
+        signal.signal(signal.SIGINT, self._interrupt)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])  # a Ray worker starts us blocked
+        threading.Thread(target=self._read, daemon=True).start()
+        load_packs()
+        while True:
+            command = self.queue.get()
+            for digest in command.get("forget", ()):
+                self.memory.forget(digest)
+            if "job" in command:
+                self._send({"outcome": self._run(Job.from_json(command["job"])).to_json()})
+
+    def _run(self, job: Job) -> Outcome:
+        store = self.stores.setdefault(job.store, Store(Path(job.store)))
+        with _output_to(job.log, self.idle_output):
+            try:
+                self.busy = True
+                _limit_threads(job.threads)
+                return execute(job, store, self.memory, self._send)
+            except KeyboardInterrupt:
+                self.busy = False
+                self._send({})  # ends a line that was cut off
+                return Outcome(job.name, STOPPED)
+            finally:
+                self.busy = False
+
+    def _interrupt(self, number: int, frame: Any) -> None:
+        if self.busy:
+            raise KeyboardInterrupt
+
+    def _read(self) -> None:
+        for line in self.commands:
+            self.queue.put(json.loads(line))
+        os._exit(1)
+
+    def _send(self, message: Mapping[str, Any]) -> None:
+        data = b"\n" + json.dumps(message, default=str).encode() + b"\n"
+        try:
+            while data:
+                data = data[os.write(self.out, data) :]
+        except BrokenPipeError:
+            os._exit(1)
+
+
+@contextlib.contextmanager
+def _output_to(log: str, otherwise: int) -> Iterator[None]:
+    """Point the process's output at a file, which goes away again if nothing was written."""
+    if not log:
+        yield
+        return
+    path = Path(log)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for number in (1, 2):
+        os.dup2(file, number)
+    try:
+        yield
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        for number in (1, 2):
+            os.dup2(otherwise, number)
+        if os.fstat(file).st_size == 0:
+            path.unlink(missing_ok=True)
+        os.close(file)
+
+
+def _limit_threads(count: int) -> None:
+    """Native thread pools take their size from the environment that the worker was started with; torch's can move."""
+    torch = sys.modules.get("torch")
+    if torch is not None and torch.get_num_threads() != count:
+        torch.set_num_threads(count)

@@ -1,0 +1,129 @@
+"""The folder of one run: runs/<id>/ with run.json, events.jsonl, logs/, published outputs, and after failures
+failure.json (the first) and failures/ (all).
+
+A published artifact is a copy, so that editing it cannot touch the store. A Files artifact published under the name
+`asset` lies directly in runs/<id>/; anything else in runs/<id>/<name>/.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import shutil
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.errors import StoreError
+from exmesh_graph.graph.cache.store import Store, Stored
+from exmesh_graph.graph.files import walk_files, writing
+from exmesh_graph.types import Files
+
+OWN_FILES = ("run.json", "events.jsonl", "failure.json", "failures", "logs", "report.json", "report.html")
+
+
+class RunFolder:
+    """A new folder below `runs`; `latest` points to it."""
+
+    def __init__(self, runs: Path, graph_name: str) -> None:
+        with writing("the run folder", runs, "--runs"):
+            self._open(runs, graph_name)
+
+    def _open(self, runs: Path, graph_name: str) -> None:
+        runs.mkdir(parents=True, exist_ok=True)
+        stem = time.strftime("%Y%m%d-%H%M%S") + "-" + "".join(c if c.isalnum() else "-" for c in graph_name)
+        for number in range(1, 1000):
+            self.path = runs.absolute() / (stem if number == 1 else f"{stem}-{number}")
+            try:
+                self.path.mkdir()
+                break
+            except FileExistsError:
+                continue
+        self.id = self.path.name
+        self._events = (self.path / "events.jsonl").open("a", encoding="utf-8")
+        fcntl.flock(self._events, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held while the run lives; see is_alive
+        pointer = runs / f".latest-{os.getpid()}"
+        pointer.unlink(missing_ok=True)
+        pointer.symlink_to(self.id)
+        os.replace(pointer, runs / "latest")
+
+    def event(self, event: Mapping[str, Any]) -> None:
+        """Append one line to events.jsonl."""
+        with writing("the run folder", self.path, "--runs"):
+            self._events.write(json.dumps(event, default=str) + "\n")
+            self._events.flush()
+
+    def write(self, name: str, value: Mapping[str, Any], indent: int | None = 1) -> None:
+        """Replace a JSON file of the run."""
+        target = self.path / name
+        draft = target.with_name(f".{target.name}.draft")
+        with writing("the run folder", self.path, "--runs"):
+            target.parent.mkdir(exist_ok=True)
+            draft.write_text(json.dumps(value, indent=indent, default=str) + "\n", encoding="utf-8")
+            os.replace(draft, target)
+
+    def publish(self, name: str, stored: Stored, store: Store) -> Path:
+        """Copy an artifact into the run's folder; returns the path a user opens."""
+        source, main = store.data(stored.digest), ""
+        if (source / "main.json").is_file() and (source / "files").is_dir():
+            main = Files.load(source).main
+            source = source / "files"
+        target = self.path if name == "asset" and source.name == "files" else self.path / name
+        names = {path.name for path in source.iterdir()} if target == self.path else {name}
+        taken = names & ({path.name for path in self.path.iterdir()} | set(OWN_FILES))
+        if taken:
+            raise StoreError(f"the output {name} would overwrite {', '.join(sorted(taken))} in {self.path}")
+        with writing("the run folder", target, "--runs"):
+            target.mkdir(parents=True, exist_ok=True)
+            for file, path in walk_files(source):  # not copytree, which hides the reason of a failure
+                place = target / file
+                place.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, place)
+        return target / main if main else target
+
+    def close(self) -> None:
+        """Let go of the events file."""
+        with contextlib.suppress(OSError):  # what could not be written was reported by then
+            self._events.close()
+
+
+def log_file(run: Path, node: str) -> Path:
+    """The file for what a node prints."""
+    return run / "logs" / f"{_plain(node)}.log"
+
+
+def failure_file(node: str) -> str:
+    """The name of a failed node's record inside the run folder."""
+    return f"failures/{_plain(node)}.json"
+
+
+def _plain(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_.[]" else "-" for c in name)
+
+
+def past_seconds(run: Path, graph: str) -> dict[str, float]:
+    """{node: seconds} of the latest earlier runs of a graph beside `run`."""
+    found: dict[str, float] = {}
+    tail = "-" + "".join(c if c.isalnum() else "-" for c in graph)
+    earlier = [path for path in run.parent.iterdir() if tail in path.name and not path.is_symlink() and path != run]
+    for path in sorted(earlier, reverse=True)[:3]:
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            for row in json.loads((path / "run.json").read_text(encoding="utf-8"))["nodes"]:
+                if row["state"] in ("hit", "done"):
+                    found.setdefault(row["name"], float(row["seconds"]))
+    return found
+
+
+def is_alive(run: Path) -> bool:
+    """Whether the process that writes this run folder still lives."""
+    try:
+        with (run / "events.jsonl").open("r+", encoding="utf-8") as events:
+            fcntl.flock(events, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False

@@ -1,0 +1,175 @@
+"""Which node goes first, what may run at once, and who computes what: the longest path, tokens, claims of keys."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.cache.lease import BEAT, Holder, Lease, Leases
+from exmesh_graph.graph.declare.node import wanted_of
+from exmesh_graph.graph.language.check import Bound
+
+Tokens = Mapping[str, float]
+_ROUNDING = 1e-9
+
+
+def machine_tokens() -> dict[str, float]:
+    """cpu (those this process may use), gpu (NVIDIA devices that are visible), ram_gb (physical)."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    cpus = len(affinity(0)) if affinity else os.cpu_count() or 1
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if visible is None:
+        gpus = len(list(Path("/proc/driver/nvidia/gpus").glob("*")))
+    else:
+        gpus = len([word for word in visible.split(",") if word.strip() not in ("", "-1")])
+    ram = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    return {"cpu": cpus, "gpu": gpus, "ram_gb": ram}
+
+
+def gpu_memory() -> float:
+    """Memory of all NVIDIA devices together in GB (10^9 bytes), 0 where nvidia-smi does not say."""
+    words = ["nvidia-smi", "--query-gpu=memory.total", "--format=csv,noheader,nounits"]
+    try:
+        told = subprocess.run(words, capture_output=True, text=True, timeout=20, check=True).stdout
+        return sum(float(line) for line in told.split()) * 2**20 / 1e9
+    except (OSError, subprocess.SubprocessError, ValueError):
+        return 0.0
+
+
+def parse_tokens(text: str) -> dict[str, float]:
+    """`cpu=4,gpu=1` of the command line. Raises GraphError."""
+    found: dict[str, float] = {}
+    for part in filter(None, text.split(",")):
+        name, equals, value = part.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not name.strip() or not 0 <= found[name.strip()] < float("inf"):
+            raise GraphError(f"cannot read --tokens {text!r}", where="command line", expected="cpu=4,gpu=1,ram_gb=16")
+    return found
+
+
+class Pool:
+    """Tokens in use and free. `cpu: 0` asks for every cpu of a machine; a cpu wish is cut to what one has."""
+
+    def __init__(self, capacity: Tokens, largest: Tokens | None = None) -> None:
+        self.capacity = dict(capacity)
+        self.most = {
+            name: min(count, (largest or {}).get(name, count)) for name, count in capacity.items()
+        }  # of one job
+        self.free = dict(capacity)
+        self.held: dict[str, dict[str, float]] = {}
+        self.shares = [1.0] * int(self.capacity.get("gpu", 0))  # free part of each GPU
+        self.lent: dict[str, dict[int, float]] = {}
+
+    def wish(self, bound: Bound) -> dict[str, float]:
+        """What a node asks for, one `jobs` token and by default one cpu. Raises GraphError if it can never get it."""
+        if {"vram_gb", "vram_gb?"} & set(bound.definition.resources) and "vram_gb" not in self.capacity:
+            self.capacity["vram_gb"] = self.free["vram_gb"] = self.most["vram_gb"] = gpu_memory()
+        wanted = {"jobs": 1.0, **wanted_of(bound.definition, self.most)}
+        lacking = {name: count for name, count in wanted.items() if count > self.most.get(name, 0.0)}
+        if lacking:
+            words = ", ".join(f"{name}={count:g}" for name, count in lacking.items())
+            there = ", ".join(f"{name}={self.most.get(name, 0.0):g}" for name in lacking)
+            raise GraphError(
+                f"{bound.definition.type} asks for {words}, and there is {there}",
+                where=str(bound.where),
+                fix=f"run it on a machine that has it, or say --tokens {words} if this one does",
+            )
+        return wanted
+
+    def fits(self, wanted: Tokens) -> bool:
+        enough = all(count <= self.free.get(name, 0.0) + _ROUNDING for name, count in wanted.items())
+        return enough and self._devices(wanted.get("gpu", 0.0)) is not None
+
+    def take(self, name: str, wanted: dict[str, float]) -> tuple[int, ...]:
+        """Hold tokens for a node; returns the numbers of its GPUs."""
+        self.held[name] = wanted
+        for token, count in wanted.items():
+            self.free[token] -= count
+        self.lent[name] = self._devices(wanted.get("gpu", 0.0)) or {}
+        for device, share in self.lent[name].items():
+            self.shares[device] -= share
+        return tuple(self.lent[name])
+
+    def give_back(self, name: str) -> None:
+        for token, count in self.held.pop(name, {}).items():
+            self.free[token] += count
+        for device, share in self.lent.pop(name, {}).items():
+            self.shares[device] += share
+
+    def _devices(self, count: float) -> dict[int, float] | None:
+        """Whole GPUs, or one that has a part left; None where there is none now."""
+        share = min(count, 1.0)
+        free = [device for device, left in enumerate(self.shares) if left + _ROUNDING >= share]
+        number = math.ceil(count)
+        return dict.fromkeys(free[:number], share) if len(free) >= number else None
+
+
+class Claims:
+    """The keys that this run computes, under leases whose hearts beat in a thread; `elsewhere`: nodes of other runs."""
+
+    def __init__(self, root: Path, say: Callable[[str, str], None]) -> None:
+        self.leases, self.say = Leases(root), say
+        self.held: dict[str, Lease] = {}
+        self.elsewhere: dict[str, Holder] = {}
+        self.notices: set[str] = set()
+        self.over = threading.Event()
+        self.heart: threading.Thread | None = None
+
+    def take(self, name: str, key: str) -> bool:
+        """Whether this run may compute a key now; else another process does, and its record will come."""
+        found = self.leases.acquire(key)
+        if isinstance(found, Holder):
+            if name not in self.elsewhere:
+                self.say(name, f"waits for {found}, which computes the same")
+            self.elsewhere[name] = found
+            return False
+        self.elsewhere.pop(name, None)
+        self.held[name] = found
+        if found.notice and found.notice not in self.notices:
+            self.notices.add(found.notice)
+            self.say(name, found.notice)
+        if self.heart is None:
+            self.heart = threading.Thread(target=self._beat, daemon=True)
+            self.heart.start()
+        return True
+
+    def give_back(self, name: str) -> None:
+        self.held.pop(name).release()
+
+    def close(self) -> None:
+        self.over.set()
+        for name in list(self.held):
+            self.give_back(name)
+
+    def _beat(self) -> None:
+        while not self.over.wait(BEAT):
+            for lease in list(self.held.values()):
+                lease.beat()
+
+
+def remaining_seconds(nodes: Mapping[str, Bound], past: Mapping[str, float]) -> dict[str, float]:
+    """The longest path from the start of each node to the end of the graph, in seconds.
+
+    A node that never ran counts as the mean of its type, a type that never ran as one second.
+    """
+    of_type: dict[str, list[float]] = {}
+    for name, bound in nodes.items():
+        if name in past:
+            of_type.setdefault(bound.definition.type, []).append(past[name])
+    means = {kind: sum(values) / len(values) for kind, values in of_type.items()}
+    after: dict[str, float] = {}
+    for name in reversed(list(nodes)):
+        bound = nodes[name]
+        total = after.get(name, 0.0) + past.get(name, means.get(bound.definition.type, 1.0))
+        after[name] = total
+        for link in bound.inputs.values():
+            after[link.node] = max(after.get(link.node, 0.0), total)
+    return after
