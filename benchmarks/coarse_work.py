@@ -27,7 +27,7 @@ from exmesh_graph.splat.depths import depth_maps
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.pgsr import pgsr
 from exmesh_graph.splat.settings import FitSettings
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import DepthMaps, Views
 
 Surface = tuple[np.ndarray, np.ndarray]

@@ -22,6 +22,7 @@ import numpy as np
 import torch
 
 from exmesh_graph import losses
+from exmesh_graph.optim import texture_step, vertex_step
 from exmesh_graph.raster import (
     antialias,
     edge_table,
@@ -35,7 +36,6 @@ from exmesh_graph.raster import (
     shade,
 )
 from exmesh_graph.raster.interpolate import shade_reference
-from exmesh_graph.stage1.optimiser import texture_step, vertex_step
 from exmesh_graph.stage1.regularise import smoother, smoothness
 
 Work = Callable[[], object]

@@ -28,7 +28,7 @@ from exmesh_graph.splat.depths import DepthFilter, depth_maps
 from exmesh_graph.splat.pgsr import pgsr
 from exmesh_graph.splat.reference import render_reference
 from exmesh_graph.splat.settings import FitSettings
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets
 
 
 def shell(count: int, axis: float, seed: int = 0) -> Gaussians:

@@ -118,7 +118,7 @@ def depth_from_gaussians(ctx: Context, gaussians: PlanarGaussians, views: Views,
     from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.splat.depths import DepthFilter, depth_maps
     from exmesh_graph.splat.gaussians import Gaussians
-    from exmesh_graph.stage1.targets import prepare_targets
+    from exmesh_graph.targets import prepare_targets
 
     with torch_threads(p.threads):
         device = pick_device(p.device)

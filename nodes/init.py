@@ -176,7 +176,7 @@ def photometric(
     """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree."""
     from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.stage1.photometric import SweepSettings, sweep
-    from exmesh_graph.stage1.targets import prepare_targets
+    from exmesh_graph.targets import prepare_targets
 
     settings = SweepSettings(passes=p.passes, reach=p.reach, smoothness=p.smoothness)
     with torch_threads(p.threads):

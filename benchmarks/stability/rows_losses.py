@@ -8,7 +8,7 @@ import torch
 
 from benchmarks.stability.table import Reached, row
 from exmesh_graph import losses
-from exmesh_graph.stage1.optimiser import texture_step
+from exmesh_graph.optim import texture_step
 
 _BOTH = (torch.float32, torch.float64)
 

@@ -50,13 +50,12 @@ def fuzz() -> Reached:
     from exmesh_graph.geometry.adjacency import (
         euler_characteristic,
         face_normals,
-        is_closed,
-        is_edge_manifold,
         is_vertex_manifold,
         is_winding_consistent,
     )
     from exmesh_graph.geometry.merge import MergeSettings, merge
     from exmesh_graph.geometry.split import split
+    from exmesh_graph.types.edges import is_closed, is_edge_manifold
     from exmesh_graph.uv.unwrap import unwrap
 
     wrong = operations = 0
@@ -116,7 +115,7 @@ def smoothness_scale() -> Reached:
 
 @row("mesh", "Adam's first step from a gradient of 1e-12 and of 1e10", "step over the rate", low=0.99, high=1.01)
 def first_step() -> Reached:
-    from exmesh_graph.stage1.optimiser import vertex_step
+    from exmesh_graph.optim import vertex_step
 
     reached = []
     for dtype in (torch.float32, torch.float64):

@@ -59,7 +59,7 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
     Stage II and exports see.
     """
     from exmesh_graph.stage1.render import render_carrier
-    from exmesh_graph.stage1.targets import shown_pixels
+    from exmesh_graph.targets import shown_pixels
 
     chosen = spread(len(views), max_views)
     shown, alpha = render_carrier(carrier, views.subset(chosen))

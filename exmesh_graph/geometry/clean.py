@@ -14,10 +14,11 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import corner_fans, edges_of, face_areas, signed_volume
+from exmesh_graph.geometry.adjacency import corner_fans, face_areas, signed_volume
 from exmesh_graph.geometry.remesh import remesh
 from exmesh_graph.geometry.repair import fill_holes, make_manifold
-from exmesh_graph.io.native import import_open3d, import_pymeshlab
+from exmesh_graph.native import import_open3d, import_pymeshlab
+from exmesh_graph.types.edges import edges_of
 
 Method = Literal["builtin", "pymeshlab", "open3d"]
 

@@ -14,7 +14,6 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
     area_vectors,
     cross,
-    edges_of,
     next_halfedge,
     opposite_halfedges,
     signed_areas_2d,
@@ -24,6 +23,7 @@ from exmesh_graph.geometry.maps import VertexMap
 from exmesh_graph.geometry.quality import degeneracy
 from exmesh_graph.geometry.rounds import greedy_disjoint
 from exmesh_graph.geometry.split import Topology
+from exmesh_graph.types.edges import edges_of
 
 
 @dataclass(frozen=True)

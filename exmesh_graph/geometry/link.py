@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import Edges, neighbours, next_halfedge
+from exmesh_graph.geometry.adjacency import neighbours, next_halfedge
 from exmesh_graph.geometry.rounds import ranges
+from exmesh_graph.types.edges import Edges
 
 
 def link_condition(faces: np.ndarray, edges: Edges, edge: np.ndarray, n_vertices: int) -> np.ndarray:

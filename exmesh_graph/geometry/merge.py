@@ -12,9 +12,7 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
-    Edges,
     area_vectors,
-    edges_of,
     face_areas,
     incident_faces,
     lengths,
@@ -28,6 +26,7 @@ from exmesh_graph.geometry.maps import Step, VertexMap
 from exmesh_graph.geometry.quality import corner_edge_lengths, degeneracy
 from exmesh_graph.geometry.rounds import greedy_disjoint, ranges, rounded
 from exmesh_graph.geometry.split import Topology
+from exmesh_graph.types.edges import Edges, edges_of
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edge_lengths, edges_of, face_areas, lengths, vertex_degrees
+from exmesh_graph.geometry.adjacency import edge_lengths, face_areas, lengths, vertex_degrees
+from exmesh_graph.types.edges import edges_of
 
 
 def degeneracy(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

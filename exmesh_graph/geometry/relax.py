@@ -10,7 +10,6 @@ from exmesh_graph.geometry.adjacency import (
     area_vectors,
     area_weighted_normals,
     cross,
-    edges_of,
     incident_faces,
     lengths,
     signed_areas_2d,
@@ -18,6 +17,7 @@ from exmesh_graph.geometry.adjacency import (
 from exmesh_graph.geometry.quality import degeneracy
 from exmesh_graph.geometry.remesh import closest_on_triangles
 from exmesh_graph.geometry.rounds import ranges
+from exmesh_graph.types.edges import edges_of
 
 
 def relax(

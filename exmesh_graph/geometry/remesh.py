@@ -12,11 +12,9 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from exmesh_graph.geometry.adjacency import (
-    Edges,
     area_vectors,
     area_weighted_normals,
     edge_lengths,
-    edges_of,
     face_areas,
     face_normals,
     incident_faces,
@@ -25,6 +23,7 @@ from exmesh_graph.geometry.adjacency import (
 )
 from exmesh_graph.geometry.link import link_condition
 from exmesh_graph.geometry.rounds import greedy_disjoint, ranges
+from exmesh_graph.types.edges import Edges, edges_of
 
 _ROUNDS = 40
 _MIN_COSINE = 0.3

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from exmesh_graph.geometry.adjacency import boundary_edges, corner_fans, edges_of, face_areas
+from exmesh_graph.geometry.adjacency import boundary_edges, corner_fans, face_areas
+from exmesh_graph.types.edges import edges_of
 
 Arrays = tuple[np.ndarray, np.ndarray]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edges_of
+from exmesh_graph.types.edges import edges_of
 
 
 def icosphere(levels: int, radius: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

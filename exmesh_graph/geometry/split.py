@@ -12,10 +12,8 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
-    Edges,
     area_vectors,
     cross,
-    edges_of,
     face_areas,
     lengths,
     next_halfedge,
@@ -25,6 +23,7 @@ from exmesh_graph.geometry.adjacency import (
 from exmesh_graph.geometry.maps import Step, VertexMap
 from exmesh_graph.geometry.quality import corner_edge_lengths
 from exmesh_graph.geometry.rounds import greedy_disjoint, rank01, rounded
+from exmesh_graph.types.edges import Edges, edges_of
 
 
 @dataclass(frozen=True)

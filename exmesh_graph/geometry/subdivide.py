@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edges_of
 from exmesh_graph.geometry.maps import Step, VertexMap
 from exmesh_graph.geometry.split import Topology
+from exmesh_graph.types.edges import edges_of
 
 
 def subdivide(vertices: np.ndarray, faces: np.ndarray, uvs: np.ndarray, uv_faces: np.ndarray) -> Topology:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edges_of
 from exmesh_graph.geometry.rounds import ranges
+from exmesh_graph.types.edges import edges_of
 
 _CELL = 1.5  # cells are this many times as wide as the median face
 _RINGS = 3  # the patch that moves grows up to so many rings around the cut

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 
@@ -31,26 +31,6 @@ def warp() -> Any:
     with _without_driver_notice():
         wp.init()
     return wp
-
-
-@cache
-def kernels(of: Literal["visibility", "texture", "silhouette"] = "visibility") -> Any:
-    """A module of Warp kernels, imported after `warp()` has been configured.
-
-    By plain imports: a module imported by a computed name would be missing from the code fingerprints of nodes.
-    """
-    warp()
-    if of == "texture":
-        from exmesh_graph.raster import kernels_texture
-
-        return kernels_texture
-    if of == "silhouette":
-        from exmesh_graph.raster import kernels_silhouette
-
-        return kernels_silhouette
-    from exmesh_graph.raster import kernels as kernels_visibility
-
-    return kernels_visibility
 
 
 def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:

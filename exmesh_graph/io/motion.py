@@ -16,8 +16,8 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import picture_size, write_image
 from exmesh_graph.io.mapping import SEEN_BY, Mapped, Way, map_cameras
-from exmesh_graph.io.native import import_pycolmap
 from exmesh_graph.io.normalise import some
+from exmesh_graph.native import import_pycolmap
 
 Lens = Literal["pinhole", "radial", "opencv"]
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}

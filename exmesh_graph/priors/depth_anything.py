@@ -15,8 +15,8 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError, NumericsError
-from exmesh_graph.io.native import import_depth_anything
 from exmesh_graph.losses import display
+from exmesh_graph.native import import_depth_anything
 from exmesh_graph.types import DepthMaps, Views
 
 _FILES = ("config.json", "model.safetensors")

@@ -14,7 +14,7 @@ import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.priors.depth_filter import agreed, neighbours
-from exmesh_graph.stage1.targets import Targets, prepare_targets
+from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Views
 
 _FLAT = 0.01  # windows whose standard deviation is below this, in display units, hold nothing to compare

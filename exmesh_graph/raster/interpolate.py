@@ -10,7 +10,8 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from exmesh_graph.gpu.limits import check_indices, check_size
-from exmesh_graph.gpu.warp_runtime import kernels, launch
+from exmesh_graph.gpu.warp_runtime import launch
+from exmesh_graph.raster.runtime import kernels
 from exmesh_graph.raster.texture import sample_adjoint, sample_texture
 
 

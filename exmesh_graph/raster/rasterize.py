@@ -7,8 +7,9 @@ from typing import NamedTuple
 import torch
 
 from exmesh_graph.gpu.limits import EMPTY_KEY, check_indices, check_near, check_size
-from exmesh_graph.gpu.warp_runtime import kernels, launch
+from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.raster.camera import project
+from exmesh_graph.raster.runtime import kernels
 
 NEAR = 1e-3
 """Near plane in world units; the normalised world has the object inside the unit sphere."""

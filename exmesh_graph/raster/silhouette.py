@@ -21,8 +21,9 @@ from typing import NamedTuple
 import torch
 
 from exmesh_graph.gpu.limits import EMPTY_KEY, check_near, check_size
-from exmesh_graph.gpu.warp_runtime import kernels, launch
+from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.raster.rasterize import NEAR, Fragments
+from exmesh_graph.raster.runtime import kernels
 
 BEHIND = 5e-4
 """An edge must lie this share of its depth before the far pixel's surface: equal surfaces make no silhouette."""

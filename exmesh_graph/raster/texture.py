@@ -8,7 +8,8 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from exmesh_graph.gpu.limits import check_size
-from exmesh_graph.gpu.warp_runtime import kernels, launch
+from exmesh_graph.gpu.warp_runtime import launch
+from exmesh_graph.raster.runtime import kernels
 
 Wrap = Literal["clamp", "repeat", "mirror"]
 """Beyond the texture: its border's texels, the texture again, or its mirror image again."""

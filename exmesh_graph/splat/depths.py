@@ -14,7 +14,7 @@ from exmesh_graph.splat.fit import neighbours
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.planes import plane_depth
 from exmesh_graph.splat.render import Render, render
-from exmesh_graph.stage1.targets import Targets
+from exmesh_graph.targets import Targets
 from exmesh_graph.types import DepthMaps
 
 

@@ -11,6 +11,7 @@ import torch
 
 from exmesh_graph.errors import GeometryError, NumericsError
 from exmesh_graph.losses import d_ssim, l1
+from exmesh_graph.optim import decayed, view_at
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.consistency import View, flattening, multi_view, single_view_normal
 from exmesh_graph.splat.density import Density, control, reset_opacity
@@ -18,9 +19,7 @@ from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.optimiser import Adam
 from exmesh_graph.splat.render import Render, render
 from exmesh_graph.splat.settings import FitSettings
-from exmesh_graph.stage1.gains import fit_gain
-from exmesh_graph.stage1.schedule import decayed, view_at
-from exmesh_graph.stage1.targets import Targets
+from exmesh_graph.targets import Targets, fit_gain
 
 _NEIGHBOURS, _WIDEST = 8, 45.0
 _GAINS_FROM = 0.2

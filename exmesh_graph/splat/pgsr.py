@@ -15,7 +15,7 @@ from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.render import render
 from exmesh_graph.splat.settings import FitSettings
 from exmesh_graph.splat.start import gaussians_at, hull_points, mean_colours, random_points
-from exmesh_graph.stage1.targets import Targets, prepare_targets
+from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import PlanarGaussians, PointCloud, Views
 
 Start = Literal["auto", "points", "hull", "random"]

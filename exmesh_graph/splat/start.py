@@ -10,7 +10,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.sampling import sample_surface
 from exmesh_graph.splat.gaussians import SH_DEGREE, Gaussians
-from exmesh_graph.stage1.targets import Targets
+from exmesh_graph.targets import Targets
 
 _OPACITY = 0.1
 _Y0 = 0.28209479177387814

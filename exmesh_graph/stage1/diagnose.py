@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 
 import torch
 
-from exmesh_graph.stage1.gains import fit_gain
 from exmesh_graph.stage1.render import Surface, draw
-from exmesh_graph.stage1.targets import Targets
+from exmesh_graph.targets import Targets, fit_gain
 
 _FAR = 6.0  # robust standard deviations
 _SHIFT = 1.5  # pixels: less may be the surface's own error

@@ -10,7 +10,7 @@ import torch
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import project, rasterize_projected, sample_texture
-from exmesh_graph.stage1.targets import Targets, prepare_targets
+from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import Carrier, Stage1State, Views
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import COVER

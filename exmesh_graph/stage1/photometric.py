@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.adjacency import area_weighted_normals, edges_of
+from exmesh_graph.geometry.adjacency import area_weighted_normals
 from exmesh_graph.raster import project, rasterize_projected, sample_texture
-from exmesh_graph.stage1.targets import Targets
+from exmesh_graph.targets import Targets
+from exmesh_graph.types.edges import edges_of
 
 _CHUNK = 256
 _CONTRAST = 0.01

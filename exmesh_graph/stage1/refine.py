@@ -11,14 +11,13 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
+from exmesh_graph.optim import decayed, vertex_areas, vertex_step, view_at
 from exmesh_graph.stage1.diagnose import diagnose
-from exmesh_graph.stage1.optimiser import vertex_areas, vertex_step
 from exmesh_graph.stage1.regularise import Prepared, mean_edge
 from exmesh_graph.stage1.render import Surface, draw, surface_of
-from exmesh_graph.stage1.schedule import decayed, view_at
 from exmesh_graph.stage1.settings import RefineSettings
-from exmesh_graph.stage1.targets import Targets, prepare_targets
 from exmesh_graph.stage1.terms import Terms
+from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Mesh, Stage1State, Views
 
 _LAST = 0.99  # of the schedule: rounds that are shares of it end near its end

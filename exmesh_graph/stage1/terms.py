@@ -13,11 +13,10 @@ import torch
 
 from exmesh_graph import losses
 from exmesh_graph.raster import barycentrics
-from exmesh_graph.stage1.gains import fit_gain, initial_gains
 from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, deviation, smoother
-from exmesh_graph.stage1.render import Picture, Surface
+from exmesh_graph.stage1.render import Picture, Surface, draw
 from exmesh_graph.stage1.settings import RefineSettings
-from exmesh_graph.stage1.targets import Targets
+from exmesh_graph.targets import Targets, fit_gain
 
 
 class Terms:
@@ -32,7 +31,7 @@ class Terms:
         self.reference: torch.Tensor | None = None
         if settings.deviation_weight > 0:
             self.smoother, self.reference = smoother(vertices, surface.edges.edges), vertices.clone()
-        self.gains = initial_gains(surface, targets) if settings.gains else None
+        self.gains = _initial_gains(surface, targets) if settings.gains else None
 
     def changing(self) -> dict[str, torch.Tensor]:
         """The tensors that change from iteration to iteration, in place."""
@@ -102,3 +101,13 @@ class Terms:
         z = (bary * picture.projected[self.faces[face_id[pixels].long()], 2]).sum(-1)
         seen = torch.ones_like(z, dtype=torch.bool)
         return losses.pearson_depth(z, reference[view].view(-1)[pixels], seen)
+
+
+@torch.no_grad()
+def _initial_gains(surface: Surface, targets: Targets) -> torch.Tensor:
+    """Factors [N, 3] of all views for the surface as it is."""
+    gains = torch.ones((len(targets), 3), device=targets.images.device)
+    for i in range(len(targets)):
+        picture = draw(surface, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
+        gains[i] = fit_gain(picture.colour, targets.images[i], targets.alpha[i], gains[i], rate=1.0)
+    return gains

@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from exmesh_graph.stage2.adam import Adam
+from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.guard import Guard
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.result import finished_asset

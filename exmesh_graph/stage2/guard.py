@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from exmesh_graph.errors import NumericsError
-from exmesh_graph.stage2.adam import Adam
+from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.model import Model
 

@@ -60,7 +60,7 @@ class Mesh(_Arrays):
     faces: np.ndarray
 
     def facets(self) -> dict[str, Any]:
-        from exmesh_graph.geometry.adjacency import is_closed, is_edge_manifold
+        from exmesh_graph.types.edges import is_closed, is_edge_manifold
 
         reach = float((self.vertices.astype("float64") ** 2).sum(axis=1).max(initial=0.0)) ** 0.5
         units = "normalised" if reach <= NORMALISED_REACH else "unknown"

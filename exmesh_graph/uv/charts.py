@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import Edges, area_vectors, edge_lengths
+from exmesh_graph.geometry.adjacency import area_vectors, edge_lengths
+from exmesh_graph.types.edges import Edges
 
 _PATCHES = 1500
 _LLOYD = 2  # times that seeds move to the middle of their patch

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import Edges, corner_fans, edges_of, face_normals
+from exmesh_graph.geometry.adjacency import corner_fans, face_normals
+from exmesh_graph.types.edges import Edges, edges_of
 
 
 @dataclass(frozen=True, eq=False)

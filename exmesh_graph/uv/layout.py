@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import Edges, area_vectors, components, corner_fans, edges_of, face_areas
+from exmesh_graph.geometry.adjacency import area_vectors, components, corner_fans, face_areas
+from exmesh_graph.types.edges import Edges, edges_of
 from exmesh_graph.uv.charts import partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches
 from exmesh_graph.uv.marks import shelves

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edges_of
+from exmesh_graph.types.edges import edges_of
 from exmesh_graph.uv.outline import near, winding
 
 _TURNS = ((16, 8), (64, 4))  # (rank, turns): how many of the largest charts are tried in how many orientations

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import components, corner_fans, edges_of, face_areas, signed_areas_2d
+from exmesh_graph.geometry.adjacency import components, corner_fans, face_areas, signed_areas_2d
+from exmesh_graph.types.edges import edges_of
 from exmesh_graph.uv.flatten import flat_corners
 
 _NO_AREA = 1e-7  # of a mean face

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edges_of
+from exmesh_graph.types.edges import edges_of
 
 _CHUNK = 4_000_000  # texel-edge pairs held at once by the border search
 

@@ -72,7 +72,7 @@ def test_distance_to_a_cube():
 
 
 def test_distance_equals_open3d():
-    from exmesh_graph.io.native import import_open3d
+    from exmesh_graph.native import import_open3d
 
     o3d = import_open3d()
     rng = np.random.default_rng(0)

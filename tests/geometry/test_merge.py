@@ -10,12 +10,13 @@ from topology_meshes import SHAPES, canonical, check_topology, meshes, same_shar
 from topology_reference import merge_round
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import area_vectors, is_closed, signed_volume
+from exmesh_graph.geometry.adjacency import area_vectors, signed_volume
 from exmesh_graph.geometry.maps import VertexMap
 from exmesh_graph.geometry.merge import MergeSettings, apply_merges, merge, plan_merges
 from exmesh_graph.geometry.quality import degeneracy
 from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.geometry.split import Topology, split
+from exmesh_graph.types.edges import is_closed
 
 EAGER = MergeSettings(degenerate=0.3, area_quantile=0.9, min_cosine=0.2)
 

@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh, squared_distance
-from exmesh_graph.geometry.adjacency import euler_characteristic, is_closed, is_vertex_manifold, is_winding_consistent
+from exmesh_graph.geometry.adjacency import euler_characteristic, is_vertex_manifold, is_winding_consistent
 from exmesh_graph.geometry.clean import inspect, largest_components, weld
 from exmesh_graph.geometry.remesh import _spread, closest_on_triangles, remesh
 from exmesh_graph.geometry.repair import drop_crowding_faces, fill_holes, make_manifold, orient
 from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
+from exmesh_graph.types.edges import is_closed
 
 
 @settings(max_examples=12, deadline=None)

@@ -12,7 +12,7 @@ from topology_meshes import SHAPES, canonical, check_topology, meshes, same_shar
 from topology_reference import curvature, split_round
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import face_areas, is_closed, signed_volume
+from exmesh_graph.geometry.adjacency import face_areas, signed_volume
 from exmesh_graph.geometry.maps import VertexMap
 from exmesh_graph.geometry.shapes import grid, icosphere
 from exmesh_graph.geometry.split import (
@@ -23,6 +23,7 @@ from exmesh_graph.geometry.split import (
     plan_splits,
     split,
 )
+from exmesh_graph.types.edges import is_closed
 
 slow_but_few = settings(max_examples=30, deadline=None)
 

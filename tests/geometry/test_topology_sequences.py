@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topology_meshes import check_topology, meshes, unwrapped, uv_areas
 
-from exmesh_graph.geometry.adjacency import edges_of
 from exmesh_graph.geometry.flip import FlipSettings, flip
 from exmesh_graph.geometry.maps import VertexMap
 from exmesh_graph.geometry.merge import MergeSettings, merge
 from exmesh_graph.geometry.relax import relax
 from exmesh_graph.geometry.split import SplitSettings, Topology, split
 from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.types.edges import edges_of
 
 OPERATIONS = ("split", "split_random", "merge", "merge_random", "flip", "valence", "relax", "uniform")
 EAGER = MergeSettings(degenerate=0.3, area_quantile=0.9, min_cosine=0.2)

@@ -10,14 +10,12 @@ from hypothesis import strategies as st
 from exmesh_graph.geometry.adjacency import (
     boundary_edges,
     components,
-    edges_of,
     euler_characteristic,
-    has_collapsed_faces,
-    is_edge_manifold,
     is_vertex_manifold,
     is_winding_consistent,
 )
 from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
+from exmesh_graph.types.edges import edges_of, has_collapsed_faces, is_edge_manifold
 from exmesh_graph.uv.unwrap import unwrap
 
 SHAPES = {

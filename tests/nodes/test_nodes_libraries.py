@@ -22,7 +22,7 @@ LATE = {
     "import_pymeshlab": "pymeshlab",
     "import_depth_anything": "depth-anything-3",
     "import_pycolmap": "pycolmap",
-}  # by a computed name, in exmesh_graph.io.native
+}  # by a computed name, in exmesh_graph.native
 UNUSED = {  # imported by a module of the node's code, but by no function that the node calls
     "benchmark.dtu": {"OpenImageIO", "embreex", "open3d", "pymeshlab", "scikit-image", "torch", "warp-lang"},
     "benchmark.nerf_synthetic": {"OpenImageIO", "open3d", "pymeshlab", "scikit-image", "torch", "warp-lang"},
@@ -59,7 +59,7 @@ def libraries_of(node_type: str) -> set[str]:
         base = ROOT / ("nodes" if top == "exmesh_nodes" else top)
         path = base.joinpath(*rest.split(".")) if rest else base
         path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-        if top == "exmesh_nodes" or module == "exmesh_graph.io.native":
+        if top == "exmesh_nodes" or module == "exmesh_graph.native":
             continue
         for name in imports_of(path):
             if name in LATE.values():

@@ -11,7 +11,7 @@ from prior_scenes import wall
 from exmesh_graph.errors import DataError
 from exmesh_graph.priors.depth_filter import neighbours
 from exmesh_graph.priors.plane_sweep import SweepSettings, _sweep, plane_sweep
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets
 from tests.fake_context import FakeContext
 
 

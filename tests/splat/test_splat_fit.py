@@ -20,7 +20,7 @@ from exmesh_graph.splat.pgsr import pgsr
 from exmesh_graph.splat.ply import read_gaussians, transformed, write_gaussians
 from exmesh_graph.splat.settings import FitSettings
 from exmesh_graph.splat.start import gaussians_at, hull_points, mean_colours, random_points
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import PlanarGaussians, PointCloud
 from tests.fake_context import FakeContext
 from tests.splat.splat_scenes import camera, cloud

@@ -12,7 +12,7 @@ from exmesh_graph.splat.consistency import View, _patch_mismatch, flattening, mu
 from exmesh_graph.splat.depths import DepthFilter, depth_maps, middle_planes
 from exmesh_graph.splat.fit import neighbours
 from exmesh_graph.splat.planes import edge_weight, plane_depth
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets
 from tests.priors.prior_scenes import wall
 from tests.splat.splat_scenes import camera
 

@@ -10,9 +10,9 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.geometry.shapes import icosphere
+from exmesh_graph.optim import vertex_step
 from exmesh_graph.stage1 import large_steps
 from exmesh_graph.stage1.large_steps import LargeSteps, implicit_filter
-from exmesh_graph.stage1.optimiser import vertex_step
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import Bilaplacian
 from exmesh_graph.stage1.settings import RefineSettings

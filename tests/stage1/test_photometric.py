@@ -11,7 +11,7 @@ from stage1_scenes import ball, photographs
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.stage1 import photometric
 from exmesh_graph.stage1.photometric import SweepSettings, correlations, sweep
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import Mesh, Views
 from tests.fake_context import FakeContext
 

@@ -7,7 +7,8 @@ import pytest
 from exmesh_nodes import init, stage1
 from stage1_scenes import ball, fresh_state, photographs
 
-from exmesh_graph.geometry.adjacency import is_closed, signed_volume
+from exmesh_graph.geometry.adjacency import signed_volume
+from exmesh_graph.types.edges import is_closed
 from tests.fake_context import FakeContext
 
 

@@ -6,13 +6,12 @@ import torch
 from stage1_scenes import ball, fresh_state, grid_ball, photographs, texture
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.optim import decayed, texture_step, vertex_areas, vertex_step, view_at
 from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1.init import fill_unseen, initial_state
-from exmesh_graph.stage1.optimiser import texture_step, vertex_areas, vertex_step
 from exmesh_graph.stage1.regularise import deviation, smoother, smoothness
 from exmesh_graph.stage1.render import render_carrier
-from exmesh_graph.stage1.schedule import decayed, view_at
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets
 from tests.fake_context import FakeContext
 
 

@@ -9,14 +9,13 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph import losses
 from exmesh_graph.geometry.subdivide import subdivide
-from exmesh_graph.stage1.gains import LIMITS, fit_gain
+from exmesh_graph.optim import texture_step
 from exmesh_graph.stage1.init import initial_state
-from exmesh_graph.stage1.optimiser import texture_step
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import Bilaplacian
 from exmesh_graph.stage1.render import draw, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
-from exmesh_graph.stage1.targets import prepare_targets
+from exmesh_graph.targets import GAIN_LIMITS, fit_gain, prepare_targets
 from exmesh_graph.types import DepthMaps
 
 STILL = RefineSettings(
@@ -185,7 +184,7 @@ def test_a_gain_is_approached_and_held_within_limits():
     target[:2] = 0.0  # outside the mask
     one = torch.ones(3)
     assert fit_gain(image, target, mask, one, rate=0.3).tolist() == pytest.approx([1.06] * 3)
-    assert fit_gain(image, 9 * target, mask, one, rate=1.0).tolist() == pytest.approx([LIMITS[1]] * 3)
+    assert fit_gain(image, 9 * target, mask, one, rate=1.0).tolist() == pytest.approx([GAIN_LIMITS[1]] * 3)
     assert fit_gain(0 * image, target, mask, 0.8 * one, rate=1.0).tolist() == pytest.approx([0.8] * 3)
 
 

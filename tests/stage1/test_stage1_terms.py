@@ -14,8 +14,8 @@ from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import Bilaplacian, Laplacian, deviation, smoother
 from exmesh_graph.stage1.render import draw, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
-from exmesh_graph.stage1.targets import prepare_targets
 from exmesh_graph.stage1.terms import Terms
+from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import DepthMaps
 
 EVERYTHING = RefineSettings(depth_weight=1.0, deviation_weight=1.0, silhouette_weight=1.0, smoothness=Laplacian(1.0))

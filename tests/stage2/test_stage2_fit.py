@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.stage2.adam import Adam
+from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.fill import complete_maps
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import initial_base_color, initial_environment, neutral_asset, resize_texture

@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.geometry.adjacency import components, edges_of, face_normals
+from exmesh_graph.geometry.adjacency import components, face_normals
 from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.types.edges import edges_of
 from exmesh_graph.uv.charts import partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches
 from exmesh_graph.uv.layout import _overlaps, lay_out

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import torch
 
-from exmesh_graph.stage1.optimiser import texture_step
+from exmesh_graph.optim import texture_step
 
 if TYPE_CHECKING:
     from exmesh_graph.stage1.render import Surface

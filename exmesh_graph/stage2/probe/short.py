@@ -12,9 +12,9 @@ import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.losses import linear_to_srgb
+from exmesh_graph.optim import Adam
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import choose_subdivision, trace_transport, with_bounces
-from exmesh_graph.stage2.adam import Adam
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.maps import MaterialMaps
 from exmesh_graph.stage2.model import Model

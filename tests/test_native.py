@@ -50,7 +50,7 @@ def test_failing_imports(monkeypatch):
 def test_open3d_loads_with_the_wheel_of_libusb_alone():
     """In a fresh process: the system's libusb plays no part, since the wheel's copy is loaded first."""
     code = (
-        "from exmesh_graph.io.native import import_open3d; o = import_open3d();"
+        "from exmesh_graph.native import import_open3d; o = import_open3d();"
         "maps = open('/proc/self/maps').read(); print(o.__version__, 'libusb_package' in maps)"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)

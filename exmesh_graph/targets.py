@@ -1,4 +1,4 @@
-"""The photographs as Stage I compares them: display-referred, over black, at the working resolution."""
+"""The photographs as solvers see them: display-referred, over black, at the working resolution, one gain per view."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from exmesh_graph.losses import Box, SsimTarget, display, mask_box, ssim_target
 from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.types import DepthMaps, Mesh, Views
 
+GAIN_RATE = 0.3
+GAIN_LIMITS = (0.5, 2.0)
 _CACHE_BYTES = 1 << 30
 
 
@@ -116,6 +118,20 @@ def shown_pixels(mesh: Mesh, views: Views) -> torch.Tensor:
     """bool [N, H, W], where each view shows the mesh."""
     intrinsics = torch.from_numpy(np.array(views.intrinsics, np.float64))
     return _covered(mesh, intrinsics, torch.from_numpy(views.world_to_camera), views.height, views.width, "cpu")
+
+
+def fit_gain(
+    image: torch.Tensor, target: torch.Tensor, mask: torch.Tensor, before: torch.Tensor, rate: float = GAIN_RATE
+) -> torch.Tensor:
+    """The least-squares factor [3] from `image` to `target` [H, W, 3] inside `mask` [H, W], approached by `rate`.
+
+    In display space a change of exposure is close to a factor too. Stays at `before` where the image is black.
+    """
+    weight = mask[..., None]
+    power = (weight * image.square()).sum(dim=(0, 1))
+    fitted = (weight * image * target).sum(dim=(0, 1)) / power.clamp(min=1e-12)
+    fitted = torch.where(power > 1e-6, fitted, before).clamp(*GAIN_LIMITS)
+    return torch.lerp(before, fitted, rate)
 
 
 def _covered(

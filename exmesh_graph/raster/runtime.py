@@ -1,0 +1,28 @@
+"""Loading this room's kernels."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, Literal
+
+from exmesh_graph.gpu.warp_runtime import warp
+
+
+@cache
+def kernels(of: Literal["visibility", "texture", "silhouette"] = "visibility") -> Any:
+    """A module of Warp kernels, imported after `warp()` has been configured.
+
+    By plain imports: a module imported by a computed name would be missing from the code fingerprints of nodes.
+    """
+    warp()
+    if of == "texture":
+        from exmesh_graph.raster import kernels_texture
+
+        return kernels_texture
+    if of == "silhouette":
+        from exmesh_graph.raster import kernels_silhouette
+
+        return kernels_silhouette
+    from exmesh_graph.raster import kernels as kernels_visibility
+
+    return kernels_visibility
