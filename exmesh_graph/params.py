@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,6 +17,10 @@ class Params(BaseModel):
     """Base of every node's parameters: frozen, unknown names refused, defaults validated."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False)
+
+    def replaced(self, **changes: Any) -> Self:
+        """A validated copy with some parameters changed. Raises pydantic's ValidationError as the constructor does."""
+        return type(self)(**{**dict(self), **changes})
 
 
 def param(default: Any = ..., *, doc: str, unit: str = "", tuning: bool = False, **limits: Any) -> Any:

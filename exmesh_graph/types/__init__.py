@@ -4,7 +4,7 @@ from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
 from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.gaussians import PlanarGaussians, PointCloud
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
-from exmesh_graph.types.needs import Decision, SceneNeeds, decided
+from exmesh_graph.types.needs import Decision, SceneNeeds, decided, with_decisions
 from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, UsdAsset
 from exmesh_graph.types.transport import Transport
 from exmesh_graph.types.views import DepthMaps, Frame, LitViews, SceneTruth, Views
@@ -35,4 +35,5 @@ __all__ = [
     "decided",
     "load_arrays",
     "save_arrays",
+    "with_decisions",
 ]

@@ -6,12 +6,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.types.artifact import Artifact
 
+if TYPE_CHECKING:
+    from exmesh_graph.params import Params
+
 AUTO = "auto"
+
+P = TypeVar("P", bound="Params")
 
 
 @dataclass(frozen=True)
@@ -80,3 +85,12 @@ def decided(value: Any, needs: SceneNeeds | None, name: str) -> Any:
             fix=f'needs: "@probe.needs", or give {name} a value',
         )
     return needs.chosen(name)
+
+
+def with_decisions(params: P, needs: SceneNeeds | None) -> P:
+    """`params` with what `needs` chose for those that are `auto` (params.Auto); validated. Raises as `decided`."""
+    from exmesh_graph.params import Auto
+
+    fields = type(params).model_fields.items()
+    names = [name for name, info in fields if any(isinstance(note, Auto) for note in info.metadata)]
+    return params.replaced(**{name: decided(getattr(params, name), needs, name) for name in names})

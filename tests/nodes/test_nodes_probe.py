@@ -4,11 +4,12 @@ import dataclasses
 
 import pytest
 from exmesh_nodes import probe, stage2, transport
+from pydantic import ValidationError
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.stage2.probe import scene as probe_scene
 from exmesh_graph.stage2.probe import short
-from exmesh_graph.types import Decision, SceneNeeds, decided
+from exmesh_graph.types import Decision, SceneNeeds, decided, with_decisions
 from tests.fake_context import FakeContext
 
 
@@ -69,3 +70,12 @@ def test_what_was_not_looked_at_is_said():
         decided("auto", _needs(metallic=True), "normal_map")
     assert decided(3, None, "bounces") == 3
     assert decided("mis", None, "technique") == "mis"
+
+
+def test_a_decision_is_validated_like_a_value_in_the_graph():
+    auto = transport.BounceParams(bounces="auto", secondary_material=False)
+    assert with_decisions(auto, _needs(bounces=2)) == auto.replaced(bounces=2)
+    with pytest.raises(ValidationError, match="less than or equal to 16"):
+        with_decisions(auto, _needs(bounces=17))
+    with pytest.raises(DataError, match="bounces is auto"):
+        with_decisions(auto, None)
