@@ -106,11 +106,27 @@ def check(graph: Graph, packs: Packs, problems: Problems | None = None) -> Check
     return _Check(graph, packs, Problems() if problems is None else problems).run()
 
 
+def check_part(graph: Graph, name: str, packs: Packs) -> Problems:
+    """What is wrong with one node of a graph that is still being written: its type, wires and values; not what it lacks.
+
+    The values of its parameters must be known; wires may only lead to nodes of `graph`.
+    """
+    work = _Check(graph, packs, Problems(), whole=False)
+    for spec in graph.nodes.values():
+        work._type(spec)
+    work.wiring = Wiring(graph, work.signatures, work.problems)
+    if name in work.signatures:
+        _, params = work._fields(graph.nodes[name])
+        work._params(graph.nodes[name], work.signatures[name], params, {})
+    return work.problems
+
+
 @dataclass
 class _Check:
     graph: Graph
     packs: Packs
     problems: Problems
+    whole: bool = True  # else what is missing is no fault yet
     signatures: dict[str, Signature] = field(default_factory=dict)
     nodes: dict[str, Bound] = field(default_factory=dict)
     components: dict[str, BoundComponent] = field(default_factory=dict)
@@ -168,7 +184,7 @@ class _Check:
             elif not value.inherited:
                 self._unknown(spec, found, key, value)
         for name, port in found.inputs.items():
-            if not port.optional and name not in spec.fields:
+            if self.whole and not port.optional and name not in spec.fields:
                 self.problems.add(
                     "missing-port", spec.where, f"{spec.name}: the input {name} is not connected", expected=str(port),
                     nearest=self.wiring.suitable(port, spec.name), fix=f"{name}: {link_form(port)}",
@@ -267,6 +283,8 @@ class _Check:
         key = path[0] if path else ""
         where = given[key].where if key in given else spec.where
         if item["type"] == "missing":
+            if not self.whole:
+                return
             what = f"{spec.name}: the parameter {key} must be given"
         else:
             what = f"{spec.name}: {'.'.join(path) or spec.type}: {item['msg']}"

@@ -186,7 +186,11 @@ def load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
         fail("extends", Where(chain[-1], 1), f"the files extend each other: {names}")
     if len(chain) > MAX_EXTENDS:
         fail("extends", Where(chain[-1], 1), f"more than {MAX_EXTENDS} files extend one another")
-    child = load_yaml(path)
+    return over_base(load_yaml(path), path, chain, problems)
+
+
+def over_base(child: Map, path: Path, chain: list[Path], problems: Problems) -> Map:
+    """A graph's own mapping over what it extends; `path` is its file, or stands for one that was never written."""
     if "extends" not in child:
         return child
     where = child.lines["extends"]

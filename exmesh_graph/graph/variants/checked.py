@@ -30,14 +30,21 @@ class CheckedVariant(NamedTuple):
 
 
 def check_variants(
-    path: Path, overrides: Iterable[str], packs: Packs, only: Iterable[str] | None = None, *, repeats: bool = True
+    path: Path,
+    overrides: Iterable[str],
+    packs: Packs,
+    only: Iterable[str] | None = None,
+    *,
+    repeats: bool = True,
+    top: Map | None = None,
 ) -> list[CheckedVariant]:
     """The base and every variant that `path` declares, in that order, each with its repeats (or in one, if False).
 
-    `only` keeps the base and the rows of these names. Raises GraphErrors with the faults of all rows.
+    `only` keeps the base and the rows of these names; `top` is the merged file where it is at hand. Raises GraphErrors
+    with the faults of all rows.
     """
     path, sets = path.absolute(), list(overrides)
-    top = _load(path)
+    top = _load(path) if top is None else top
     rows, times = rows_of(top), repeats_of(top) if repeats else Repeats()
     if only is not None:
         chosen = list(only)
@@ -58,10 +65,10 @@ def check_variants(
     return found
 
 
-def check_variant(path: Path, overrides: Iterable[str], packs: Packs, name: str) -> Checked:
-    """One variant of a graph file, with the seed that the file or the overrides give."""
+def check_variant(path: Path, overrides: Iterable[str], packs: Packs, name: str, *, top: Map | None = None) -> Checked:
+    """One variant of a graph file, with the seed that the file or the overrides give; `top` as in check_variants."""
     path = path.absolute()
-    top = _load(path)
+    top = _load(path) if top is None else top
     row = _row_named(name, rows_of(top))
     try:
         return _built(top, path, list(overrides), row, Repeats(), packs)[0].checked
