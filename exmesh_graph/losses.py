@@ -64,6 +64,8 @@ def pearson_depth(depth: torch.Tensor, reference: torch.Tensor, mask: torch.Tens
 
     0, without gradient, where the mask has fewer than 3 pixels or either depth is constant there (to 1e-6 of its
     magnitude): a correlation is then not defined. Both must measure the same thing (camera z, not ray length).
+
+    Equation: 9.
     """
     a, b = depth[mask], reference[mask]
     if a.numel() < 3:

@@ -9,7 +9,10 @@ from exmesh_graph.types.edges import edges_of
 
 
 def degeneracy(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """float64 [F], D_f = Area(f) / l_max(f)^2 (eq. 4): sqrt(3)/4 when equilateral, 0 for a sliver or a point."""
+    """float64 [F], D_f = Area(f) / l_max(f)^2 (eq. 4): sqrt(3)/4 when equilateral, 0 for a sliver or a point.
+
+    Equation: 4.
+    """
     longest2 = (corner_edge_lengths(vertices, faces) ** 2).max(axis=1)
     area = face_areas(vertices, faces)
     return np.divide(area, longest2, out=np.zeros_like(area), where=longest2 > 0)

@@ -162,6 +162,8 @@ def apply_splits(
     """Carry out splits of disjoint faces. Returns the new state and the old face that each face is a part of.
 
     Face (i, j, o) with new vertex s on (i, j) becomes (i, s, o), in its place, and (s, j, o), at the end of the list.
+
+    Equations: 5, 6.
     """
     faces, corners = state.faces, state.uv_faces
     n_vertices, n_faces, n = len(state.vertices), len(faces), len(halfedge)
@@ -213,6 +215,8 @@ def face_curvature(vertices: np.ndarray, faces: np.ndarray, edges: Edges | None 
     """float64 [F], radians: K_f of eq. 2, the mean angle between the normals of f and of the faces next to it.
 
     By atan2(|n x n'|, n . n'), exact for coplanar faces; pairs with a face without area do not count; 0 with no pair.
+
+    Equation: 2.
     """
     edges = edges_of(faces) if edges is None else edges
     normal = area_vectors(vertices, faces)
@@ -239,6 +243,8 @@ def _select(
 
     G is in loss per length and K in radians: each becomes its rank in the mesh, so that 0.6 and 0.4 mean the same at
     every scale and for every loss (eq. 3).
+
+    Equation: 3.
     """
     area = face_areas(vertices, faces)
     relative = rounded(area)

@@ -14,6 +14,8 @@ def subdivide(vertices: np.ndarray, faces: np.ndarray, uvs: np.ndarray, uv_faces
 
     A midpoint gets one UV per edge of the atlas, so that seams stay seams and islands stay apart (eq. 5-6).
     Faces 0 .. F-1 keep corner 0, the next F corner 1, then corner 2, then the middle ones.
+
+    Equations: 5, 6.
     """
     edges, uv_edges = edges_of(faces), edges_of(uv_faces)
     step = Step(np.arange(len(vertices)), edges.vertices[:, 0], edges.vertices[:, 1], np.full(len(edges), 0.5))

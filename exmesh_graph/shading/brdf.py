@@ -48,7 +48,10 @@ def schlick(v_h: torch.Tensor, f0: torch.Tensor) -> torch.Tensor:
 
 
 def base_reflectance(base_color: torch.Tensor, metallic: torch.Tensor | None) -> torch.Tensor:
-    """F0 = (1 - m) 0.04 + m a, [..., 3]; a dielectric where `metallic` is None."""
+    """F0 = (1 - m) 0.04 + m a, [..., 3]; a dielectric where `metallic` is None.
+
+    Equation: 16.
+    """
     if metallic is None:
         return torch.full_like(base_color, DIELECTRIC_F0)
     m = metallic[..., None]
@@ -56,7 +59,10 @@ def base_reflectance(base_color: torch.Tensor, metallic: torch.Tensor | None) ->
 
 
 def diffuse(base_color: torch.Tensor, metallic: torch.Tensor | None = None) -> torch.Tensor:
-    """f_d = (1 - m) a / pi, [..., 3]."""
+    """f_d = (1 - m) a / pi, [..., 3].
+
+    Equation: 14.
+    """
     scaled = base_color if metallic is None else base_color * (1 - metallic[..., None])
     return scaled / math.pi
 
@@ -71,6 +77,8 @@ def specular(
     """f_s = D V F [..., 3]; 0 where view or light lies under (or within 1e-4 of) the horizon.
 
     Gradients are finite everywhere, also for light = -view, where the half vector does not exist.
+
+    Equation: 15.
     """
     n_l, n_v = (normal * light).sum(-1), (normal * view).sum(-1)
     lit = (n_l > COSINE_MIN) & (n_v > COSINE_MIN)
@@ -93,7 +101,10 @@ def evaluate(
     roughness: torch.Tensor,
     metallic: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """The whole BRDF f [..., 3], per steradian; one-sided: 0 at and below the horizon."""
+    """The whole BRDF f [..., 3], per steradian; one-sided: 0 at and below the horizon.
+
+    Equation: 13.
+    """
     f_s = specular(normal, view, light, roughness, base_reflectance(base_color, metallic))
     lit = ((normal * light).sum(-1) > COSINE_MIN) & ((normal * view).sum(-1) > COSINE_MIN)
     return torch.where(lit[..., None], diffuse(base_color, metallic), torch.zeros_like(f_s)) + f_s

@@ -113,6 +113,8 @@ def total_variation(environment: torch.Tensor) -> torch.Tensor:
     """L_env of eq. 23: mean absolute difference of neighbouring texels, wrapped in longitude.
 
     Differences are weighted by solid angle, so the crowded rows at the poles do not dominate the sum.
+
+    Equation: 23.
     """
     height, width = environment.shape[:2]
     row = torch.as_tensor(solid_angles(height, width), dtype=environment.dtype, device=environment.device)
@@ -130,6 +132,9 @@ def mean_radiance(environment: torch.Tensor) -> torch.Tensor:
 
 
 def chroma(environment: torch.Tensor) -> torch.Tensor:
-    """L_chroma of eq. 24: squared distance of the mean radiance from its own grey value."""
+    """L_chroma of eq. 24: squared distance of the mean radiance from its own grey value.
+
+    Equation: 24.
+    """
     mean = mean_radiance(environment)
     return ((mean - mean.mean()) ** 2).sum()

@@ -201,6 +201,8 @@ class LightTransport:
         """I_n [P, 3] of binned light `radiance` L [K, 3] and f_d = `diffuse` [P, 3] at the points.
 
         `strength` is lambda_ind. Without bounces (or without `diffuse`) the direct light I_0.
+
+        Equations: 18, 20.
         """
         if diffuse is None or self.gather is None or strength == 0:
             return _Direct.apply(radiance, self)
@@ -213,7 +215,10 @@ class LightTransport:
         return result
 
     def direct(self, radiance: torch.Tensor) -> torch.Tensor:
-        """T L, [P, C] from [K, C]; no gradient."""
+        """T L, [P, C] from [K, C]; no gradient.
+
+        Equation: 12.
+        """
         return (radiance.t() @ self.transfer.t()).t().contiguous()
 
     def direct_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:

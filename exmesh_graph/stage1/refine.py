@@ -141,7 +141,10 @@ class _Loop:
         }
 
     def step(self, k: int) -> tuple[float, float]:
-        """One iteration: (loss, mean squared error of the display image)."""
+        """One iteration: (loss, mean squared error of the display image).
+
+        Equation: 1.
+        """
         settings, targets, surface = self.settings, self.targets, self.surface
         iteration = self.state.iteration + k
         view = view_at(iteration, len(targets), self.seed)

@@ -39,7 +39,10 @@ class Terms:
         return {name: tensor for name, tensor in kept.items() if tensor is not None}
 
     def of(self, view: int, picture: Picture, vertices: torch.Tensor) -> tuple[dict[str, torch.Tensor], float]:
-        """The weighted terms by name, and the mean squared error of the image; fits the view's gain on the way."""
+        """The weighted terms by name, and the mean squared error of the image; fits the view's gain on the way.
+
+        Equations: 7, 8.
+        """
         settings = self.settings
         image = self._comparable(view, picture)
         target, mask = self.targets.images[view], self.targets.alpha[view]

@@ -90,7 +90,10 @@ class MaterialMaps:
         return torch.cat([values[:, :3], roughness, values[:, 4:], slopes], dim=1)
 
     def read(self, values: torch.Tensor, index: torch.Tensor, weight: torch.Tensor) -> Material:
-        """The material at N points from `values` and the points' texel rows int64 [N, 4] and weights [N, 4]."""
+        """The material at N points from `values` and the points' texel rows int64 [N, 4] and weights [N, 4].
+
+        Equation: 10.
+        """
         return Material(gather_rows(values, index, weight), self.settings.metallic, self.settings.normal_map)
 
     def rows(self, flat: torch.Tensor) -> torch.Tensor:

@@ -46,6 +46,8 @@ def bent(surface: SurfaceSamples, frame: tuple[torch.Tensor, ...], slopes: torch
     """`surface` with its normal, reflected direction and n_v under the map's `slopes` [N, 2]; differentiable.
 
     A normal turned away from the camera is bent back to a grazing one, as smooth normals are.
+
+    Equation: 11.
     """
     tangent, bitangent, normal = frame
     mapped = functional.normalize(slopes[:, :1] * tangent + slopes[:, 1:] * bitangent + normal, dim=-1)

@@ -134,6 +134,10 @@ class PrecomputedLight:
         return self.vectors.vector(binned, irradiance, diffuse)
 
     def radiance(self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit) -> torch.Tensor:
+        """Diffuse light by the transport, specular light by the split sum, scaled to what rays measured.
+
+        Equations: 11, 12.
+        """
         kept, metallic = buffer.light, material.metallic
         irradiance = gather_rows(lit.irradiance, kept.point, kept.point_weight)
         if self.suns is not None and lit.flux is not None:

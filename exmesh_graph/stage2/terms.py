@@ -18,7 +18,10 @@ def indirect_strength(settings: FitSettings, step: int) -> float:
 
 
 def weighted_terms(model: Model, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-    """The weighted terms of eq. 22 for one view, and its predicted radiance [N, 3] (detached)."""
+    """The weighted terms of eq. 22 for one view, and its predicted radiance [N, 3] (detached).
+
+    Equations: 21, 22, 24.
+    """
     settings = model.settings
     lit = model.lit(indirect_strength(settings, step), step)
     predicted, material = model.shade(buffer, lit)

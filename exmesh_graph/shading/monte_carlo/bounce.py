@@ -101,6 +101,8 @@ def bounce_irradiance(
 
     stand_in  the primary points' material, used at the hits in place of the query ("no secondary material")
     reference the plain torch sum instead of the fused kernels
+
+    Equations: 18, 19.
     """
     normal, material = query(hits.face, hits.bary)
     if stand_in is not None:

@@ -114,7 +114,10 @@ class MonteCarloLight:
         strength: float = 1.0,
     ) -> torch.Tensor:
         """Radiance [N, 3] towards `points.view`; differentiable in points.normal, material, environment [H, W, 3] and
-        in what `query` reads. `strength` is lambda_ind."""
+        in what `query` reads. `strength` is lambda_ind.
+
+        Equation: 20.
+        """
         radiance = shade(drawn.direct, points.normal, points.view, material, environment)
         if drawn.hits is None or query is None or strength == 0:
             return radiance

@@ -42,6 +42,8 @@ def shade(
 
     normal, view [N, 3] unit. Gradients reach normal, base colour, roughness, metallic and the environment's texels;
     directions, densities and visibility are constants. A material without roughness reflects diffusely only.
+
+    Equation: 17.
     """
     if environment.dtype != torch.float32 or material.base_color.dtype != torch.float32:
         return shade_reference(samples, normal, view, material, environment)
@@ -74,7 +76,10 @@ def shade_reference(
     material: Material,
     environment: torch.Tensor,
 ) -> torch.Tensor:
-    """`shade` in plain torch, for any float type."""
+    """`shade` in plain torch, for any float type.
+
+    Equation: 17.
+    """
     direction = samples.directions().to(environment)
     radiance = envmap.lookup(environment, direction)
     spread = direction.shape[:2]
