@@ -13,11 +13,12 @@ from exmesh_graph.geometry.carve import CLEAR, carve
 from exmesh_graph.geometry.clean import largest_components, taubin
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.tsdf import fuse
-from exmesh_graph.io.blender import BlenderOptions, load_blender
+from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.depth import load_depths
-from exmesh_graph.io.idr import IdrOptions, load_idr
-from exmesh_graph.io.middlebury import MiddleburyOptions, load_middlebury
+from exmesh_graph.io.idr import load_idr
+from exmesh_graph.io.middlebury import load_middlebury
+from exmesh_graph.io.params import BlenderOptions, DepthOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.priors.align import align
 from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.priors.plane_sweep import SweepSettings, plane_sweep
@@ -63,7 +64,7 @@ def load_case(path: Path, downscale: int, most: int) -> Case:
     elif any(path.glob("cameras*.npz")):
         scene = load_idr(path, IdrOptions(downscale=downscale, max_views=most))
         if (path / "mono_depth").is_dir():
-            mono = load_depths(scene.train, path / "mono_depth", relative=True)
+            mono = load_depths(scene.train, path / "mono_depth", DepthOptions(units="relative"))
     elif any(path.glob("*_par.txt")):
         scene, dissent = load_middlebury(path, MiddleburyOptions(downscale=downscale, max_views=most)), 1
     else:

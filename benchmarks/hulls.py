@@ -24,9 +24,10 @@ import torch
 
 from exmesh_graph.geometry.clean import taubin
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
-from exmesh_graph.io.blender import BlenderOptions, load_blender
-from exmesh_graph.io.idr import IdrOptions, load_idr
-from exmesh_graph.io.middlebury import MiddleburyOptions, load_middlebury
+from exmesh_graph.io.blender import load_blender
+from exmesh_graph.io.idr import load_idr
+from exmesh_graph.io.middlebury import load_middlebury
+from exmesh_graph.io.params import BlenderOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.raster import rasterize
 from exmesh_graph.types import Frame, SceneTruth, Views
 

@@ -22,10 +22,11 @@ from typing import get_args
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.idr import IdrOptions, list_idr
+from exmesh_graph.io.idr import list_idr
 from exmesh_graph.io.mapping import Way
-from exmesh_graph.io.middlebury import MiddleburyOptions, list_middlebury
-from exmesh_graph.io.motion import Motion, MotionSettings, find_motion
+from exmesh_graph.io.middlebury import list_middlebury
+from exmesh_graph.io.motion import Motion, find_motion
+from exmesh_graph.io.params import IdrOptions, MiddleburyOptions, MotionSettings
 from exmesh_graph.io.shots import Shot
 
 

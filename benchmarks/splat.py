@@ -21,7 +21,8 @@ import numpy as np
 import torch
 
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius
-from exmesh_graph.io.blender import BlenderOptions, load_blender
+from exmesh_graph.io.blender import load_blender
+from exmesh_graph.io.params import BlenderOptions
 from exmesh_graph.raster import rasterize
 from exmesh_graph.splat import Gaussians, render
 from exmesh_graph.splat.depths import DepthFilter, depth_maps

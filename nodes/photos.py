@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.io.params import PhotosOptions
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Frame, Metrics, PointCloud, Views
 
@@ -15,28 +15,12 @@ Train = Annotated[Views, facets(split="train")]
 Test = Annotated[Views, facets(split="test")]
 
 
-class PhotosParams(Params):
+class _Folder(Params):
     path: Path = param(doc="Folder of pictures of one size (or its images/), with masks/ beside them or alpha.")
-    lens: Literal["pinhole", "radial", "opencv"] = param(
-        "radial", doc="What is found of the lens: focal length; and one term of distortion; or four and two lengths."
-    )
-    one_camera: bool = param(True, doc="All pictures were taken at one zoom and focus; false: each has its own lens.")
-    focal: float = param(0.0, ge=0, unit="px", doc="Known focal length to start from; 0: from EXIF, else a guess.")
-    keep: Literal["all", "object"] = param(
-        "all", doc="Find cameras by the whole picture, or (turntable) by what the masks show only."
-    )
-    features: int = param(4096, ge=100, doc="SIFT features of a picture at most; time grows with the square.")
-    feature_size: int = param(1600, ge=100, unit="px", doc="Longer side of the pictures in which they are found.")
-    registered: float = param(0.5, gt=0, le=1, doc="Share of the pictures that must get a camera.")
-    mapping: Literal["auto", "incremental", "easier", "global"] = param(
-        "auto", doc="Which of COLMAP's: incremental, with easier thresholds, global; or what most matches agree with."
-    )
-    masks: bool = param(True, doc="Use masks where they are there.")
-    downscale: int = param(1, ge=1, le=16, doc="Reduce by this factor, by exact area averaging in linear light.")
-    holdout: int = param(8, ge=2, unit="views", doc="Every how many views one is held out for testing.")
-    first: int = param(3, ge=0, doc="Index of the first test view, counted from 0.")
-    dissent: int = param(1, ge=0, unit="views", doc="Masks that may be wrong at a point, for normalisation.")
-    threads: int = param(1, ge=1, tuning=True, doc="For features and matching; mapping runs on one.")
+
+
+class PhotosParams(PhotosOptions, _Folder):
+    pass
 
 
 class PhotosOut(NamedTuple):
@@ -48,11 +32,9 @@ class PhotosOut(NamedTuple):
 
 
 def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
-    from exmesh_graph.io.photos import list_photos
-    from exmesh_graph.io.shots import relative_names
+    from exmesh_graph.io.photos import photo_files
 
-    listed = list_photos(p.path, p.masks)
-    return relative_names(p.path, [file for pair in listed for file in pair if file is not None])
+    return photo_files(p.path, p)
 
 
 @node(
@@ -64,21 +46,17 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 )
 def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     """A plain folder of photographs: cameras and sparse points by structure from motion (needs pycolmap)."""
-    from exmesh_graph.io.motion import MotionSettings
-    from exmesh_graph.io.photos import PhotosOptions, load_photos
+    from exmesh_graph.io.photos import load_photos
 
-    of_motion = {field.name for field in fields(MotionSettings)}
-    motion = MotionSettings(**p.model_dump(include=of_motion))
-    options = PhotosOptions(motion, **p.model_dump(exclude={*of_motion, "path"}))
     work = ctx.scratch / "motion"
     work.mkdir()
-    scene, points, found = load_photos(p.path, options, work, ctx.seed)
+    scene, points, motion = load_photos(p.path, p, work, ctx.seed)
     for note in scene.notes:
         ctx.warn(note)
-    figures = found.figures()
-    known = "from what was known" if found.focal_known else "(found from the pictures alone)"
+    figures = motion.figures()
+    known = "from what was known" if motion.focal_known else "(found from the pictures alone)"
     ctx.log(
-        f"cameras of {figures['registered']} of {figures['pictures']} pictures ({found.how} mapping), {len(points)} "
-        f"points, reprojection error {found.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
+        f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.how} mapping), {len(points)} "
+        f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
     return PhotosOut(scene.train, scene.test, scene.frame, points, Metrics(figures))

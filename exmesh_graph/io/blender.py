@@ -9,21 +9,21 @@ mask from train/000_mask.png where that is there.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.cameras import UpAxis, opencv_from_blender
-from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, spread
+from exmesh_graph.io.cameras import opencv_from_blender
+from exmesh_graph.io.params import BlenderOptions
+from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
 from exmesh_graph.io.truth_files import truth_files
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
 
-Hdr = Literal["auto", "true", "false"]
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 _ENDINGS = {
     "auto": ("_rgba.exr", "_rgb.exr", ".exr", "_rgba.png", ".png", ".jpg", ".jpeg"),
@@ -32,35 +32,18 @@ _ENDINGS = {
 }
 
 
-@dataclass(frozen=True)
-class BlenderOptions:
-    """See the parameters of the node `data.blender`."""
-
-    hdr: Hdr = "auto"
-    downscale: int = 1
-    max_views: int = 0
-    max_test_views: int = 0
-    holdout: int = 8
-    test: Literal["auto", "file", "holdout"] = "auto"
-    min_test_views: int = 2
-    up: UpAxis = "z"
-    truth: bool = True
-    dissent: int = 0
-    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-    metres_per_unit: float = 0.0
-
-
 def list_blender(path: Path, options: BlenderOptions) -> tuple[list[Shot], list[Shot], bool]:
     """(train, test, whether the test views are the data set's own), without reading a picture."""
     folder = need_folder(path)
     train_file = folder / "transforms_train.json"
     if not train_file.is_file():
         train_file = folder / "transforms.json"
-    train = read_frames(folder, train_file, options.hdr)
+    hdr = str(options.hdr).lower()
+    train = read_frames(folder, train_file, hdr)
     test_file = folder / "transforms_test.json"
     test: list[Shot] = []
     if options.test != "holdout" and (test_file.is_file() or options.test == "file"):
-        test = read_frames(folder, test_file, options.hdr)
+        test = read_frames(folder, test_file, hdr)
     own = len(test) >= options.min_test_views or (options.test == "file" and len(test) > 0)
     if not own:
         kept, held = hold_out(len(train), options.holdout, options.holdout // 2)
@@ -100,13 +83,13 @@ def blender_files(path: Path, options: BlenderOptions) -> dict[str, Path]:
     folder = need_folder(path)
     train, test, own = list_blender(folder, options)
     files = [f for f in (folder / f"transforms{s}.json" for s in ("_train", "", "_test")) if f.is_file()]
-    files += [f for shot in (*train, *test) for f in (shot.image, shot.mask) if f is not None]
+    files += shot_files([*train, *test])
     if options.truth:
         files += truth_files(folder, test if own else [], test[0].image.suffix == ".exr", options.up)
     return relative_names(folder, files)
 
 
-def read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
+def read_frames(folder: Path, file: Path, hdr: str) -> list[Shot]:
     """The shots a transforms file lists, pictures below `folder`. DataError names file and frame."""
     content = read_json(file)
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -126,7 +109,7 @@ def read_frames(folder: Path, file: Path, hdr: Hdr) -> list[Shot]:
     return shots
 
 
-def read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr: Hdr) -> Shot:
+def read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr: str) -> Shot:
     """One entry of a transforms file, together with what the file says for all."""
     where = f"{file}, frame {index}"
     stem = str(frame["file_path"]).removeprefix("./")
@@ -165,7 +148,7 @@ def _has_alpha_name(image: Path) -> bool:
     return image.name.removesuffix(image.suffix).endswith("_rgba")
 
 
-def _resolve(stem: Path, hdr: Hdr) -> Path:
+def _resolve(stem: Path, hdr: str) -> Path:
     if stem.suffix.lower() in (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff"):
         return stem
     for ending in _ENDINGS[hdr]:

@@ -5,13 +5,10 @@ Pixel centres lie at +0.5, so an image's left edge is x = 0 and halving its size
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from exmesh_graph.errors import DataError
-
-UpAxis = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
+from exmesh_graph.io.params import UpAxis
 
 # Rows: the Y-up scene's x, y, z as combinations of the data set's axes. "z" is (x, y, z) -> (x, z, -y).
 _SCENE_FROM_DATASET: dict[str, list[list[int]]] = {

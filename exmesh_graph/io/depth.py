@@ -9,6 +9,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import check_finite, read_raw
+from exmesh_graph.io.params import DepthOptions
 from exmesh_graph.types import DepthMaps, Frame, Views
 
 ENDINGS = (".exr", ".npy", ".png")
@@ -63,25 +64,30 @@ def read_depth(path: Path, scale: float = 1.0) -> np.ndarray:
 def load_depths(
     views: Views,
     folder: Path,
-    *,
-    pattern: str = "{name}",
-    scale: float = 1.0,
+    options: DepthOptions | None = None,
     frame: Frame | None = None,
-    relative: bool = False,
 ) -> DepthMaps:
-    """Depth maps of all views in normalised units; with `frame` the files are in the scene's units.
+    """Depth maps of all views in normalised units; files in the scene's units need its `frame`.
 
-    relative  the files grow with depth, up to a scale and a shift of each: every value counts (0 too), and each map is
-              brought to [1, 2], so that a range kept beside the files is not needed
+    Relative files grow with depth, up to a scale and a shift of each: every value counts (0 too), and each map is
+    brought to [1, 2], so that a range kept beside the files is not needed.
     Maps of a whole multiple of the views' size are reduced by taking the block's middle sample: a mean across an edge
-    would be the depth of nothing. Raises DataError for missing maps and other sizes.
+    would be the depth of nothing. Raises DataError for missing maps, other sizes, and scene units without a frame.
     """
     from exmesh_graph.io.normalise import frame_scale  # brings scipy, which listing the files does not need
 
-    unit = scale / (frame_scale(frame) if frame is not None else 1.0)
+    options = options or DepthOptions()
+    relative, unit = options.units == "relative", options.scale
+    if options.units == "scene":
+        if frame is None:
+            raise DataError(
+                "depth maps in scene units need the scene's frame",
+                fix='wire `frame: "@<loader>.frame"`, or set units: normalised',
+            )
+        unit = options.scale / frame_scale(frame)
     maps = []
     for name in views.names:
-        file = depth_file(Path(folder), pattern, name)
+        file = depth_file(Path(folder), options.pattern, name)
         depth = read_depth(file, 1.0 if relative else unit)
         maps.append(_fit(_unit_range(depth, file) if relative else depth, views.height, views.width, file))
     return DepthMaps(views.names, np.stack(maps), "relative" if relative else "normalised")

@@ -7,34 +7,20 @@ normalisation, which is kept.
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.cameras import UpAxis, camera_to_world_from_rt, decompose_projection
-from exmesh_graph.io.shots import Shot, hold_out, need_folder, spread
+from exmesh_graph.io.cameras import camera_to_world_from_rt, decompose_projection
+from exmesh_graph.io.params import IdrOptions
+from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
 
 _CAMERAS = ("cameras_sphere.npz", "cameras.npz")
-
-
-@dataclass(frozen=True)
-class IdrOptions:
-    """See the parameters of the node `data.idr`."""
-
-    holdout: int = 8
-    first: int = 3
-    downscale: int = 1
-    max_views: int = 0
-    up: UpAxis = "auto"
-    pixel_offset: float = 0.5
-    masks: str = "auto"
-    metres_per_unit: float = 0.001
 
 
 def list_idr(path: Path, options: IdrOptions) -> tuple[list[Shot], list[Shot], tuple[np.ndarray, float]]:
@@ -74,6 +60,12 @@ def load_idr(path: Path, options: IdrOptions | None = None) -> Scene:
         train, test, up=options.up, downscale=options.downscale, sphere=sphere,
         metres_per_unit=options.metres_per_unit,
     )  # fmt: skip
+
+
+def idr_files(path: Path, options: IdrOptions) -> dict[str, Path]:
+    """Every file that `load_idr` reads, by a name that does not depend on where the scene lies."""
+    train, test, _ = list_idr(path, options)
+    return relative_names(path, [camera_file(path), *shot_files([*train, *test])])
 
 
 def camera_file(folder: Path) -> Path:

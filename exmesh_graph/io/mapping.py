@@ -13,12 +13,13 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import networkx as nx
 import numpy as np
 
-Way = Literal["auto", "incremental", "easier", "global"]
+from exmesh_graph.io.params import Way
+
 SEEN_BY = 3  # pictures that must see a point
 _TIES = 10
 _NEAR = 2.0  # pixels
@@ -46,9 +47,9 @@ def map_cameras(colmap: Any, database: Path, pictures: Path, work: Path, seed: i
     for how in _WAYS if way == "auto" else (way,):
         for model in _models(colmap, database, pictures, _new(work, how), seed, how).values():
             names = tied(model)
-            found = Mapped(model, names, how, agreeing(colmap, database, model, names))
-            if len(names) >= SEEN_BY and (best is None or found.agreeing > best.agreeing):
-                best = found
+            mapped = Mapped(model, names, how, agreeing(colmap, database, model, names))
+            if len(names) >= SEEN_BY and (best is None or mapped.agreeing > best.agreeing):
+                best = mapped
     return best
 
 

@@ -5,34 +5,18 @@ A line per view: file name, K (9 numbers), R (9), t (3), with x ~ K (R X + t) an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.cameras import UpAxis, camera_to_world_from_rt
-from exmesh_graph.io.shots import Shot, hold_out, need_folder, spread
+from exmesh_graph.io.cameras import camera_to_world_from_rt
+from exmesh_graph.io.params import MiddleburyOptions
+from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
-
-
-@dataclass(frozen=True)
-class MiddleburyOptions:
-    """See the parameters of the node `data.middlebury`."""
-
-    holdout: int = 8
-    first: int = 3
-    downscale: int = 2
-    max_views: int = 0
-    up: UpAxis = "y"
-    pixel_offset: float = 0.5
-    masks: bool = True
-    dissent: int = 1
-    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-    metres_per_unit: float = 1.0
 
 
 def list_middlebury(path: Path, options: MiddleburyOptions) -> tuple[list[Shot], list[Shot]]:
@@ -60,15 +44,21 @@ def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Sce
     )  # fmt: skip
 
 
+def middlebury_files(path: Path, options: MiddleburyOptions) -> dict[str, Path]:
+    """Every file that `load_middlebury` reads, by a name that does not depend on where the scene lies."""
+    train, test = list_middlebury(path, options)
+    return relative_names(path, [find_par(path), *shot_files([*train, *test])])
+
+
 def find_par(path: Path) -> Path:
     """The one *_par.txt of the folder; DataError for none or several."""
-    found = sorted(need_folder(path).glob("*_par.txt"))
-    if len(found) != 1:
+    files = sorted(need_folder(path).glob("*_par.txt"))
+    if len(files) != 1:
         raise DataError(
-            f"the folder holds {len(found)} camera files", where=str(path), expected="one <name>_par.txt",
+            f"the folder holds {len(files)} camera files", where=str(path), expected="one <name>_par.txt",
             fix="check the path, or remove the other files",
         )  # fmt: skip
-    return found[0]
+    return files[0]
 
 
 def read_par(file: Path, options: MiddleburyOptions) -> list[Shot]:
@@ -110,13 +100,9 @@ def _shot(file: Path, number: int, line: str, options: MiddleburyOptions) -> Sho
         image=image,
         mask=_mask(folder, image) if options.masks else None,
         intrinsics=intrinsics,
-        camera_to_world=_pose(rotation, translation),
+        # a singular or sheared R is left in place for `check_camera` to name
+        camera_to_world=camera_to_world_from_rt(rotation, translation),
     )
-
-
-def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """Camera-to-world; a singular or sheared R is left in place for `check_camera` to name."""
-    return camera_to_world_from_rt(rotation, translation)
 
 
 def _mask(folder: Path, image: Path) -> Path | None:

@@ -9,32 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import picture_size, write_image
-from exmesh_graph.io.mapping import SEEN_BY, Mapped, Way, map_cameras
+from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.normalise import some
+from exmesh_graph.io.params import MotionSettings
 from exmesh_graph.native import import_pycolmap
 
-Lens = Literal["pinhole", "radial", "opencv"]
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
-
-
-@dataclass(frozen=True)
-class MotionSettings:
-    """How cameras are found; meanings and units are those of the node `data.photos`."""
-
-    lens: Lens = "radial"
-    one_camera: bool = True
-    focal: float = 0.0
-    features: int = 4096
-    feature_size: int = 1600
-    registered: float = 0.5
-    mapping: Way = "auto"
-    threads: int = 1
 
 
 @dataclass(frozen=True)
@@ -148,11 +134,11 @@ def _features(
 
 
 def _check_enough(names: list[str], left_out: tuple[str, ...], settings: MotionSettings, folder: Path) -> None:
-    found = len(names) - len(left_out)
-    if found >= max(3, settings.registered * len(names)):
+    placed = len(names) - len(left_out)
+    if placed >= max(3, settings.registered * len(names)):
         return
     raise DataError(
-        f"cameras were found for {found} of {len(names)} pictures; without one: {some(left_out)}", where=str(folder),
+        f"cameras were found for {placed} of {len(names)} pictures; without one: {some(left_out)}", where=str(folder),
         expected=f"at least {max(3, int(np.ceil(settings.registered * len(names))))} that overlap and show texture",
         fix="take pictures at most 20 degrees apart, sharp, of a still scene, with a textured background; remove those "
         "that do not belong, or lower `registered`",

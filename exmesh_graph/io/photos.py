@@ -6,18 +6,19 @@ IMG_1.jpg.png (COLMAP) or IMG_1_mask.png for IMG_1.jpg, or in the pictures' own 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import rotation_to_y, scene_from_dataset
 from exmesh_graph.io.images import picture_size, read_mask, read_photo
-from exmesh_graph.io.motion import Motion, MotionSettings, find_motion
+from exmesh_graph.io.motion import Motion, find_motion
 from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
-from exmesh_graph.io.shots import Shot, hold_out, need_folder
+from exmesh_graph.io.params import PhotosOptions
+from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names
 from exmesh_graph.io.undistort import pinhole
 from exmesh_graph.types import PointCloud
 
@@ -29,19 +30,6 @@ _OPAQUE = (".jpg", ".jpeg")  # no alpha in these: not worth reading
 _FEWEST = 3
 _STRAIGHT = 0.05  # pixels
 _NEAR, _ROOM = 0.7, 1.05
-
-
-@dataclass(frozen=True)
-class PhotosOptions:
-    """See the parameters of the node `data.photos`."""
-
-    motion: MotionSettings = field(default_factory=MotionSettings)
-    keep: Literal["all", "object"] = "all"
-    masks: bool = True
-    downscale: int = 1
-    holdout: int = 8
-    first: int = 3
-    dissent: int = 1
 
 
 def list_photos(path: Path, masks: bool = True) -> list[tuple[Path, Path | None]]:
@@ -60,6 +48,12 @@ def list_photos(path: Path, masks: bool = True) -> list[tuple[Path, Path | None]
         raise DataError(f"two pictures are called {twin.stem!r}", where=str(place), fix="remove or rename one")
     held = next((folder / name for name in ("masks", "mask") if (folder / name).is_dir()), place)
     return [(picture, _mask(held, picture) if masks else None) for picture in pictures]
+
+
+def photo_files(path: Path, options: PhotosOptions) -> dict[str, Path]:
+    """Every file that `load_photos` reads, by a name that does not depend on where the scene lies."""
+    listed = list_photos(path, options.masks)
+    return relative_names(path, [file for pair in listed for file in pair if file is not None])
 
 
 def _mask(folder: Path, picture: Path) -> Path | None:
@@ -83,7 +77,7 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
     listed = list_photos(path, options.masks)
     _check_sizes([picture for picture, _ in listed])
     ignored = _alphas(listed) if options.keep == "object" else {}
-    motion = find_motion([picture for picture, _ in listed], ignored, options.motion, work, seed)
+    motion = find_motion([picture for picture, _ in listed], ignored, options, work, seed)
     shots = _shots(listed, motion)
     kept, held = hold_out(len(shots), options.holdout, options.first)
     if not kept or not held:
@@ -140,12 +134,12 @@ def _check_sizes(pictures: list[Path]) -> None:
 
 
 def _alphas(listed: list[tuple[Path, Path | None]]) -> dict[str, np.ndarray]:
-    found = {}
+    alphas = {}
     for picture, mask in listed:
         alpha = read_mask(mask) if mask is not None else read_photo(picture).alpha
         if (alpha < 1).any():
-            found[picture.name] = alpha
-    return found
+            alphas[picture.name] = alpha
+    return alphas
 
 
 def _has_alpha(picture: Path) -> bool:

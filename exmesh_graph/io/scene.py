@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.cameras import UpAxis, scene_from_dataset
+from exmesh_graph.io.cameras import scene_from_dataset
 from exmesh_graph.io.load import check_no_leak, load_shots, to_views
 from exmesh_graph.io.normalise import (
     looking_away,
@@ -18,6 +18,7 @@ from exmesh_graph.io.normalise import (
     sphere_from_cameras,
     sphere_from_masks,
 )
+from exmesh_graph.io.params import UpAxis
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.types import Frame, SceneTruth, Views
 

@@ -47,6 +47,11 @@ def spread(count: int, most: int) -> list[int]:
     return sorted({int((i + 0.5) * count / most) for i in range(most)})
 
 
+def shot_files(shots: Sequence[Shot]) -> list[Path]:
+    """Pictures and masks of the shots."""
+    return [file for shot in shots for file in (shot.image, shot.mask) if file is not None]
+
+
 def relative_names(folder: Path, files: Sequence[Path]) -> dict[str, Path]:
     """{name relative to the folder (or the file's own name, when outside): file}; DataError for a missing one."""
     names: dict[str, Path] = {}

@@ -24,23 +24,14 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.blender import read_frame, read_frames, read_json
-from exmesh_graph.io.shots import Shot, need_folder, relative_names, spread
+from exmesh_graph.io.params import OrbOptions
+from exmesh_graph.io.shots import Shot, need_folder, relative_names, shot_files, spread
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
     from exmesh_graph.types import Frame, LitViews, SceneTruth
 
 _MAP_ROWS = 256
-
-
-@dataclass(frozen=True)
-class OrbOptions:
-    """See the parameters of the node `data.stanford_orb`."""
-
-    downscale: int = 4
-    max_views: int = 0
-    max_test_views: int = 0
-    max_novel_views: int = 0
 
 
 @dataclass(frozen=True)
@@ -92,12 +83,11 @@ def orb_files(path: Path, options: OrbOptions) -> dict[str, Path]:
     shots = list_orb(path, options)
     folder = need_folder(path).resolve()
     files = [folder / f"transforms_{split}.json" for split in ("train", "test", "novel")]
-    files += [f for shot in (*shots.train, *shots.test) for f in (shot.image, shot.mask) if f is not None]
-    found = relative_names(folder, files)
-    others = [f for shot in shots.novel for f in (shot.image, shot.mask) if f is not None] + shots.lights
+    files += shot_files([*shots.train, *shots.test])
+    others = shot_files(shots.novel) + shots.lights
     others += [file for _, files in _maps(shots) for file in files] + [shots.truth / "mesh_blender" / "mesh.obj"]
     root = folder.parent.parent
-    return found | {file.relative_to(root).as_posix(): file for file in others}
+    return relative_names(folder, files) | {file.relative_to(root).as_posix(): file for file in others}
 
 
 def _masked(shot: Shot) -> Shot:
@@ -134,7 +124,7 @@ def _novel(folder: Path, truth: Path) -> tuple[list[Shot], list[Path]]:
 
 def _maps(shots: OrbShots) -> list[tuple[str, list[Path]]]:
     """(field of SceneTruth, file of each test view) of the maps that are there; DataError where only some are."""
-    found = []
+    maps = []
     for name, place, ending in (
         ("depth", "z_depth", ".npy"),
         ("normal", "surface_normal", ".npy"),
@@ -147,8 +137,8 @@ def _maps(shots: OrbShots) -> list[tuple[str, list[Path]]]:
             raise DataError("the truth map does not exist, though those of other test views do", where=str(missing),
                             fix="unpack ground_truth again")  # fmt: skip
         if there:
-            found.append((name, there))
-    return found
+            maps.append((name, there))
+    return maps
 
 
 def _truth(shots: OrbShots, frame: Frame, downscale: int) -> SceneTruth:

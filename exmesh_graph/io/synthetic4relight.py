@@ -8,28 +8,19 @@ relighting figure is the mean over the other two.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.blender import BlenderOptions, blender_files, list_blender
+from exmesh_graph.io.blender import blender_files, list_blender
+from exmesh_graph.io.params import BlenderOptions, Synthetic4RelightOptions
 from exmesh_graph.io.truth_files import MAP_FOLDERS, relit_light, relit_pictures
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
 
 TRAINING_LIGHT = "envmap3"
-
-
-@dataclass(frozen=True)
-class Synthetic4RelightOptions:
-    """See the parameters of the node `data.synthetic4relight`."""
-
-    lights: tuple[str, ...] = ("envmap6", "envmap12")
-    downscale: int = 1
-    max_views: int = 0
-    max_test_views: int = 0
 
 
 def load_synthetic4relight(path: Path, options: Synthetic4RelightOptions | None = None) -> Scene:
@@ -73,13 +64,13 @@ def check_layout(path: Path, options: Synthetic4RelightOptions) -> None:
             f"{len(clipped)} training pictures are not linear", where=str(clipped[0]), expected="<view>_rgb.exr",
             fix="unpack the data set's EXR files, or use data.blender for 8-bit pictures",
         )  # fmt: skip
-    found = relit_pictures(folder, test, False)
+    pictures = relit_pictures(folder, test, False)
     for light in options.lights:
-        if light not in found:
+        if light not in pictures:
             raise DataError(
                 f"there are no pictures relit by {light}", where=str(folder / "test_rli"),
                 expected=f"test_rli/{light}_{test[0].image.stem.removesuffix('_rgba')}.png and so on",
-                fix=f"unpack the data set's test_rli, or set lights: {sorted(found)}",
+                fix=f"unpack the data set's test_rli, or set lights: {sorted(pictures)}",
             )  # fmt: skip
         if relit_light(folder, light) is None:
             raise DataError(

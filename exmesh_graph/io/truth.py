@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.cameras import UpAxis
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.io.images import read_image, read_photo
 from exmesh_graph.io.load import downscale_area
 from exmesh_graph.io.meshes import read_mesh
 from exmesh_graph.io.normalise import points_to_normalised
+from exmesh_graph.io.params import UpAxis
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.truth_files import LIGHTS, MAP_FOLDERS, MESHES, first_of, relit_light, relit_pictures, test_maps
 from exmesh_graph.types import Frame, SceneTruth

@@ -118,7 +118,8 @@ def test_sample_mesh_from_ray_cast_depth():
     from embreex.rtcore_scene import EmbreeScene
 
     from exmesh_graph.evaluate.metrics.mesh import chamfer
-    from exmesh_graph.io.blender import BlenderOptions, load_blender
+    from exmesh_graph.io.blender import load_blender
+    from exmesh_graph.io.params import BlenderOptions
 
     scene = load_blender(SAMPLE, BlenderOptions(downscale=2))
     views, truth = scene.train, scene.truth

@@ -1,7 +1,6 @@
 """A plain folder of photographs: cameras found from the pictures, the lens undone, clear errors."""
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from benchmarks.photos import differences
 from exmesh_graph.errors import DataError, MissingLibraryError
 from exmesh_graph.io.images import Photo, write_image
-from exmesh_graph.io.photos import PhotosOptions, list_photos, load_photos, object_sphere
+from exmesh_graph.io.params import PhotosOptions
+from exmesh_graph.io.photos import list_photos, load_photos, object_sphere
 from exmesh_graph.io.undistort import pinhole, resampled
 from tests.fake_context import FakeContext
 from tests.io.io_scenes import look_at
@@ -62,7 +62,7 @@ def folder(tmp_path_factory):
 def found(folder, work, **changes):
     pytest.importorskip("pycolmap", reason="pip install 'exmesh-graph[photos]'")
     work.mkdir()
-    return load_photos(folder, replace(PhotosOptions(), **changes), work)
+    return load_photos(folder, PhotosOptions(**changes), work)
 
 
 def test_cameras_and_points_are_found_and_repeat_to_the_byte(folder, tmp_path):

@@ -10,7 +10,8 @@ from exmesh_nodes import auto, gaussians, init
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.metrics import rephotography
 from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction
-from exmesh_graph.io.blender import BlenderOptions, load_blender
+from exmesh_graph.io.blender import load_blender
+from exmesh_graph.io.params import BlenderOptions
 from exmesh_graph.report.decisions import decision_tables
 from exmesh_graph.types import DepthMaps, PointCloud
 from tests.fake_context import FakeContext

@@ -10,8 +10,9 @@ from exmesh_nodes import gaussians as nodes
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.hull import SilhouetteField
-from exmesh_graph.io.blender import BlenderOptions, load_blender
+from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.normalise import make_frame
+from exmesh_graph.io.params import BlenderOptions
 from exmesh_graph.splat import Gaussians, render, rotation_matrices
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.fit import fit

@@ -1,0 +1,144 @@
+"""The options of the loaders: parameters of the data nodes, declared once. Imports nothing heavy."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from exmesh_graph.params import Params, param
+
+UpAxis = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+Lens = Literal["pinhole", "radial", "opencv"]
+Way = Literal["auto", "incremental", "easier", "global"]
+
+_UP = "The up axis of the files' world; auto: found from level cameras."
+_DISSENT = "Masks that may be wrong at a point, for normalisation."
+_BOX = "The object's box in the files' units; default: found from the masks."
+_METRES = "Metres in one unit of the files; 0 = unknown."
+_DOWNSCALE = "Reduce by this factor, by exact area averaging in linear light."
+_MAX_VIEWS = "Keep at most so many training views, evenly spread; 0 = all."
+_MAX_TEST_VIEWS = "Keep at most so many test views; 0 = all."
+_HOLDOUT = "Every how many views one is held out for testing."
+_FIRST = "Index of the first test view, counted from 0."
+
+
+class BlenderOptions(Params):
+    """The layout of Blender and NeRF-Synthetic (`io.blender`)."""
+
+    hdr: Literal["auto", "true", "false"] | bool = param(
+        "auto", doc="Linear EXR pictures where they are there (auto), always (true), or 8-bit ones (false)."
+    )
+    downscale: int = param(1, ge=1, le=16, doc=_DOWNSCALE)
+    max_views: int = param(0, ge=0, unit="views", doc=_MAX_VIEWS)
+    max_test_views: int = param(0, ge=0, unit="views", doc=_MAX_TEST_VIEWS)
+    test: Literal["auto", "file", "holdout"] = param(
+        "auto", doc="Test views: the file's own if it has enough (auto), always the file's, or held-out training views."
+    )
+    holdout: int = param(8, ge=2, unit="views", doc="Every how many training views one is held out, where needed.")
+    min_test_views: int = param(2, ge=1, unit="views", doc="Fewer test frames than this count as none (auto).")
+    up: UpAxis = param("z", doc=_UP)
+    truth: bool = param(True, doc="Read true mesh, maps, light and relit pictures where they are there.")
+    dissent: int = param(0, ge=0, unit="views", doc=_DISSENT)
+    box: Box | None = param(None, doc=_BOX)
+    metres_per_unit: float = param(0.0, ge=0, unit="m", doc=_METRES)
+
+
+class RingOptions(Params):
+    """What layouts without a test set of their own, and with whole-numbered pixel centres, have in common."""
+
+    holdout: int = param(8, ge=2, unit="views", doc=_HOLDOUT)
+    first: int = param(3, ge=0, doc=_FIRST)
+    max_views: int = param(0, ge=0, unit="views", doc=_MAX_VIEWS)
+    pixel_offset: float = param(
+        0.5,
+        ge=0,
+        le=0.5,
+        unit="px",
+        doc="Added to the principal point: 0.5 where the file's pixel centres are whole numbers.",
+    )
+
+
+class MiddleburyOptions(RingOptions):
+    """The Middlebury multi-view layout (`io.middlebury`)."""
+
+    downscale: int = param(2, ge=1, le=16, doc=_DOWNSCALE)
+    up: UpAxis = param("y", doc=_UP)
+    masks: bool = param(True, doc="Use mask/ where it is there.")
+    dissent: int = param(1, ge=0, unit="views", doc=_DISSENT)
+    box: Box | None = param(None, doc=_BOX)
+    metres_per_unit: float = param(1.0, ge=0, unit="m", doc=_METRES)
+
+
+class IdrOptions(RingOptions):
+    """The layout of IDR and NeuS (`io.idr`)."""
+
+    downscale: int = param(1, ge=1, le=16, doc=_DOWNSCALE)
+    up: UpAxis = param("auto", doc="The up axis of the files' world; auto: the direction level cameras agree on.")
+    masks: str = param("auto", doc="Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.")
+    metres_per_unit: float = param(0.001, ge=0, unit="m", doc=_METRES)
+
+
+class Synthetic4RelightOptions(Params):
+    """A scene of Synthetic4Relight (`io.synthetic4relight`)."""
+
+    lights: tuple[str, ...] = param(("envmap6", "envmap12"), doc="Relit test pictures that are scored.")
+    downscale: int = param(1, ge=1, le=16, doc=_DOWNSCALE)
+    max_views: int = param(0, ge=0, unit="views", doc=_MAX_VIEWS)
+    max_test_views: int = param(0, ge=0, unit="views", doc=_MAX_TEST_VIEWS)
+
+
+class OrbOptions(Params):
+    """A capture of Stanford-ORB (`io.stanford_orb`)."""
+
+    downscale: int = param(4, ge=1, le=16, doc="Reduce by this factor; the benchmark scores 2048 / 4 pixels.")
+    max_views: int = param(0, ge=0, unit="views", doc=_MAX_VIEWS)
+    max_test_views: int = param(0, ge=0, unit="views", doc=_MAX_TEST_VIEWS)
+    max_novel_views: int = param(0, ge=0, unit="views", doc="Keep at most so many views under other lights; 0 = all.")
+
+
+class MotionSettings(Params):
+    """How cameras are found from the photographs alone (`io.motion`)."""
+
+    lens: Lens = param(
+        "radial", doc="What is found of the lens: focal length; and one term of distortion; or four and two lengths."
+    )
+    one_camera: bool = param(True, doc="All pictures were taken at one zoom and focus; false: each has its own lens.")
+    focal: float = param(0.0, ge=0, unit="px", doc="Known focal length to start from; 0: from EXIF, else a guess.")
+    features: int = param(4096, ge=100, doc="SIFT features of a picture at most; time grows with the square.")
+    feature_size: int = param(1600, ge=100, unit="px", doc="Longer side of the pictures in which they are found.")
+    registered: float = param(0.5, gt=0, le=1, doc="Share of the pictures that must get a camera.")
+    mapping: Way = param(
+        "auto", doc="Which of COLMAP's: incremental, with easier thresholds, global; or what most matches agree with."
+    )
+    threads: int = param(1, ge=1, tuning=True, doc="For features and matching; mapping runs on one.")
+
+
+class PhotosOptions(MotionSettings):
+    """A plain folder of photographs (`io.photos`)."""
+
+    keep: Literal["all", "object"] = param(
+        "all", doc="Find cameras by the whole picture, or (turntable) by what the masks show only."
+    )
+    masks: bool = param(True, doc="Use masks where they are there.")
+    downscale: int = param(1, ge=1, le=16, doc=_DOWNSCALE)
+    holdout: int = param(8, ge=2, unit="views", doc=_HOLDOUT)
+    first: int = param(3, ge=0, doc=_FIRST)
+    dissent: int = param(1, ge=0, unit="views", doc=_DISSENT)
+
+
+class DepthOptions(Params):
+    """Depth maps from files (`io.depth`)."""
+
+    pattern: str = param(
+        "{name}",
+        pattern=r"^[^/\\{}]*\{(name|stem)\}[^/\\{}]*$",  # a file of the folder: only their contents are in the key
+        doc="File name in `folder` of a view's map, with {name} or {stem}; the ending may be left out.",
+    )
+    scale: float = param(
+        1.0, gt=0, doc="File values times this give the stated units (0.001 for millimetres as integers)."
+    )
+    units: Literal["normalised", "scene", "relative"] = param(
+        "scene",
+        doc="After scaling: the normalised world's, the scene's own (then wire `frame`), or relative: right up to a "
+        "scale and a shift of each map, as networks give it (for the depth loss, or prior.align).",
+    )
