@@ -61,7 +61,7 @@ class TestBlender:
         assert rotation / np.cbrt(np.linalg.det(rotation)) == pytest.approx(ring(9)[0][:3, :3])
 
     def test_the_world_does_not_depend_on_downscale(self, blender_scene):
-        full, half = (load_blender(blender_scene, NO_TRUTH.model_copy(update={"downscale": d})) for d in (1, 2))
+        full, half = (load_blender(blender_scene, NO_TRUTH.replaced(downscale=d)) for d in (1, 2))
         assert np.array_equal(full.frame.scene_from_normalised, half.frame.scene_from_normalised)
         assert half.train.images.shape[1:] == (SIZE // 2, SIZE // 2, 3)
         assert np.allclose(half.train.intrinsics[:, :2] * 2, full.train.intrinsics[:, :2])
@@ -72,10 +72,10 @@ class TestBlender:
         write_blender(tmp_path, "train", ring(9), ending="_rgba.png")
         write_blender(tmp_path, "test", ring(3, offset=0.2), ending="_rgba.png")
         with pytest.raises(DataError, match=r"hdr: auto"):
-            load_blender(tmp_path, NO_TRUTH.model_copy(update={"hdr": "true"}))
+            load_blender(tmp_path, NO_TRUTH.replaced(hdr="true"))
         write_blender(tmp_path, "train", ring(9), ending="_rgba.exr")
         write_blender(tmp_path, "test", ring(3, offset=0.2), ending="_rgba.exr")
-        hdr, ldr = (load_blender(tmp_path, NO_TRUTH.model_copy(update={"hdr": h})).train for h in ("auto", "false"))
+        hdr, ldr = (load_blender(tmp_path, NO_TRUTH.replaced(hdr=h)).train for h in ("auto", "false"))
         assert not hdr.clipped
         assert ldr.clipped
         assert 0 < np.abs(hdr.images - ldr.images).max() < 0.01
@@ -87,13 +87,13 @@ class TestBlender:
             file.unlink()
         else:
             edit_json(file, lambda c: c.update(frames=c["frames"][:1]))
-        scene = load_blender(blender_scene, NO_TRUTH.model_copy(update={"holdout": 4}))
+        scene = load_blender(blender_scene, NO_TRUTH.replaced(holdout=4))
         assert scene.test.names == ("train_002", "train_006")
         assert len(scene.train) == 7
         assert not set(scene.train.names) & set(scene.test.names)
 
     def test_subsets_are_spread(self, blender_scene):
-        scene = load_blender(blender_scene, NO_TRUTH.model_copy(update={"max_views": 3, "max_test_views": 1}))
+        scene = load_blender(blender_scene, NO_TRUTH.replaced(max_views=3, max_test_views=1))
         assert scene.train.names == ("train_001", "train_004", "train_007")
         assert len(scene.test) == 1
 
@@ -103,7 +103,7 @@ class TestBlender:
             content.update(fl_x=95.0, fl_y=90.0, cx=20.0, cy=26.0)
 
         edit_json(blender_scene / "transforms_train.json", change)
-        scene = load_blender(blender_scene, NO_TRUTH.model_copy(update={"box": ((0, 0, 0), (1, 1, 1))}))
+        scene = load_blender(blender_scene, NO_TRUTH.replaced(box=((0, 0, 0), (1, 1, 1))))
         assert scene.train.intrinsics[0].tolist() == [[95, 0, 20], [0, 90, 26], [0, 0, 1]]
         f = 0.5 * SIZE / np.tan(0.5 * ANGLE)
         assert np.allclose(scene.test.intrinsics[0], [[f, 0, SIZE / 2], [0, f, SIZE / 2], [0, 0, 1]])
@@ -292,7 +292,7 @@ class TestBadBlender:
         self.bad(blender_scene, "two views are called 'train_000'")
 
     def test_downscale_must_divide(self, blender_scene):
-        self.bad(blender_scene, r"cannot be reduced by 5", NO_TRUTH.model_copy(update={"downscale": 5}))
+        self.bad(blender_scene, r"cannot be reduced by 5", NO_TRUTH.replaced(downscale=5))
 
     def test_masks_without_a_common_part(self, blender_scene):
         def change(content):
@@ -323,7 +323,7 @@ class TestMiddlebury:
 
     def test_given_box(self, middlebury_scene):
         box = (tuple(CENTRE - RADIUS), tuple(CENTRE + RADIUS))
-        scene = load_middlebury(middlebury_scene, self.options.model_copy(update={"box": box}))
+        scene = load_middlebury(middlebury_scene, self.options.replaced(box=box))
         assert scene.frame.scene_from_normalised[:3, 3] == pytest.approx(CENTRE)
         assert scene.frame.scene_from_normalised[0, 0] == pytest.approx(RADIUS * np.sqrt(3) / FILL)
 
@@ -333,7 +333,7 @@ class TestMiddlebury:
         write_image(middlebury_scene / "mask" / "v04.png", mask)
         with pytest.raises(DataError, match="no common part"):
             load_middlebury(middlebury_scene, self.options)
-        scene = load_middlebury(middlebury_scene, self.options.model_copy(update={"dissent": 1}))
+        scene = load_middlebury(middlebury_scene, self.options.replaced(dissent=1))
         assert scene.frame.scene_from_normalised[:3, 3] == pytest.approx(CENTRE, abs=0.08)
 
     @pytest.mark.parametrize(
@@ -392,12 +392,12 @@ class TestIdr:
         for i in range(10):
             write_image(idr_scene / "mask" / f"{i:03d}.png", disc.astype(float))
         assert load_idr(idr_scene, self.options).train.has_masks
-        assert not load_idr(idr_scene, self.options.model_copy(update={"masks": "none"})).train.has_masks
+        assert not load_idr(idr_scene, self.options.replaced(masks="none")).train.has_masks
         (idr_scene / "mask" / "004.png").unlink()
         with pytest.raises(DataError, match="9 masks for 10 pictures"):
             load_idr(idr_scene, self.options)
         with pytest.raises(DataError, match="folder of masks"):
-            load_idr(idr_scene, self.options.model_copy(update={"masks": "elsewhere"}))
+            load_idr(idr_scene, self.options.replaced(masks="elsewhere"))
 
     def test_bad_input(self, idr_scene):
         file = idr_scene / "cameras_sphere.npz"
