@@ -1,3 +1,5 @@
 """exmesh-graph: multi-view photographs to relightable UV-PBR mesh assets, as a cached graph of typed nodes."""
 
-__version__ = "0.1.0"
+from exmesh_graph.version import __version__
+
+__all__ = ["__version__"]

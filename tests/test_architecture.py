@@ -2,102 +2,120 @@
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
 import tokenize
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
+import networkx as nx
 import pytest
 
-ROOT = Path(__file__).parent.parent
-LIBRARY, NODES = ROOT / "exmesh_graph", ROOT / "nodes"
-FRAMEWORK = ("graph", "cli", "report")
-ROOMS_3D = sorted(
-    path.name
-    for path in LIBRARY.iterdir()
-    if path.is_dir() and (path / "__init__.py").exists() and path.name not in (*FRAMEWORK, "types")
-)
+from docs.architecture import LIBRARY, PAGE, ROOT, arrows, imports, modules, page, room_of, rooms
+
 HEAVY = ("torch", "open3d", "pymeshlab", "pxr", "warp", "OpenImageIO", "scipy", "skimage", "numpy", "embreex", "xatlas")
-
-
-def imports(path: Path, *, top_only: bool) -> Iterator[str]:
-    """Absolute names of the modules a file imports; `top_only` leaves out functions and TYPE_CHECKING blocks."""
-    package = path.relative_to(ROOT).parent.parts
-    todo: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
-    while todo:
-        item = todo.pop()
-        if top_only and isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            continue
-        if top_only and isinstance(item, ast.If) and "TYPE_CHECKING" in ast.dump(item.test):
-            todo += item.orelse
-            continue
-        if isinstance(item, ast.Import):
-            yield from (alias.name for alias in item.names)
-        elif isinstance(item, ast.ImportFrom):
-            base = ".".join([*package[: len(package) - item.level + 1], item.module or ""]) if item.level else ""
-            name = base.rstrip(".") or item.module or ""
-            yield from (f"{name}.{alias.name}" for alias in item.names)
-        else:
-            todo += ast.iter_child_nodes(item)
+ROOMS = list(rooms())
+INSIDE_GRAPH = list(rooms("graph"))
+FRONT_DOOR = ("exmesh_graph.api", "exmesh_graph.version")  # what `import exmesh_graph` gives, when it is asked for
 
 
 def files(folder: Path) -> list[Path]:
-    found = sorted(folder.rglob("*.py"))
-    assert found
-    return found
+    listed = sorted(folder.rglob("*.py"))
+    assert listed
+    return listed
 
 
-def offences(folder: Path, forbidden: tuple[str, ...], *, top_only: bool) -> list[str]:
-    return [
-        f"{path.relative_to(ROOT)} imports {name}"
-        for path in files(folder)
-        for name in imports(path, top_only=top_only)
-        if any(name == f or name.startswith(f + ".") for f in forbidden)
-    ]
+def upward(order: list[str], inside: str = "") -> list[str]:
+    """Imports that do not go down in `order`, over all modules; those inside one room do not count."""
+    place = {room: row for row, room in enumerate(order)}
+    faults = []
+    for module, ends in arrows().items():
+        if module == "exmesh_graph":
+            assert all(end in FRONT_DOOR for end in ends), ends
+            continue
+        for end in ends:
+            rooms_of = room_of(module, inside), room_of(end, inside)
+            if "" not in rooms_of and rooms_of[0] != rooms_of[1] and place[rooms_of[0]] > place[rooms_of[1]]:
+                faults.append(f"{module} imports {end}, which lies above it")
+    return faults
 
 
 def test_the_import_finder_sees_what_it_must(tmp_path: Path) -> None:
-    path = LIBRARY / "graph" / "node.py"
-    assert "pydantic.BaseModel" in set(imports(path, top_only=True))
-    assert "exmesh_graph.io.blender.load_blender" not in set(imports(path, top_only=False))
-    assert any(name.startswith("numpy") for name in imports(LIBRARY / "types" / "artifact.py", top_only=False))
-    assert not any(name.startswith("numpy") for name in imports(LIBRARY / "types" / "artifact.py", top_only=True))
+    module = tmp_path / "m.py"
+    module.write_text(
+        "import a.b\nfrom c import d\nfrom . import e\nif TYPE_CHECKING:\n    import hidden\n"
+        "def f():\n    from ..g import h\n"
+    )
+    assert set(imports(module, "top.room.m")) == {"a.b", "c.d", "top.room.e", "top.g.h"}
+    assert set(imports(module, "top.room.m", top_only=True)) == {"a.b", "c.d", "top.room.e"}
+    assert "exmesh_graph.params" in arrows()["exmesh_graph.graph.declare.ports"]
+    assert "exmesh_graph.types.edges" in arrows()["exmesh_graph.types.mesh"]  # inside a function
 
 
-def test_graph_knows_nothing_of_3d() -> None:
-    rooms = tuple(f"exmesh_graph.{room}" for room in ROOMS_3D)
-    assert "exmesh_graph.geometry" in rooms
-    above = ("exmesh_graph.cli", "exmesh_graph.report", "exmesh_nodes")
-    losses = ("exmesh_graph.losses", "exmesh_graph.gpu.torch_setup")
-    assert offences(LIBRARY / "graph", (*rooms, *losses, *above, *HEAVY), top_only=False) == []
+def test_every_room_has_its_row() -> None:
+    assert {room_of(module) for module in modules()} - {""} <= set(ROOMS)
+    assert {room_of(module, "graph") for module in modules()} - {""} <= set(INSIDE_GRAPH)
 
 
-def test_types_import_no_room_when_imported() -> None:
-    rooms = tuple(f"exmesh_graph.{room}" for room in (*ROOMS_3D, *FRAMEWORK))
-    assert offences(LIBRARY / "types", (*rooms, "exmesh_nodes", *HEAVY), top_only=True) == []
+def test_imports_go_down() -> None:
+    assert upward(ROOMS) == []
 
 
-@pytest.mark.parametrize("room", ROOMS_3D)
-def test_rooms_do_not_know_the_framework(room: str) -> None:
-    above = tuple(f"exmesh_graph.{name}" for name in FRAMEWORK)
-    assert offences(LIBRARY / room, (*above, "exmesh_nodes"), top_only=False) == []
+@pytest.mark.xfail(reason="being mended", strict=False)
+def test_imports_inside_the_framework_go_down() -> None:
+    assert upward(INSIDE_GRAPH, "graph") == []
 
 
-def test_the_framework_does_not_know_the_nodes() -> None:
-    for room in (*FRAMEWORK, "types"):
-        assert offences(LIBRARY / room, ("exmesh_nodes",), top_only=False) == []
+@pytest.mark.xfail(reason="being mended", strict=False)
+def test_no_circle_of_files() -> None:
+    graph = nx.DiGraph([(module, end) for module, ends in arrows().items() for end in ends])
+    assert [sorted(circle) for circle in nx.strongly_connected_components(graph) if len(circle) > 1] == []
 
 
-def test_nodes_import_nothing_heavy_at_the_top() -> None:
-    assert offences(NODES, HEAVY, top_only=True) == []
+def test_the_framework_knows_nothing_of_3d() -> None:
+    """Above it only; of the wire types it knows the base class and those that pages read."""
+    below = ROOMS[ROOMS.index("graph") + 1 :]
+    names = {room_of(end) for module, ends in arrows().items() if room_of(module) == "graph" for end in ends}
+    assert names - {"graph"} <= set(below)
+    assert [
+        f"{module} imports {name}"
+        for module, path in modules().items()
+        if room_of(module) == "graph"
+        for name in imports(path, module)
+        if name.split(".")[0] in HEAVY
+    ] == []
 
 
-def loaded_by(code: str) -> set[str]:
-    """The heavy libraries that `code` leaves imported."""
-    probe = f"{code}\nimport sys\nprint('LOADED', *[name for name in {HEAVY!r} if name in sys.modules])"
+def test_solvers_do_not_know_the_framework() -> None:
+    knowing = {room_of(module) for module, ends in arrows().items() if any(room_of(end) == "graph" for end in ends)}
+    assert knowing <= {"cli", "nodes", "api", "report", "graph", ""}
+
+
+def test_the_picture_in_the_docs_is_that_of_the_code() -> None:
+    assert PAGE.read_text(encoding="utf-8") == page(), "python -m docs.architecture writes it"
+
+
+@pytest.mark.parametrize("room", ["types", "nodes"])
+def test_nothing_heavy_at_the_top(room: str) -> None:
+    exempt = {"exmesh_graph.types.edges"}  # not imported by the package itself
+    for module, path in modules().items():
+        if room_of(module) == room and module not in exempt:
+            assert {n.split(".")[0] for n in imports(path, module, top_only=True)}.isdisjoint(HEAVY), module
+
+
+@pytest.mark.parametrize("room", ["raster", "rays", "shading", "splat"])
+def test_kernels_need_torch_numpy_and_warp_only(room: str) -> None:
+    """So that they run on a machine with a GPU and little else."""
+    names = sorted(module for module in modules() if room_of(module) == room and "kernels" not in module)
+    names = [name for name in names if name != "exmesh_graph.rays.embree"]
+    code = f"import importlib\nfor name in {names!r}: importlib.import_module(name)"
+    others = ("pydantic", "open3d", "pymeshlab", "pxr", "OpenImageIO", "skimage", "embreex", "xatlas", "networkx")
+    assert loaded_by(code, others) == set()
+
+
+def loaded_by(code: str, of: tuple[str, ...] = HEAVY) -> set[str]:
+    """Those of the libraries `of` that `code` leaves imported."""
+    probe = f"{code}\nimport sys\nprint('LOADED', *[name for name in {of!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return set(done.stdout.split("LOADED")[1].split())

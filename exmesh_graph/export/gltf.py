@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph import __version__
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.geometry import MeshContent, Placement, mesh_content, mesh_report, place
 from exmesh_graph.export.inputs import check_asset, check_name
 from exmesh_graph.export.maps import MapSettings, prepare_maps, write_map
 from exmesh_graph.types import Asset, Frame
+from exmesh_graph.version import __version__
 
 _FLOAT, _UINT = 5126, 5125
 ARRAY, ELEMENTS = 34962, 34963

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import exmesh_graph
+from exmesh_graph.version import __version__
 
 
 def machine_facts() -> dict[str, Any]:
     """Versions and hardware of this process; looks at torch only where it is loaded already."""
     facts: dict[str, Any] = {
-        "exmesh_graph": exmesh_graph.__version__,
+        "exmesh_graph": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processor": _processor(),

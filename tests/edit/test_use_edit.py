@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.use.use_scenes import ball
 
 from exmesh_graph.edit.apply import EditSettings, apply_edit
 from exmesh_graph.edit.cameras import orbit
@@ -14,6 +13,7 @@ from exmesh_graph.edit.texels import decal, texel_surface
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import write_image
 from exmesh_graph.types import Frame, Views
+from tests.edit.edit_scenes import ball
 from tests.fake_context import FakeContext
 
 

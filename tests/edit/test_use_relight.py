@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.use.use_scenes import ball
 
 from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.edit.relight import relit, turned
 from exmesh_graph.shading import envmap
 from exmesh_graph.types import EnvMap
+from tests.edit.edit_scenes import ball
 from tests.fake_context import FakeContext
 
 

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph import __version__
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.content import LODS, AssetContent
 from exmesh_graph.export.folder import new_folder
@@ -40,6 +39,7 @@ from exmesh_graph.export.usd.package import write_usdz
 from exmesh_graph.export.usd.problem import Pictures, Problem
 from exmesh_graph.export.usd.scene import author_scene
 from exmesh_graph.types import Asset, Frame, Views
+from exmesh_graph.version import __version__
 
 Plain = str | int | float
 

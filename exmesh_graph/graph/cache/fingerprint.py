@@ -46,7 +46,7 @@ from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.files import Memo
 
 OWN = "exmesh_graph"
-IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli")
+IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.params")
 
 
 @dataclass(frozen=True)
