@@ -107,7 +107,7 @@ def check(graph: Graph, packs: Packs, problems: Problems | None = None) -> Check
 
 
 def check_part(graph: Graph, name: str, packs: Packs) -> Problems:
-    """What is wrong with one node of a graph that is still being written: its type, wires and values; not what it lacks.
+    """What is wrong with one node of a graph still being written: its type, wires and values; not what it lacks.
 
     The values of its parameters must be known; wires may only lead to nodes of `graph`.
     """
