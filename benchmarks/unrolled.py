@@ -122,6 +122,7 @@ def run(
 def loop(graph: Any, folder: Path) -> tuple[float, str]:
     """The rounds as plain calls of the nodes' functions."""
     from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.testing import FakeContext
 
     store = Store(folder / "base")
     state, views = _value(graph, store, "start", "state"), _value(graph, store, "views", "train")
@@ -130,7 +131,7 @@ def loop(graph: Any, folder: Path) -> tuple[float, str]:
     for bound in rounds:
         values = {"state": state, "views": views}
         given = {port: values[port] for port in bound.inputs}
-        state = bound.definition.function(_Context(bound), **given, p=bound.params)[0]
+        state = bound.definition.function(FakeContext(node=bound.name, seed=bound.seed), **given, p=bound.params)[0]
     seconds = time.perf_counter() - began
     with store.attempt() as attempt:
         return seconds, store.put(state, attempt).digest
@@ -143,27 +144,6 @@ def _value(graph: Any, store: Any, node: str, port: str) -> Any:
     step = next(step for step in plan(graph, store, reasons=False) if step.name == node)
     stored = step.action.outputs[port]
     return store.load(artifact_types()[stored.type], stored.digest)
-
-
-class _Context:
-    """What the nodes of a round ask of their context, without anything behind it."""
-
-    def __init__(self, bound: Any) -> None:
-        self.node, self.seed, self.threads = bound.name, bound.seed, 1
-
-    def progress(self, step: int, total: int, **figures: float) -> None:
-        pass
-
-    def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
-        pass
-
-    def resume(self) -> None:
-        return None
-
-    def log(self, message: str) -> None:
-        pass
-
-    warn = log
 
 
 if __name__ == "__main__":

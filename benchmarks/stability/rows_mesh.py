@@ -133,6 +133,7 @@ def fused_ball() -> Reached:
     from exmesh_graph.geometry.adjacency import boundary_edges, components, euler_characteristic
     from exmesh_graph.geometry.tsdf import fuse
     from exmesh_graph.raster import rasterize
+    from exmesh_graph.testing import look_at
     from exmesh_graph.types import DepthMaps, Views
 
     vertices, faces = icosphere(5)
@@ -142,11 +143,7 @@ def fused_ball() -> Reached:
     intrinsics, _ = camera(96, 96, focal=150.0)
     depth, poses = [], []
     for eye in eyes:
-        forward = -eye / np.linalg.norm(eye)
-        right = np.cross(forward, [0.0, 1, 0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = np.stack([right, np.cross(forward, right), forward], axis=1), eye
+        pose = look_at(eye)
         to_camera = torch.from_numpy(np.linalg.inv(pose))
         seen = rasterize(torch.from_numpy(0.7 * vertices), torch.from_numpy(faces), intrinsics, to_camera, 96, 96)
         depth.append(seen.depth.numpy())

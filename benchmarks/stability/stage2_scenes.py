@@ -20,6 +20,7 @@ from exmesh_graph.shading.sampling import hammersley, sample_specular
 from exmesh_graph.shading.transport import trace_transport
 from exmesh_graph.stage2.settings import FitSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
+from exmesh_graph.testing import look_at
 from exmesh_graph.types import Asset, Carrier, Transport, Views
 
 SIZE, TEXELS, SKY_ROWS = 40, 16, 16
@@ -85,13 +86,7 @@ def cameras(count: int, size: int = SIZE, turn: float = 0.0, half: bool = False)
         angle = turn + (np.pi * (k / count - 0.5) / 2 if half else 2 * np.pi * k / count)
         eye = np.array([np.sin(angle), 0.7 * (-1) ** k * (0.5 + k % 3 / 2), np.cos(angle)])
         eye *= 2.4 / np.linalg.norm(eye)
-        forward = -eye / np.linalg.norm(eye)
-        right = np.cross(forward, [0, 1, 0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], 1)
-        pose[:3, 3] = eye
-        poses.append(pose)
+        poses.append(look_at(eye))
     intrinsics = np.array([[1.7 * size, 0, size / 2], [0, 1.7 * size, size / 2], [0, 0, 1.0]])
     return np.repeat(intrinsics[None], count, 0), np.stack(poses)
 

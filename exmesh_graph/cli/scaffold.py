@@ -47,49 +47,36 @@ def {function}(ctx: Context, mesh: Mesh, *, p: {Class}Params) -> {Class}Out:
 
 _TEST = '''"""Tests of the node {type}."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from exmesh_graph.graph.declare.node import REGISTRY
 from exmesh_graph.graph.declare.ports import signature
-from exmesh_graph.types import Mesh
+from exmesh_graph.testing import FakeContext, mesh
 from {package}.{module} import {Class}Params, {function}
 
 
-class FakeContext:
-    node, seed, scratch, threads = "test", 0, Path(), 1
-
-    def progress(self, step, total, **figures):
-        assert 0 < step <= total
-
-
-@pytest.fixture
-def mesh():
-    """A tetrahedron."""
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
-    return Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32))
-
-
 def test_ports_and_parameters():
-    found = signature(REGISTRY["{type}"])
-    assert list(found.inputs) == ["mesh"]
-    assert list(found.outputs) == ["mesh"]
+    ports = signature(REGISTRY["{type}"])
+    assert list(ports.inputs) == ["mesh"]
+    assert list(ports.outputs) == ["mesh"]
     with pytest.raises(ValueError, match="less than or equal"):
         {Class}Params(strength=2)
 
 
-def test_it_smooths(mesh):
-    out = {function}(FakeContext(), mesh, p={Class}Params(steps=3)).mesh
+def test_it_smooths():
+    ball, context = mesh(levels=1), FakeContext()
+    out = {function}(context, ball, p={Class}Params(steps=3)).mesh
     assert out.vertices.dtype == np.float32
-    assert np.array_equal(out.faces, mesh.faces)
-    assert np.ptp(out.vertices, axis=0).max() < np.ptp(mesh.vertices, axis=0).max()
+    assert np.array_equal(out.faces, ball.faces)
+    assert np.ptp(out.vertices, axis=0).max() < np.ptp(ball.vertices, axis=0).max()
+    assert context.steps == [(1, 3), (2, 3), (3, 3)]
 
 
-def test_no_steps_change_nothing(mesh):
-    out = {function}(FakeContext(), mesh, p={Class}Params(steps=0)).mesh
-    assert np.array_equal(out.vertices, mesh.vertices)
+def test_no_steps_change_nothing():
+    ball = mesh(levels=1)
+    out = {function}(FakeContext(), ball, p={Class}Params(steps=0)).mesh
+    assert np.array_equal(out.vertices, ball.vertices)
 '''
 
 _PROJECT = """[build-system]

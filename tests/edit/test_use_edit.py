@@ -12,9 +12,9 @@ from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.edit.texels import decal, texel_surface
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import write_image
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Frame, Views
 from tests.edit.edit_scenes import ball
-from tests.fake_context import FakeContext
 
 
 def camera_views(count=3, size=64):

@@ -10,9 +10,9 @@ import torch
 from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.edit.relight import relit, turned
 from exmesh_graph.shading import envmap
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import EnvMap
 from tests.edit.edit_scenes import ball
-from tests.fake_context import FakeContext
 
 
 @pytest.mark.parametrize("angle", [0.0, math.pi / 2, 1.0, -2.0, 2 * math.pi])

@@ -16,8 +16,8 @@ from exmesh_graph.io.images import write_image
 from exmesh_graph.io.meshes import write_obj, write_ply
 from exmesh_graph.io.normalise import FILL, frame_scale, points_to_normalised
 from exmesh_graph.native import import_open3d, import_pymeshlab
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh
-from tests.fake_context import FakeContext
 
 
 @pytest.fixture

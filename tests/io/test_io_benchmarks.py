@@ -19,8 +19,8 @@ from exmesh_graph.io.normalise import frame_scale
 from exmesh_graph.io.params import Synthetic4RelightOptions
 from exmesh_graph.io.stanford_orb import load_orb, world_from_panorama
 from exmesh_graph.io.synthetic4relight import load_synthetic4relight
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import LitViews
-from tests.fake_context import FakeContext
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from exmesh_graph.io.images import Photo, write_image
 from exmesh_graph.io.params import PhotosOptions
 from exmesh_graph.io.photos import list_photos, load_photos, object_sphere
 from exmesh_graph.io.undistort import pinhole, resampled
-from tests.fake_context import FakeContext
+from exmesh_graph.testing import FakeContext
 from tests.io.io_scenes import look_at
 
 WIDTH, HEIGHT, FOCAL, COUNT = 200, 150, 260.0, 9

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from exmesh_graph.testing import FakeContext, look_at
 from exmesh_graph.types import Asset, SceneTruth, Views
-from tests.fake_context import FakeContext
 
 SIZE = 40
 
@@ -46,7 +46,7 @@ def scene(few_lattice_points):
 
     asset = _asset()
     intrinsics = np.tile(np.array([[60.0, 0, SIZE / 2], [0, 60.0, SIZE / 2], [0, 0, 1]]), (3, 1, 1))
-    cameras = np.stack([_look_at(2.6 * np.array(p)) for p in ([0, 0.3, 0.95], [0.8, 0.4, -0.4], [-0.7, -0.2, 0.6])])
+    cameras = np.stack([look_at(2.6 * np.array(p)) for p in ([0, 0.3, 0.95], [0.8, 0.4, -0.4], [-0.7, -0.2, 0.6])])
     transport = render_transport(asset, 1, 64)
     other = np.roll(asset.environment, 6, axis=1)[..., ::-1].copy()
 
@@ -91,14 +91,3 @@ def _asset():
         seen=np.ones((32, 32), bool),
         environment=np.broadcast_to(sky, (8, 16, 3)).astype(np.float32).copy(),
     )
-
-
-def _look_at(eye):
-    """Camera-to-world of an OpenCV camera at `eye` that looks at the origin."""
-    forward = -eye / np.linalg.norm(eye)
-    right = np.cross(forward, [0, 1, 0])
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    matrix[:3, 3] = eye
-    return matrix

@@ -13,8 +13,8 @@ from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, r
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.params import BlenderOptions
 from exmesh_graph.report.decisions import decision_tables
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, PointCloud
-from tests.fake_context import FakeContext
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 KNOWN = Known(views=30, masks=True, points=False, depths=False, pixels=256 * 256)

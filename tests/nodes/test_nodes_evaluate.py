@@ -9,8 +9,8 @@ from exmesh_nodes import evaluate
 
 from exmesh_graph.export.gltf import read_glb
 from exmesh_graph.io.images import read_image
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh, SceneTruth
-from tests.fake_context import FakeContext
 
 PARAMS = evaluate.AssetParams(directions=64, bounces=1, pictures=2)
 

@@ -9,8 +9,8 @@ from pydantic import ValidationError
 from exmesh_graph.errors import DataError
 from exmesh_graph.stage2.probe import scene as probe_scene
 from exmesh_graph.stage2.probe import short
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Decision, SceneNeeds, decided, with_decisions
-from tests.fake_context import FakeContext
 
 
 def _needs(**values):

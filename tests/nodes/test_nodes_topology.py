@@ -9,9 +9,9 @@ import pytest
 from exmesh_nodes import topology
 
 from exmesh_graph.geometry.shapes import icosphere
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Stage1State
 from exmesh_graph.uv.unwrap import unwrap
-from tests.fake_context import FakeContext
 
 
 @pytest.fixture(scope="module")

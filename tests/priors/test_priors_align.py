@@ -9,8 +9,8 @@ from scipy.optimize import linprog
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.priors.align import align, fit_affine
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps
-from tests.fake_context import FakeContext
 
 
 def maps(seed=0, size=40):

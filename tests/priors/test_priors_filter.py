@@ -10,8 +10,8 @@ from prior_scenes import wall
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.priors.depth_filter import agreed, filtered, neighbours
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps
-from tests.fake_context import FakeContext
 
 
 def spoiled(share: float = 0.1):

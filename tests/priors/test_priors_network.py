@@ -11,7 +11,7 @@ from prior_scenes import wall
 
 from exmesh_graph.errors import DataError, MissingLibraryError, NumericsError
 from exmesh_graph.losses import linear_to_srgb
-from tests.fake_context import FakeContext
+from exmesh_graph.testing import FakeContext
 
 
 class Network:

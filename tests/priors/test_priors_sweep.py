@@ -12,7 +12,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.priors.depth_filter import neighbours
 from exmesh_graph.priors.plane_sweep import SweepSettings, _sweep, plane_sweep
 from exmesh_graph.targets import prepare_targets
-from tests.fake_context import FakeContext
+from exmesh_graph.testing import FakeContext
 
 
 @pytest.fixture(autouse=True)

@@ -22,8 +22,8 @@ from exmesh_graph.splat.ply import read_gaussians, transformed, write_gaussians
 from exmesh_graph.splat.settings import FitSettings
 from exmesh_graph.splat.start import gaussians_at, hull_points, mean_colours, random_points
 from exmesh_graph.targets import prepare_targets
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import PlanarGaussians, PointCloud
-from tests.fake_context import FakeContext
 from tests.splat.splat_scenes import camera, cloud
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"

@@ -12,8 +12,8 @@ from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.stage1 import photometric
 from exmesh_graph.stage1.photometric import SweepSettings, correlations, sweep
 from exmesh_graph.targets import prepare_targets
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh, Views
-from tests.fake_context import FakeContext
 
 RADIUS = 0.6
 

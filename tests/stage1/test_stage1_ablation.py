@@ -8,8 +8,8 @@ from exmesh_nodes import init, stage1
 from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.geometry.adjacency import signed_volume
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types.edges import is_closed
-from tests.fake_context import FakeContext
 
 
 @pytest.mark.parametrize(("budget", "faces"), [(1280, 1280), (1279, 320), (20, 20), (6000, 5120)])

@@ -19,8 +19,8 @@ from exmesh_graph.stage1.appearance.texture import UVTexture
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import Surface, render_carrier
 from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Stage1State
-from tests.fake_context import FakeContext
 
 KINDS = {
     "uv_texture": appearance.UvTexture(),

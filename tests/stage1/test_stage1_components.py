@@ -8,7 +8,7 @@ from stage1_scenes import ball, fresh_state, photographs
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import Bilaplacian, Laplacian, Prepared
 from exmesh_graph.stage1.settings import RefineSettings
-from tests.fake_context import FakeContext
+from exmesh_graph.testing import FakeContext
 
 
 @pytest.fixture(scope="module")

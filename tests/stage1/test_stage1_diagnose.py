@@ -15,7 +15,7 @@ from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import surface_of
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.targets import prepare_targets
-from tests.fake_context import FakeContext
+from exmesh_graph.testing import FakeContext
 from tests.stage1.stage1_scenes import ball, fresh_state, photographs
 
 SIZE = 64

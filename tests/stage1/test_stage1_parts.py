@@ -12,7 +12,7 @@ from exmesh_graph.stage1.init import fill_unseen, initial_state
 from exmesh_graph.stage1.regularise import deviation, smoother, smoothness
 from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.targets import prepare_targets
-from tests.fake_context import FakeContext
+from exmesh_graph.testing import FakeContext
 
 
 def test_decay():

@@ -9,8 +9,8 @@ from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.targets import prepare_targets
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh
-from tests.fake_context import FakeContext
 from tests.stage1.stage1_scenes import ball, fresh_state, photographs
 
 

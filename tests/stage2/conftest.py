@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from exmesh_graph.shading import envmap
+from exmesh_graph.testing import look_at
 from exmesh_graph.types import Asset, Carrier, Views
 
 SIZE = 40
@@ -91,13 +92,7 @@ def cameras():
     for k in range(9):
         angle, height = 2 * np.pi * k / 8 + (0.3 if k == 8 else 0), 0.35 + 0.25 * (k % 3)
         eye = np.array([np.sin(angle), height, np.cos(angle)]) * 2.4 / np.hypot(1, height)
-        forward = -eye / np.linalg.norm(eye)
-        right = np.cross(forward, [0, 1, 0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], 1)
-        pose[:3, 3] = eye
-        poses.append(pose)
+        poses.append(look_at(eye))
     focal = 0.9 * SIZE
     intrinsics = np.array([[focal, 0, SIZE / 2], [0, focal, SIZE / 2], [0, 0, 1]])
     return np.repeat(intrinsics[None], 9, 0), np.stack(poses)

@@ -8,6 +8,7 @@ import numpy as np
 
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.render import render_transport, render_views
+from exmesh_graph.testing import look_at
 from exmesh_graph.types import Asset, Carrier, Views
 
 SIZE, TEXELS = 48, 64
@@ -88,13 +89,7 @@ def cameras(count: int, *, above: bool = False) -> tuple[np.ndarray, np.ndarray]
         angle = 2.4 * k
         side = np.sqrt(1 - height * height)
         eye = 2.6 * np.array([side * np.sin(angle), height, side * np.cos(angle)])
-        forward = -eye / np.linalg.norm(eye)
-        right = np.cross(forward, [0.0, 1.0, 0.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], 1)
-        pose[:3, 3] = eye
-        poses.append(pose)
+        poses.append(look_at(eye))
     intrinsics = np.array([[1.15 * SIZE, 0, SIZE / 2], [0, 1.15 * SIZE, SIZE / 2], [0, 0, 1]])
     return np.repeat(intrinsics[None], count, 0), np.stack(poses)
 

@@ -14,7 +14,7 @@ from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.settings import FitSettings
-from tests.fake_context import FakeContext
+from exmesh_graph.testing import FakeContext
 
 SHORT = FitSettings(
     texture_size=48, environment_height=16, iterations=40, material_rate=0.1, environment_rate=0.3, factor_rate=0.06,

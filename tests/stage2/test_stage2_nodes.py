@@ -7,8 +7,8 @@ from exmesh_nodes import stage2, transport
 from pydantic import ValidationError
 
 from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Asset, Metrics
-from tests.fake_context import FakeContext
 
 
 def test_the_chain_of_nodes(carrier, train_views, tmp_path):

@@ -15,8 +15,8 @@ from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.sampled import SampledSettings
 from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types.state import load_state, save_state
-from tests.fake_context import FakeContext
 
 SETTINGS = FitSettings(
     environment_height=16, iterations=12, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=2,

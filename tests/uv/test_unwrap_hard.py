@@ -12,11 +12,11 @@ from exmesh_nodes import uv
 
 from exmesh_graph.geometry.adjacency import components, face_areas
 from exmesh_graph.geometry.shapes import icosphere
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh
 from exmesh_graph.uv import xatlas_charts as guarded
 from exmesh_graph.uv.maintain import check_atlas
 from exmesh_graph.uv.unwrap import unwrap
-from tests.fake_context import FakeContext
 
 SIZE = 1024
 

@@ -8,9 +8,9 @@ from exmesh_nodes import topology, uv
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.shapes import icosphere, torus
+from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh, Stage1State, Views
 from exmesh_graph.uv.maintain import check_atlas
-from tests.fake_context import FakeContext
 
 
 def state_of(mesh, size=128):
