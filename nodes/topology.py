@@ -85,7 +85,7 @@ def split(ctx: Context, state: Stage1State, *, p: SplitParams) -> StateOut:
         if len(done.faces) < 0.9 * target:
             ctx.warn(f"only {len(done.faces)} of {target} faces were reached: no further face can be split")
     ctx.log(f"{before} -> {len(done.faces)} faces, {len(done.vertices)} vertices, {len(done.uvs)} UVs")
-    return StateOut(_carry(state, done))
+    return StateOut(state.carried(done))
 
 
 @node("mesh.merge", version="1", libraries=("torch", "warp-lang", "scipy"))
@@ -125,7 +125,7 @@ def merge(
     )
     unseen = "" if rendered is None else f", {int((rendered == 0).sum())} faces never rendered"
     ctx.log(f"{len(state.faces)} -> {len(done.faces)} faces ({done.count} collapses{unseen})")
-    return StateOut(_carry(state, done))
+    return StateOut(state.carried(done))
 
 
 @node("mesh.flip", version="1", libraries=("scipy",))
@@ -140,7 +140,7 @@ def flip(ctx: Context, state: Stage1State, *, p: FlipParams) -> StateOut:
     settings = FlipSettings(criterion=p.method, max_bend=p.max_bend, max_shift=p.max_shift)
     done = flip_mesh(state.vertices, state.faces, state.uvs, state.uv_faces, settings, max_rounds=p.max_rounds)
     ctx.log(f"{done.count} edges flipped of {3 * len(state.faces) // 2}")
-    state = _carry(state, done)
+    state = state.carried(done)
     if p.relax:
         colours = state.model if state.appearance == "per_vertex" else {}
         vertices, uvs, moved = relax(
@@ -169,20 +169,3 @@ def untangle(ctx: Context, state: Stage1State, *, p: UntangleParams) -> StateOut
     if done.after:
         ctx.warn(f"{done.after} faces still cut others after {p.steps} steps of smoothing around them")
     return StateOut(replace(state, vertices=done.vertices))
-
-
-def _carry(state, done):  # type: ignore[no-untyped-def]
-    """The state on its new topology; texture and step counts stay."""
-    from dataclasses import replace
-
-    return replace(
-        state,
-        vertices=done.vertices,
-        faces=done.faces,
-        uvs=done.uvs,
-        uv_faces=done.uv_faces,
-        vertex_m=done.map.carry(state.vertex_m),
-        vertex_v=done.map.carry(state.vertex_v),
-        gradient_ema=done.map.carry(state.gradient_ema),
-        model=state.carried_model(done.map, done.face_source),
-    )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -114,10 +114,24 @@ class Stage1State(Carrier):
     appearance: str = "uv_texture"
     model: Mapping[str, np.ndarray] = field(default_factory=dict)
 
-    def carried_model(self, vertex_map: Any, face_source: np.ndarray) -> Mapping[str, np.ndarray]:
-        """`model` on another topology: colours of vertices by the `VertexMap`, of faces from the face they lay in."""
+    def carried(self, topology: Any) -> Self:
+        """This state on the mesh and atlas that an operation made of its own (geometry.split.Topology): moments and
+        gradients follow their vertices, a model's colours their vertices or faces; texture and step counts stay.
+        """
+        follow: Callable[[np.ndarray], np.ndarray] = topology.map.carry
+        model = self.model
         if self.appearance == "per_vertex":
-            return {name: vertex_map.carry(array) for name, array in self.model.items()}
+            model = {name: follow(array) for name, array in model.items()}
         if self.appearance == "per_face":
-            return {name: array[face_source] for name, array in self.model.items()}
-        return self.model
+            model = {name: array[topology.face_source] for name, array in model.items()}
+        return replace(
+            self,
+            vertices=topology.vertices,
+            faces=topology.faces,
+            uvs=topology.uvs,
+            uv_faces=topology.uv_faces,
+            vertex_m=follow(self.vertex_m),
+            vertex_v=follow(self.vertex_v),
+            gradient_ema=follow(self.gradient_ema),
+            model=model,
+        )

@@ -35,6 +35,6 @@ def model_of(carrier: Carrier, device: torch.device | str = "cpu") -> Model:
     if len(values) != count:
         raise DataError(
             f"the state has {len(values)} {carrier.appearance} colours", expected=str(count),
-            fix="let the node that changed the topology carry them (Stage1State.carried_model)",
+            fix="let the node that changed the topology carry them (Stage1State.carried)",
         )  # fmt: skip
     return kind(values, moments)
