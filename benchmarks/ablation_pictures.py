@@ -1,7 +1,7 @@
 """One strip of a sweep's variants, good and bad: the same part of the same pictures of each, named.
 
     python -m benchmarks.ablation_pictures runs/SWEEP OUT.jpg --variants base mlp per_vertex \\
-        --take progress:0:1/6 --take look:0:0/3
+        --take pictures:0:1/6 --take look_pictures:0:0/3
 
 --take NODE:PICTURE:PANEL/PANELS takes picture number PICTURE of the gallery of the node (its own name, or its end;
 the last of several), and panel PANEL of PANELS in a row from it. Rows of the result are takes, columns variants; the

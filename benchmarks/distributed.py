@@ -27,7 +27,8 @@ OBJECT_STORE = 80 * 2**20  # bytes; data moves through the graph's store, not th
 SWEEP = """
 extends: {root}/graphs/quickstart.yaml
 name: scenes
-nodes: {{light: null, probe: null, neutral: null, bounce: null, pbr: null, usd: null, score: null}}
+nodes: {{light: null, probe: null, neutral: null, bounce: null, pbr: null, usd: null, score: null,
+        score_pictures: null}}
 outputs: {{asset: null}}
 variants:
   only_split: [{{bypass: rounds.merge}}]

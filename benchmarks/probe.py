@@ -26,7 +26,7 @@ import torch
 from exmesh_nodes import data, init, stage1, uv
 
 from benchmarks.stage2 import QUICK, Quiet, true_carrier
-from exmesh_graph.evaluate.scores import score_asset
+from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.shading.transport import choose_subdivision, trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset

@@ -28,7 +28,7 @@ import numpy as np
 import torch
 from exmesh_nodes import data, stage1, transport, uv
 
-from exmesh_graph.evaluate.scores import score_asset
+from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.geometry.adjacency import angle_weighted_normals
 from exmesh_graph.shading.transport import with_bounces
 from exmesh_graph.stage2.fit import fit

@@ -22,7 +22,7 @@ import torch
 from exmesh_nodes import data, transport
 
 from benchmarks.stage2 import QUICK, Quiet, true_carrier
-from exmesh_graph.evaluate.scores import score_asset
+from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset

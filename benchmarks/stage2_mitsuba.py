@@ -33,8 +33,8 @@ from exmesh_nodes import data, transport
 from benchmarks import light_mitsuba
 from benchmarks.stage2 import QUICK, Quiet, assignment, true_carrier
 from exmesh_graph.errors import DataError
+from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.evaluate.renders import Quality
-from exmesh_graph.evaluate.scores import score_asset
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import Asset, Frame, Gallery, LitViews, Mesh, Metrics, SceneTruth, Views
+from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, ScoredViews, Views
 
 TestViews = Annotated[Views, facets(split="test")]
 TrainViews = Annotated[Views, facets(split="train")]
@@ -19,7 +19,7 @@ class MetricsOut(NamedTuple):
 
 class ScoredOut(NamedTuple):
     metrics: Metrics
-    gallery: Gallery
+    scored: ScoredViews
 
 
 class DtuParams(Params):
@@ -28,7 +28,7 @@ class DtuParams(Params):
 
 
 def _dtu_sources(p: DtuParams) -> Mapping[str, Path]:
-    from exmesh_graph.evaluate.metrics.dtu import truth_files
+    from exmesh_graph.evaluate.protocols.dtu import truth_files
 
     return {file.name: file for file in truth_files(p.folder, p.scan)}
 
@@ -38,7 +38,7 @@ def dtu(
     ctx: Context, mesh: Mesh, frame: Frame, train: Views | None = None, test: Views | None = None, *, p: DtuParams
 ) -> MetricsOut:
     """DTU's Chamfer distance in mm, unculled and, with views that have masks, culled by 2DGS's rule."""
-    from exmesh_graph.evaluate.benchmarks import score_dtu
+    from exmesh_graph.evaluate.protocols.dtu import score_dtu
 
     views = [view for view in (train, test) if view is not None]
     return MetricsOut(Metrics(score_dtu(mesh, frame, p.folder, p.scan, views, seed=ctx.seed)))
@@ -54,7 +54,7 @@ def nerf_synthetic(
     ctx: Context, mesh: Mesh, truth: SceneTruth, views: TestViews, frame: Frame, *, p: NerfSyntheticParams
 ) -> MetricsOut:
     """Chamfer distance on what the test cameras see and on the whole surface, in thousandths of a Blender unit."""
-    from exmesh_graph.evaluate.benchmarks import score_surface
+    from exmesh_graph.evaluate.protocols.nerf_synthetic import score_surface
 
     values = score_surface(mesh, truth, views, frame, p.scene, samples=p.samples, seed=ctx.seed)
     return MetricsOut(Metrics(values))
@@ -80,13 +80,13 @@ class Synthetic4RelightParams(_RenderParams):
     rule: Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"] = param(
         "median", doc="How the albedo's scale is found, which relit pictures get too (docs/metrics.md)."
     )
-    pictures: int = param(3, ge=0, doc="Held-out views shown in the report.")
+    pictures: int = param(3, ge=0, doc="Held-out views handed on for pictures (gallery.asset).")
 
 
 @node(
     "benchmark.synthetic4relight",
     version="1",
-    libraries=(*_RENDER, "pillow"),
+    libraries=_RENDER,
     sources=_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
@@ -100,18 +100,17 @@ def synthetic4relight(
     p: Synthetic4RelightParams,
 ) -> ScoredOut:
     """New views, relit views, albedo by every published rule, roughness; what `evaluate.asset` gives as well."""
-    from exmesh_graph.evaluate.benchmarks import score_synthetic4relight
+    from exmesh_graph.evaluate.asset import asset_pairs
     from exmesh_graph.evaluate.metrics.lpips import Lpips
+    from exmesh_graph.evaluate.protocols.synthetic4relight import score_synthetic4relight
     from exmesh_graph.evaluate.renders import Quality
-    from exmesh_graph.gallery.evaluation import asset_gallery
 
     scores = score_synthetic4relight(
         asset, views, truth, train, p.scene, rule=p.rule, lpips=Lpips.from_file(p.lpips) if p.lpips else None,
         max_views=p.max_views, progress=ctx.progress,
         quality=Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed),
     )  # fmt: skip
-    gallery = asset_gallery(ctx.scratch / "gallery", asset, views, scores, truth, count=p.pictures)
-    return ScoredOut(Metrics(scores.values), gallery)
+    return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))
 
 
 class OrbParams(_RenderParams):
@@ -131,8 +130,8 @@ def stanford_orb(
 ) -> MetricsOut:
     """Stanford-ORB's PSNR-H, PSNR-L and SSIM in new views and under new lights; depth, normal, shape, albedo."""
     from exmesh_graph.evaluate.metrics.lpips import Lpips
+    from exmesh_graph.evaluate.protocols.stanford_orb import score_orb
     from exmesh_graph.evaluate.renders import Quality
-    from exmesh_graph.evaluate.scores_orb import score_orb
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     lpips = Lpips.from_file(p.lpips) if p.lpips else None
@@ -153,8 +152,8 @@ class SpeedParams(Params):
 @node("benchmark.speed", version="1", libraries=_RENDER, resources={"cpu": 0, "gpu?": 1})
 def speed(ctx: Context, asset: Asset, views: Views, *, p: SpeedParams) -> MetricsOut:
     """Relighting frames per second by the paper's rule, vertices, and the mesh's size as PLY."""
+    from exmesh_graph.evaluate.protocols.speed import measure_speed
     from exmesh_graph.evaluate.renders import Quality
-    from exmesh_graph.evaluate.speed import measure_speed
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     return MetricsOut(Metrics(measure_speed(asset, views, p.size, p.frames, quality)))

@@ -1,4 +1,4 @@
-"""Scores and pictures: how good is a mesh, a Stage I carrier, a finished asset."""
+"""Scores: how good is a mesh, a Stage I carrier, a finished asset. Their pictures are made by gallery.*."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import Asset, Carrier, Gallery, Mesh, Metrics, SceneTruth, Views
+from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, SceneTruth, ScoredViews, Views
 
 TestViews = Annotated[Views, facets(split="test")]
 
@@ -15,16 +15,16 @@ class MeshParams(Params):
     samples: int = param(40_000, ge=100, doc="Points on each surface for the Chamfer distance.")
 
 
-class MeshOut(NamedTuple):
+class MetricsOut(NamedTuple):
     metrics: Metrics
 
 
 @node("evaluate.mesh", version="1", libraries=("scipy",))
-def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshParams) -> MeshOut:
+def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshParams) -> MetricsOut:
     """Chamfer distance to the true surface, whether the mesh is closed and manifold, its size."""
-    from exmesh_graph.evaluate.scores_mesh import score_mesh
+    from exmesh_graph.evaluate.mesh import score_mesh
 
-    return MeshOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
+    return MetricsOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
 
 
 class _LpipsParams(Params):
@@ -39,36 +39,34 @@ def _weights(p: _LpipsParams) -> Mapping[str, Path]:
 
 class Stage1Params(_LpipsParams):
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
-    pictures: int = param(2, ge=0, doc="Views shown in the report.")
+    pictures: int = param(2, ge=0, doc="Scored views handed on for pictures (gallery.stage1).")
 
 
 class ScoredOut(NamedTuple):
     metrics: Metrics
-    gallery: Gallery
+    scored: ScoredViews
 
 
 @node(
     "evaluate.stage1",
     version="1",
-    libraries=("torch", "warp-lang", "scipy", "OpenImageIO", "pillow"),
+    libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
     sources=_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
 def stage1(
     ctx: Context, carrier: Carrier, views: TestViews, region: Mesh | None = None, *, p: Stage1Params
 ) -> ScoredOut:
-    """Held-out PSNR and SSIM of the mesh with its Stage I appearance; pictures of its geometry.
+    """Held-out PSNR and SSIM of the mesh with its Stage I appearance.
 
     Views without masks are scored where the mesh shows, or, to compare meshes, where `region` shows.
     """
-    from exmesh_graph.evaluate.scores_lpips import add_lpips
-    from exmesh_graph.evaluate.scores_mesh import score_carrier
-    from exmesh_graph.gallery.evaluation import carrier_gallery
+    from exmesh_graph.evaluate.carrier import carrier_pairs, score_carrier
+    from exmesh_graph.evaluate.scores import add_lpips
 
     scores = score_carrier(carrier, views, max_views=p.max_views, region=region)
     add_lpips(scores.values, p.lpips, scores.held_out, label="Held-out LPIPS, Stage I")
-    gallery = carrier_gallery(ctx.scratch / "gallery", carrier, views, scores, count=p.pictures)
-    return ScoredOut(Metrics(scores.values), gallery)
+    return ScoredOut(Metrics(scores.values), carrier_pairs(scores, views, p.pictures))
 
 
 class RoundParams(Params):
@@ -84,21 +82,19 @@ class RoundParams(Params):
 )
 def round_(
     ctx: Context, state: Carrier, views: TestViews | None = None, truth: SceneTruth | None = None, *, p: RoundParams
-) -> ScoredOut:
-    """What a round of Stage I has reached: turntable, edges, atlas; error against seconds and vertices."""
-    from exmesh_graph.evaluate.scores_mesh import score_stage
-    from exmesh_graph.gallery.rounds import round_gallery
+) -> MetricsOut:
+    """What a round of Stage I has reached: error against seconds and vertices."""
+    from exmesh_graph.evaluate.carrier import score_stage
     from exmesh_graph.gpu.torch_setup import torch_threads
 
     with torch_threads(1):
-        gallery = round_gallery(ctx.scratch / "gallery", state, ctx.node.rpartition(".")[0] or ctx.node)
         values = score_stage(state, views, truth, samples=p.samples, max_views=p.max_views, seed=ctx.seed)
-    return ScoredOut(Metrics(values), gallery)
+    return MetricsOut(Metrics(values))
 
 
 class AssetParams(_LpipsParams):
     max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
-    pictures: int = param(3, ge=0, doc="Held-out views shown in the report.")
+    pictures: int = param(3, ge=0, doc="Held-out views handed on for pictures (gallery.asset).")
     directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
     bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
     supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
@@ -108,7 +104,7 @@ class AssetParams(_LpipsParams):
 @node(
     "evaluate.asset",
     version="1",
-    libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO", "pillow"),
+    libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO"),
     sources=_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
@@ -121,14 +117,12 @@ def asset(
     *,
     p: AssetParams,
 ) -> ScoredOut:
-    """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object; pictures."""
+    """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object."""
+    from exmesh_graph.evaluate.asset import asset_pairs, score_asset
     from exmesh_graph.evaluate.renders import Quality
-    from exmesh_graph.evaluate.scores import score_asset
-    from exmesh_graph.evaluate.scores_lpips import add_lpips
-    from exmesh_graph.gallery.evaluation import asset_gallery
+    from exmesh_graph.evaluate.scores import add_lpips
 
     quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
     scores = score_asset(asset, views, truth, train, max_views=p.max_views, quality=quality, progress=ctx.progress)
     add_lpips(scores.values, p.lpips, scores.held_out, scores.relit)
-    gallery = asset_gallery(ctx.scratch / "gallery", asset, views, scores, truth, count=p.pictures)
-    return ScoredOut(Metrics(scores.values), gallery)
+    return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))

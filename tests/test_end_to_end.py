@@ -73,7 +73,7 @@ def test_second_run_hits_and_a_stage_two_parameter_reruns_stage_two_only(finishe
     changed = _exmesh(finished, "run", "tiny.yaml", "--set", "pbr.environment_weight=0.2")
     assert changed.returncode == 0, changed.stdout + changed.stderr
     rerun = {name for name, state in _states(finished).items() if state != "hit"}
-    assert rerun == {"pbr", "usd", "score"}
+    assert rerun == {"pbr", "usd", "score", "score_pictures"}
 
 
 def test_run_never_trains_on_test_views(finished: Path) -> None:

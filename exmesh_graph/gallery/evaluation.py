@@ -1,110 +1,74 @@
-"""The galleries of the evaluation nodes."""
+"""Pictures of scored results: views beside their photographs, materials, light, atlas, geometry."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from exmesh_graph.evaluate.scores import AssetScores, spread
-from exmesh_graph.evaluate.scores_mesh import CarrierScores
 from exmesh_graph.gallery.models import add_model
 from exmesh_graph.gallery.pictures import ERROR_TOP, GalleryWriter, environment_panels, error_map, shrink
 from exmesh_graph.gallery.shaded import shaded_geometry
 from exmesh_graph.io.color import linear_to_srgb
-from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, Views
+from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, ScoredViews
 
 _ERRORS = f"Error: mean over the channels of display colours, brightest at {ERROR_TOP:g}."
 
 
-def asset_gallery(
-    root: Path,
-    asset: Asset,
-    views: Views,
-    scores: AssetScores,
-    truth: SceneTruth | None = None,
-    *,
-    count: int = 3,
-) -> Gallery:
-    """Held-out and relit views, materials, light, atlas and geometry; `count` views of each."""
+def asset_gallery(root: Path, asset: Asset, scored: ScoredViews, truth: SceneTruth | None = None) -> Gallery:
+    """The scored pairs of pictures, the light (beside `truth`'s), atlas, geometry and a model of a finished asset."""
     writer = GalleryWriter(root)
-    held_out = scores.values["held_out"]["psnr_per_view"]
-    for k in spread(len(scores.held_out), count):
-        ours, true = scores.held_out[k]
-        name = views.names[scores.views[k]]
-        writer.add(
-            f"held_out_{k:03d}",
-            f"Held-out view {name}",
-            f"Ours, photograph, error: {held_out[name]:.1f} dB. {_ERRORS}",
-            [ours, true, error_map(ours, true)],
-            compare=True,
-        )
-    for light, pairs in scores.relit.items():
-        figures = scores.values["relit"]["per_light"][light]
-        for k in spread(len(pairs), 1):
-            ours, true = pairs[k]
-            writer.add(
-                f"relit_{light}",
-                f"Relit by {light}",
-                f"A light that the fit never saw: ours, truth, error. All views {figures['psnr']:.1f} dB "
-                f"({figures['psnr_unscaled']:.1f} dB without the albedo scale, gray object "
-                f"{figures['psnr_floor']:.1f} dB). {_ERRORS}",
-                [ours, true, error_map(ours, true)],
-                compare=True,
-            )
-    for k in spread(len(scores.albedo), 1):
-        ours, true = scores.albedo[k]
-        scale = ", ".join(f"{x:.2f}" for x in scores.values["material"]["albedo_scale"])
-        writer.add(
-            "albedo",
-            "Base colour",
-            f"Ours times the scale ({scale}) that brings its median to the truth's; truth; error. {_ERRORS}",
-            [ours, true, error_map(ours, true)],
-            compare=True,
-        )
-    for k in spread(len(scores.roughness), 1):
-        ours, true = scores.roughness[k]
-        error = error_map(ours[..., None], true[..., None])
-        writer.add("roughness", "Roughness", f"Ours, truth (white is 1), error at the scale of {ERROR_TOP:g}.",
-                   [ours, true, error], compare=True)  # fmt: skip
-    if scores.indirect is not None:
-        view, whole, alone = scores.indirect
-        writer.add(
-            "indirect",
-            "Interreflected light",
-            f"View {views.names[view]} as rendered; of it, the light that met the surface more than once.",
-            [whole, alone],
-        )
+    _add_pairs(writer, scored, "Held-out view", "Ours")
     _add_light(writer, asset, truth)
     _add_atlas(writer, asset)
-    _add_geometry(writer, asset, views, scores.views)
-    add_model(writer, asset, "Finished asset", _eye(views, scores.views))
+    _add_geometry(writer, asset, scored)
+    add_model(writer, asset, "Finished asset", scored.camera_to_world[:3, 3])
     return writer.finish()
 
 
-def carrier_gallery(root: Path, carrier: Carrier, views: Views, scores: CarrierScores, *, count: int = 2) -> Gallery:
-    """Held-out views of the textured mesh, its geometry, its texture."""
+def carrier_gallery(root: Path, carrier: Carrier, scored: ScoredViews) -> Gallery:
+    """The scored views of the textured mesh, its geometry, a model and its texture."""
     writer = GalleryWriter(root)
-    for k in spread(len(scores.held_out), count):
-        ours, true = scores.held_out[k]
-        name = views.names[scores.views[k]]
-        figure = scores.values["held_out"]["psnr_per_view"][name]
-        writer.add(
-            f"held_out_{k:03d}",
-            f"Stage I, held-out view {name}",
-            f"The mesh with its RGB texture, photograph, error: {figure:.1f} dB. {_ERRORS}",
-            [ours, true, error_map(ours, true)],
-            compare=True,
-        )
-    _add_geometry(writer, carrier, views, scores.views)
-    add_model(writer, carrier, "Stage I", _eye(views, scores.views), by_texture=True)
+    _add_pairs(writer, scored, "Stage I, held-out view", "The mesh with its RGB texture")
+    _add_geometry(writer, carrier, scored)
+    add_model(writer, carrier, "Stage I", scored.camera_to_world[:3, 3], by_texture=True)
     writer.add("texture", "RGB texture", "The atlas as Stage I left it.", [shrink(carrier.texture)])
     return writer.finish()
 
 
-def _eye(views: Views, chosen: list[int]) -> np.ndarray:
-    """Where the camera of the geometry's picture stands."""
-    return np.asarray(views.camera_to_world[chosen[len(chosen) // 2]][:3, 3])
+def _add_pairs(writer: GalleryWriter, scored: ScoredViews, held_out: str, ours: str) -> None:
+    """A strip for each pair: ours, the truth, their error; `held_out` and `ours` are words for titles and captions."""
+    for what, (first, second) in zip(scored.pairs, scored.images.astype(np.float32), strict=True):
+        file, title, caption = _words(what, held_out, ours)
+        if what["kind"] == "indirect":
+            writer.add(file, title, caption, [first, second])
+        else:
+            writer.add(file, title, caption, [first, second, error_map(first, second)], compare=True)
+
+
+def _words(what: Mapping[str, Any], held_out: str, ours: str) -> tuple[str, str, str]:
+    """(file, title, caption) of a pair."""
+    kind, name, figures = what["kind"], what["name"], what["figures"]
+    if kind == "held_out":
+        caption = f"{ours}, photograph, error: {figures['psnr']:.1f} dB. {_ERRORS}"
+        return f"held_out_{what['number']:03d}", f"{held_out} {name}", caption
+    if kind == "relit":
+        caption = (
+            f"A light that the fit never saw: ours, truth, error. All views {figures['psnr']:.1f} dB "
+            f"({figures['psnr_unscaled']:.1f} dB without the albedo scale, gray object "
+            f"{figures['psnr_floor']:.1f} dB). {_ERRORS}"
+        )
+        return f"relit_{name}", f"Relit by {name}", caption
+    if kind == "albedo":
+        scale = ", ".join(f"{x:.2f}" for x in figures["scale"])
+        caption = f"Ours times the scale ({scale}) that brings its median to the truth's; truth; error. {_ERRORS}"
+        return "albedo", "Base colour", caption
+    if kind == "roughness":
+        return "roughness", "Roughness", f"Ours, truth (white is 1), error at the scale of {ERROR_TOP:g}."
+    caption = f"View {name} as rendered; of it, the light that met the surface more than once."
+    return "indirect", "Interreflected light", caption
 
 
 def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) -> None:
@@ -136,13 +100,10 @@ def _add_atlas(writer: GalleryWriter, asset: Asset) -> None:
     writer.add("atlas", "Texture atlas", f"{size} x {size}: {', '.join(words)}.", panels)
 
 
-def _add_geometry(writer: GalleryWriter, mesh: Carrier, views: Views, chosen: list[int]) -> None:
-    i = chosen[len(chosen) // 2]
+def _add_geometry(writer: GalleryWriter, mesh: Carrier, scored: ScoredViews) -> None:
+    height, width = scored.images.shape[2:4]
     panels = shaded_geometry(
-        mesh, views.intrinsics[i], views.camera_to_world[i], views.height, views.width,
-        scale=max(1.0, 384 / views.height),
+        mesh, scored.intrinsics, scored.camera_to_world, height, width, scale=max(1.0, 384 / height)
     )  # fmt: skip
-    caption = (
-        f"Clay, face normals (x, y, z as red, green, blue), edges; {len(mesh.faces)} faces, view {views.names[i]}."
-    )
+    caption = f"Clay, face normals (x, y, z as red, green, blue), edges; {len(mesh.faces)} faces, view {scored.view}."
     writer.add("geometry", "Geometry", caption, panels)

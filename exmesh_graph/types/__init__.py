@@ -5,7 +5,7 @@ from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.gaussians import PlanarGaussians, PointCloud
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
 from exmesh_graph.types.needs import Decision, SceneNeeds, decided, with_decisions
-from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, UsdAsset
+from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, ScoredViews, UsdAsset
 from exmesh_graph.types.transport import Transport
 from exmesh_graph.types.views import DepthMaps, Frame, LitViews, SceneTruth, Views
 
@@ -28,6 +28,7 @@ __all__ = [
     "PointCloud",
     "SceneNeeds",
     "SceneTruth",
+    "ScoredViews",
     "Stage1State",
     "Transport",
     "UsdAsset",

@@ -7,9 +7,12 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from exmesh_graph.types.artifact import Artifact
+from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +29,37 @@ class Metrics(Artifact):
     @classmethod
     def load(cls, folder: Path) -> Self:
         return cls(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredViews(Artifact):
+    """A few of the picture pairs that a score compared, for nodes that draw them (docs/report.md).
+
+    pairs            what each pair is, JSON-like: {kind, name, number, figures}. `kind` is held_out, relit, albedo,
+                     roughness or indirect; `name` that of the view or the light; `number` counts the scored ones
+    images           float16 [N, 2, H, W, 3], display values in [0, 1]: ours and the truth (indirect: the view as
+                     rendered and its interreflected light)
+    view             name of the middle one of the scored views, of which
+    intrinsics       float64 [3, 3], pixels, and
+    camera_to_world  float64 [4, 4], OpenCV axes, normalised world, are the camera
+    """
+
+    type_name: ClassVar[str] = "ScoredViews"
+    conventions: ClassVar[Mapping[str, Any]] = {"color": "display"}
+    pairs: tuple[Mapping[str, Any], ...]
+    images: np.ndarray
+    view: str
+    intrinsics: np.ndarray
+    camera_to_world: np.ndarray
+
+    def save(self, folder: Path) -> None:
+        arrays = {name: getattr(self, name) for name in ("images", "intrinsics", "camera_to_world")}
+        save_arrays(folder, arrays, {"pairs": list(self.pairs), "view": self.view})
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        return cls(pairs=tuple(meta["pairs"]), view=meta["view"], **arrays)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.evaluate.metrics.dtu import DtuTruth, cull, dtu_chamfer, points_of_mesh, read_truth, thin
+from exmesh_graph.evaluate.protocols.dtu import DtuTruth, cull, dtu_chamfer, points_of_mesh, read_truth, thin
 from exmesh_graph.io.meshes import write_ply
 
 PLANE = np.array([[0.0, 0, 0], [30, 0, 0], [30, 30, 0], [0, 30, 0]])

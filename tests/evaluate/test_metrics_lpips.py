@@ -10,7 +10,7 @@ from safetensors.torch import save_file
 from exmesh_graph.errors import MissingLibraryError, NumericsError
 from exmesh_graph.evaluate.metrics.lpips import Lpips
 from exmesh_graph.evaluate.metrics.weights import expected_shapes, lpips_source
-from exmesh_graph.evaluate.scores_lpips import add_lpips
+from exmesh_graph.evaluate.scores import add_lpips
 
 
 @pytest.fixture(scope="module")

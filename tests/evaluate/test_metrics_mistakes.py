@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from exmesh_graph.cli.options import checked_graph
-from exmesh_graph.evaluate.metrics.dtu import DtuTruth, dtu_chamfer
 from exmesh_graph.evaluate.metrics.image import display, psnr, ssim
 from exmesh_graph.evaluate.metrics.material import albedo_psnr, albedo_scale, roughness_mse
-from exmesh_graph.evaluate.metrics.stanford_orb import albedo_scores, depth_error, normal_error, view_scores
+from exmesh_graph.evaluate.protocols.dtu import DtuTruth, dtu_chamfer
+from exmesh_graph.evaluate.protocols.stanford_orb import albedo_scores, depth_error, normal_error, view_scores
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.io.color import linear_to_srgb, srgb_to_linear
 

@@ -5,7 +5,8 @@ import pytest
 
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.evaluate.metrics.lpips import Lpips
-from exmesh_graph.evaluate.metrics.stanford_orb import (
+from exmesh_graph.evaluate.metrics.weights import expected_shapes
+from exmesh_graph.evaluate.protocols.stanford_orb import (
     albedo_scores,
     depth_error,
     eroded,
@@ -13,7 +14,6 @@ from exmesh_graph.evaluate.metrics.stanford_orb import (
     shape_error,
     view_scores,
 )
-from exmesh_graph.evaluate.metrics.weights import expected_shapes
 from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.io.color import linear_to_srgb
 

@@ -9,8 +9,8 @@ from exmesh_nodes import benchmark
 
 from exmesh_graph.errors import DataError, MissingLibraryError
 from exmesh_graph.evaluate import benchmarks
-from exmesh_graph.evaluate.metrics.dtu import DtuTruth
-from exmesh_graph.evaluate.scores_orb import depth_map
+from exmesh_graph.evaluate.protocols.dtu import DtuTruth
+from exmesh_graph.evaluate.protocols.stanford_orb import depth_map
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.report.published import NOTE, TABLES, as_markdown, as_text, collect_benchmarks, paper_table
 from exmesh_graph.types import Carrier, Frame, LitViews, Mesh, Metrics, SceneTruth
@@ -136,7 +136,7 @@ def test_dtu_is_in_the_files_millimetres_and_culls_what_masks_do_not_show(scene,
     frame = Frame(np.array([[8.0, 0, 0, 100], [0, 8, 0, 0], [0, 0, 8, 0], [0, 0, 0, 1]]), np.eye(4))
     box = np.array([[90.0, -10, -10], [110, 10, 10]])
     truth = DtuTruth(cloud + np.array([100, 0, 0]), np.ones((21, 21, 21), bool), box, 1.0, np.array([0.0, 0, 0, 1]))
-    monkeypatch.setattr("exmesh_graph.evaluate.metrics.dtu.read_truth", lambda folder, scan: truth)
+    monkeypatch.setattr("exmesh_graph.evaluate.protocols.dtu.read_truth", lambda folder, scan: truth)
     # A floater beside the octahedron, which the masks show.
     speck, outer = icosphere(2)
     speck = (speck * 0.05 + np.array([0.6, 0.6, 0])).astype(np.float32)

@@ -1,17 +1,26 @@
 """The evaluation nodes: what a perfect, a scaled and a wrong asset score, beside their floors."""
 
 import json
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from exmesh_nodes import evaluate
+from exmesh_nodes import evaluate, gallery
 
 from exmesh_graph.export.gltf import read_glb
+from exmesh_graph.graph.cache.fingerprint import fingerprint
+from exmesh_graph.graph.declare.packs import load_packs
 from exmesh_graph.io.images import read_image
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh, SceneTruth
 
+ROOT = Path(__file__).parent.parent.parent
+TYPES = load_packs().types
 PARAMS = evaluate.AssetParams(directions=64, bounces=1, pictures=2)
 
 
@@ -59,8 +68,9 @@ def test_means_are_means_over_the_views_and_progress_ends_full(perfect):
     )  # 2 x 3 held-out, 3 x 3 relit, 2 for the interreflected light
 
 
-def test_the_gallery_shows_ours_truth_and_error(perfect):
-    root = perfect[0].gallery.root
+def test_the_gallery_shows_ours_truth_and_error(perfect, scene):
+    out, context = perfect
+    root = gallery.asset(context, scene.asset, out.scored, scene.truth).gallery.root
     entries = json.loads((root / "captions.json").read_text())
     files = {entry["file"] for entry in entries}
     assert {
@@ -106,7 +116,8 @@ def test_the_floor_follows_the_brightness_of_the_training_images(scene, context)
 def test_without_truth_only_held_out_views_are_scored(scene, context):
     out = evaluate.asset(context, scene.asset, scene.test, p=PARAMS)
     assert set(out.metrics.values) == {"headline", "floor", "held_out"}
-    files = {e["file"] for e in json.loads((out.gallery.root / "captions.json").read_text())}
+    root = gallery.asset(context, scene.asset, out.scored).gallery.root
+    files = {e["file"] for e in json.loads((root / "captions.json").read_text())}
     assert files == {
         "held_out_000.png", "held_out_002.png", "indirect.png", "environment.png", "atlas.png", "geometry.png",
         "model.glb",
@@ -127,11 +138,13 @@ def test_views_without_masks_are_scored_inside_our_silhouette(scene, context):
 def test_fewer_views_and_equal_figures_on_repeat(scene, context, tmp_path):
     p = PARAMS.model_copy(update={"max_views": 1})
     first = evaluate.asset(context, scene.asset, scene.test, scene.truth, p=p)
-    before = {f.name: f.read_bytes() for f in first.gallery.root.iterdir()}
+    root = gallery.asset(context, scene.asset, first.scored, scene.truth).gallery.root
+    before = {f.name: f.read_bytes() for f in root.iterdir()}
     again = evaluate.asset(context, scene.asset, scene.test, scene.truth, p=p)
     assert list(first.metrics.values["held_out"]["psnr_per_view"]) == ["test_b"]
     assert first.metrics.values == again.metrics.values
-    assert before == {f.name: f.read_bytes() for f in again.gallery.root.iterdir()}
+    root = gallery.asset(context, scene.asset, again.scored, scene.truth).gallery.root
+    assert before == {f.name: f.read_bytes() for f in root.iterdir()}
 
 
 def test_chamfer_of_a_grown_octahedron_is_the_gap_between_its_faces(scene, context):
@@ -165,5 +178,50 @@ def test_stage_one_is_scored_by_its_texture(scene, context):
     assert out.metrics.values["held_out"]["psnr"] > 35  # 3 x 3 samples a pixel against 2 x 2 at the silhouette
     worse = evaluate.stage1(context, carrier, scene.test, p=evaluate.Stage1Params())
     assert worse.metrics.values["held_out"]["psnr"] < 25
-    assert (out.gallery.root / "geometry.png").is_file()
-    assert read_glb(out.gallery.root / "model.glb")[0]["extensionsUsed"][-1] == "KHR_materials_unlit"
+    root = gallery.stage1(context, carrier, out.scored).gallery.root
+    assert {"geometry.png", "texture.png", "held_out_000.png"} <= {file.name for file in root.iterdir()}
+    assert read_glb(root / "model.glb")[0]["extensionsUsed"][-1] == "KHR_materials_unlit"
+
+
+def test_no_pictures_asked_for_means_none_of_the_views(scene, context):
+    p = PARAMS.model_copy(update={"max_views": 1, "pictures": 0})
+    kinds = [pair["kind"] for pair in evaluate.asset(context, scene.asset, scene.test, p=p).scored.pairs]
+    assert kinds == ["indirect"]
+
+
+PICTURES = ("exmesh_graph.gallery", "exmesh_graph.report", "exmesh_graph.export", "exmesh_graph.edit")
+
+
+@pytest.mark.parametrize("name", sorted(name for name in TYPES if name.startswith(("evaluate.", "benchmark."))))
+def test_scores_do_not_depend_on_pages_pictures_or_exports(name):
+    modules = fingerprint(TYPES[name]).modules
+    assert [module for module in modules if module.startswith(PICTURES)] == []
+
+
+def test_a_caption_edit_leaves_the_scores_and_makes_the_pictures_anew(tmp_path):
+    """On a copy of the sources: the keys of scores stay, those of pictures change."""
+    for name in ("exmesh_graph", "nodes"):
+        shutil.copytree(ROOT / name, tmp_path / name.replace("nodes", "exmesh_nodes"),
+                        ignore=shutil.ignore_patterns("__pycache__", "*.so"))  # fmt: skip
+    probe = (
+        "import exmesh_graph, json, pathlib\n"
+        "from exmesh_graph.graph.cache.fingerprint import fingerprint\n"
+        "from exmesh_graph.graph.declare.packs import load_packs\n"
+        f"assert pathlib.Path(exmesh_graph.__file__).is_relative_to({str(tmp_path)!r})\n"
+        "print(json.dumps({name: fingerprint(d).digest for name, d in load_packs().types.items()}))"
+    )
+
+    def digests():
+        done = subprocess.run([sys.executable, "-c", probe], cwd=tmp_path, capture_output=True, text=True, check=False,
+                              env={**os.environ, "PYTHONPATH": str(tmp_path)})  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    before = digests()
+    files = {"gallery/evaluation.py": "Held-out view", "gallery/rounds.py": "{name}, shape", "report/charts.py": "px"}
+    for file, words in files.items():
+        page = tmp_path / "exmesh_graph" / file
+        assert words in page.read_text()
+        page.write_text(page.read_text().replace(words, f"{words}, captioned anew"))
+    changed = {name for name, digest in digests().items() if digest != before[name]}
+    assert changed == {"gallery.asset", "gallery.round", "gallery.stage1"}

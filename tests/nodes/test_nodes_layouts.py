@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.layouts import LIGHTS, RUNS, SAMPLE, run, write_layouts
-from exmesh_graph.evaluate.metrics.dtu import dtu_chamfer, read_truth
+from exmesh_graph.evaluate.protocols.dtu import dtu_chamfer, read_truth
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.io.idr import load_idr

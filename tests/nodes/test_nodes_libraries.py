@@ -16,7 +16,7 @@ from exmesh_graph.graph.declare.packs import load_packs
 BUILTIN = {name: d for name, d in load_packs().types.items() if d.function.__module__.startswith("exmesh_nodes.")}
 ROOT = Path(__file__).parent.parent.parent
 # numpy: under every node, its results are pinned by IEEE arithmetic but for sums; safetensors: bytes are hashed anyway
-LEFT_OUT = {"numpy", "safetensors", "pydantic"}
+LEFT_OUT = {"numpy", "safetensors", "pydantic", "pydantic_core"}
 LATE = {
     "import_open3d": "open3d",
     "import_pymeshlab": "pymeshlab",

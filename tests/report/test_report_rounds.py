@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from exmesh_graph.evaluate.scores_mesh import score_stage
+from exmesh_graph.evaluate.carrier import score_stage
 from exmesh_graph.gallery.rounds import atlas_panels, round_gallery
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.report.collect import Figure

@@ -24,6 +24,7 @@ from exmesh_graph.types import (
     PointCloud,
     SceneNeeds,
     SceneTruth,
+    ScoredViews,
     Stage1State,
     UsdAsset,
     Views,
@@ -74,6 +75,13 @@ def _examples(folder: Path) -> list[Artifact]:
             has_masks=False,
         ),
         Frame(rng.standard_normal((4, 4)), rng.standard_normal((4, 4)), 0.1),
+        ScoredViews(
+            ({"kind": "held_out", "name": "a", "number": 0, "figures": {"psnr": 31.5}},),
+            noise(1, 2, 4, 6, 3).astype(np.float16),
+            "a",
+            rng.standard_normal((3, 3)),
+            rng.standard_normal((4, 4)),
+        ),
         DepthMaps(("a",), noise(1, 4, 6)),
         SceneTruth(names=("t",)),
         SceneTruth(

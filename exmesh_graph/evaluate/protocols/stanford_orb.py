@@ -22,6 +22,7 @@ shape     mean squared distance from the true mesh's vertices to 30 000 samples 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import binary_erosion
@@ -30,10 +31,89 @@ from scipy.spatial import cKDTree
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.evaluate.metrics.image import ssim_map
 from exmesh_graph.evaluate.metrics.lpips import Lpips
+from exmesh_graph.evaluate.renders import Progress, Quality, Steps
+from exmesh_graph.evaluate.scores import benchmark_row, points_to_dataset, spread
 from exmesh_graph.geometry.sampling import sample_surface
 from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.io.normalise import frame_scale
+from exmesh_graph.types import Asset, Frame, LitViews, SceneTruth, Views
 
 SHAPE_SAMPLES = 30_000
+
+
+def score_orb(
+    asset: Asset,
+    views: Views,
+    novel: LitViews,
+    truth: SceneTruth,
+    frame: Frame,
+    scene: str,
+    *,
+    lpips: Lpips | None = None,
+    max_views: int = 0,
+    quality: Quality | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Figures of a capture, its row of the paper's table, and albedo, which that table does not have.
+
+    views  the capture's test views, rendered under the asset's own light
+    novel  those of the object's other captures, each rendered under its own measured light
+    """
+    from exmesh_graph.stage2.render import render_transport, render_views
+
+    quality = quality or Quality()
+    tests, others = spread(len(views), max_views), spread(len(novel), max_views)
+    steps = Steps(progress, len(tests) + len(others))
+    transport = render_transport(asset, quality.bounces, quality.directions)
+
+    def render(where: Views, chosen: list[int], environment: np.ndarray | None) -> Any:
+        cameras = (where.intrinsics[chosen], where.camera_to_world[chosen], where.height, where.width)
+        return render_views(
+            asset, *cameras, environment=environment, transport=transport, bounces=quality.bounces,
+            supersampling=quality.supersampling, specular_samples=quality.specular_samples, seed=quality.seed,
+            progress=steps,
+        )  # fmt: skip
+
+    rendered = render(views, tests, None)
+    held_out = [
+        view_scores(image, views.images[i], views.alpha[i], relit=False, lpips=lpips)
+        for image, i in zip(rendered.images, tests, strict=True)
+    ]
+    assert novel.environments is not None
+    relit = [
+        view_scores(render(novel, [i], novel.environments[i]).images[0], novel.images[i], novel.alpha[i], relit=True,
+                    lpips=lpips)
+        for i in others
+    ]  # fmt: skip
+    values: dict[str, Any] = {"nvs": _means(held_out), "relight": _means(relit), "views": [len(tests), len(others)]}
+    known = {name: k for k, name in enumerate(truth.names)}
+    rows = [(n, i, known[views.names[i]]) for n, i in enumerate(tests) if views.names[i] in known]
+    if truth.albedo is not None and rows:
+        values["albedo"] = _means(
+            [albedo_scores(rendered.albedo[n], truth.albedo[k], views.alpha[i], lpips=lpips) for n, i, k in rows]
+        )
+    values["geometry"] = geometry = _geometry(asset, views, truth, frame, rows, rendered.normal, seed)
+    row: dict[str, float | None] = {}
+    for name, figures in (("NVS", values["nvs"]), ("relight", values["relight"])):
+        for label, key in (("PSNR-H", "psnr_h"), ("PSNR-L", "psnr_l"), ("SSIM", "ssim"), ("LPIPS", "lpips")):
+            row[f"{name} {label}"] = figures.get(key)
+    row |= {"depth": geometry["depth"], "normal": geometry["normal"], "CD": geometry["shape"]}
+    lower = {name: "lower" for name in row if name.endswith(("LPIPS", "depth", "normal", "CD"))}
+    return values | benchmark_row("stanford_orb", scene, row, lower)
+
+
+def depth_map(mesh: Any, views: Views, index: int) -> np.ndarray:
+    """Depth float64 [H, W] along the camera's z axis at pixel centres; 0 where the ray misses."""
+    from exmesh_graph.rays.embree import EmbreeTracer
+
+    pose = views.camera_to_world[index]
+    x, y = np.meshgrid(np.arange(views.width) + 0.5, np.arange(views.height) + 0.5)
+    local = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ np.linalg.inv(views.intrinsics[index]).T
+    origins = np.broadcast_to(pose[:3, 3], local.shape)
+    hits = EmbreeTracer(mesh.vertices, mesh.faces).closest_hit(origins, local @ pose[:3, :3].T)
+    # The rays' z component in the camera is 1, so their parameter is the depth.
+    return np.where(hits.face >= 0, hits.t, 0.0).reshape(views.height, views.width)
 
 
 def view_scores(
@@ -104,6 +184,32 @@ def eroded(mask: np.ndarray) -> np.ndarray:
     return binary_erosion(np.asarray(mask) > 0.5, np.ones((5, 5), bool), border_value=1)
 
 
+def _geometry(
+    asset: Asset, views: Views, truth: SceneTruth, frame: Frame, rows: list[tuple[int, int, int]],
+    normals: np.ndarray, seed: int,
+) -> dict[str, float | None]:  # fmt: skip
+    """Depth x 1e3, normal and shape; None where the truth lacks the map."""
+    errors: dict[str, float | None] = {"depth": None, "normal": None, "shape": None}
+    masks = [views.alpha[i] for _, i, _ in rows]
+    if truth.depth is not None and rows:
+        # The benchmark's depth is in the data set's units; one factor per scene is taken out of the estimate only.
+        scale = frame_scale(frame)
+        depths = [depth_map(asset, views, i) for _, i, _ in rows]
+        errors["depth"] = depth_error(depths, [truth.depth[k] * scale for _, _, k in rows], masks)
+    if truth.normal is not None and rows:
+        cameras = [normals[n] @ views.camera_to_world[i, :3, :3] for n, i, _ in rows]
+        triples = zip(cameras, (truth.normal[k] for _, _, k in rows), masks, strict=True)
+        errors["normal"] = float(np.mean([normal_error(*triple) for triple in triples]))
+    if truth.mesh_vertices is not None:
+        ours, true = (points_to_dataset(v, frame) for v in (asset.vertices, truth.mesh_vertices))
+        errors["shape"] = shape_error(ours, asset.faces, true, seed=seed)
+    return errors
+
+
+def _means(scores: list[dict[str, float]]) -> dict[str, float]:
+    return {name: float(np.mean([score[name] for score in scores])) for name in scores[0]}
+
+
 def _masked(image: np.ndarray, truth: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if image.shape != truth.shape or image.shape[:2] != inside.shape:
         raise NumericsError(f"cannot compare images of shapes {image.shape} and {truth.shape}, mask {inside.shape}")
@@ -130,8 +236,8 @@ def _psnr(
 
 
 def _structure(image: np.ndarray, truth: np.ndarray, inside: np.ndarray, lpips: Lpips | None) -> dict[str, float]:
-    found = {"ssim": float(ssim_map(image, truth, radius=1, mode="mirror").mean())}
+    scores = {"ssim": float(ssim_map(image, truth, radius=1, mode="mirror").mean())}
     if lpips is not None:
         weight = inside[..., None]
-        found["lpips"] = lpips(linear_to_srgb(image) * weight, linear_to_srgb(truth) * weight)
-    return found
+        scores["lpips"] = lpips(linear_to_srgb(image) * weight, linear_to_srgb(truth) * weight)
+    return scores

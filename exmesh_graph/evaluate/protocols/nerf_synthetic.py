@@ -10,16 +10,18 @@ Distances are to the exact triangles of the other surface, not to its samples: a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
-from exmesh_graph.errors import GeometryError
+from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.evaluate.metrics.mesh import chamfer
+from exmesh_graph.evaluate.scores import benchmark_row
+from exmesh_graph.io.normalise import frame_scale
 from exmesh_graph.rays.embree import EmbreeTracer
-
-__all__ = ["SurfaceDistance", "full_surface", "visible_points", "visible_surface"]
+from exmesh_graph.types import Carrier, Frame, Mesh, SceneTruth, Views
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,37 @@ class SurfaceDistance:
     completeness: float
     mesh_points: int
     true_points: int
+
+
+def score_surface(
+    mesh: Mesh, truth: SceneTruth, views: Views, frame: Frame, scene: str, *, samples: int = 100_000, seed: int = 0
+) -> dict[str, Any]:
+    """NeRF-Synthetic's Chamfer distances, visible and full surface, in thousandths of the data set's unit, and, for a
+    carrier, its held-out PSNR.
+
+    Raises DataError without a true mesh.
+    """
+    from exmesh_graph.evaluate.carrier import score_carrier
+
+    if truth.mesh_vertices is None or truth.mesh_faces is None:
+        raise DataError(
+            "the scene has no true mesh", where=scene, expected="mesh.obj or mesh.ply in the scene's folder",
+            fix="export it from the scene's .blend file, in its world and units",
+        )  # fmt: skip
+    both = (mesh.vertices, mesh.faces, truth.mesh_vertices, truth.mesh_faces)
+    unit = 1 / frame_scale(frame)
+    size = (views.width, views.height)
+    seen = visible_surface(*both, views.intrinsics, views.camera_to_world, size, unit=unit, samples=samples, seed=seed)
+    whole = full_surface(*both, unit=unit, samples=samples, seed=seed)
+    psnr = score_carrier(mesh, views).values["held_out"]["psnr"] if isinstance(mesh, Carrier) else None
+    row: dict[str, float | None] = {
+        "CD visible": seen.chamfer, "CD full": whole.chamfer, "PSNR": psnr,
+        "vertices": float(len(mesh.vertices)),
+    }  # fmt: skip
+    values = {"visible": asdict(seen), "full": asdict(whole)}
+    return values | benchmark_row(
+        "nerf_synthetic", scene, row, {"CD visible": "lower", "CD full": "lower", "vertices": ""}
+    )
 
 
 def full_surface(
@@ -96,6 +129,6 @@ def visible_points(
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     origins = camera_to_world[camera, :3, 3]
     hits = EmbreeTracer(vertices, faces).closest_hit(origins, directions)
-    found = hits.face >= 0
-    corners = np.asarray(vertices, np.float64)[np.asarray(faces)[hits.face[found]]]
-    return np.einsum("nk,nki->ni", hits.bary[found].astype(np.float64), corners)
+    hit = hits.face >= 0
+    corners = np.asarray(vertices, np.float64)[np.asarray(faces)[hits.face[hit]]]
+    return np.einsum("nk,nki->ni", hits.bary[hit].astype(np.float64), corners)

@@ -1,4 +1,4 @@
-"""Scoring a mesh against the true surface, and a Stage I carrier on held-out views."""
+"""Scoring a Stage I carrier on held-out views, and what a stage has reached."""
 
 from __future__ import annotations
 
@@ -7,38 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph.evaluate.scores import Pictures, compare, spread
+from exmesh_graph.evaluate.mesh import score_mesh
+from exmesh_graph.evaluate.scores import Pictures, compare, held_out_pairs, pairs_for_pictures, spread
 from exmesh_graph.io.images import display
-from exmesh_graph.types import Carrier, Mesh, SceneTruth, Stage1State, Views
-
-
-def score_mesh(mesh: Mesh, truth: SceneTruth | None = None, *, samples: int = 40_000, seed: int = 0) -> dict[str, Any]:
-    """Counts, soundness and, with a true mesh, Chamfer distances in thousandths of its bounding radius."""
-    from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer, mesh_report
-
-    sound = mesh_report(mesh.vertices, mesh.faces)
-    headline: list[dict[str, Any]] = []
-    values: dict[str, Any] = {"headline": headline, "mesh": sound}
-    if truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None:
-        radius = bounding_radius(truth.mesh_vertices)
-        distance = chamfer(mesh.vertices, mesh.faces, truth.mesh_vertices, truth.mesh_faces, samples=samples, seed=seed)
-        values["chamfer_per_mille_of_radius"] = distance.scaled(1000.0 / radius)
-        values["bounding_radius"] = radius
-        headline.append(
-            {
-                "label": "Chamfer",
-                "value": values["chamfer_per_mille_of_radius"]["chamfer"],
-                "unit": "‰ of radius",
-                "better": "lower",
-                "series": "Chamfer",
-                "over": {"vertices": int(sound["vertices"])},
-            }
-        )
-    headline.append({"label": "Closed", "value": bool(sound["closed"])})
-    headline.append({"label": "Manifold", "value": bool(sound["edge_manifold"] and not sound["pinched_vertices"])})
-    headline.append({"label": "Faces", "value": int(sound["faces"])})
-    headline.append({"label": "Vertices", "value": int(sound["vertices"])})
-    return values
+from exmesh_graph.types import Carrier, Mesh, SceneTruth, ScoredViews, Stage1State, Views
 
 
 @dataclass
@@ -100,6 +72,12 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
         db, _ = compare(list(baked), [image for _, image in pairs])
         values["held_out"]["psnr_baked"] = float(np.mean(db))
     return CarrierScores(values, chosen, pairs)
+
+
+def carrier_pairs(scores: CarrierScores, views: Views, count: int) -> ScoredViews:
+    """`count` of the scored views."""
+    names = [views.names[i] for i in scores.views]
+    return pairs_for_pictures(held_out_pairs(scores.values, scores.held_out, names, count), views, scores.views)
 
 
 def score_stage(

@@ -1,0 +1,38 @@
+"""Pictures of results for the report: what scores compared, shapes, light, maps, a model to turn."""
+
+from typing import NamedTuple
+
+from exmesh_graph.graph.declare.node import Context, node
+from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, ScoredViews
+
+_LIBRARIES = ("torch", "warp-lang", "scipy", "OpenImageIO")
+
+
+class GalleryOut(NamedTuple):
+    gallery: Gallery
+
+
+@node("gallery.round", version="1", libraries=_LIBRARIES)
+def round_(ctx: Context, state: Carrier) -> GalleryOut:
+    """A round of Stage I: the shape from six sides, its edges, its atlas in colours of stretch."""
+    from exmesh_graph.gallery.rounds import round_gallery
+    from exmesh_graph.gpu.torch_setup import torch_threads
+
+    with torch_threads(1):
+        return GalleryOut(round_gallery(ctx.scratch / "gallery", state, ctx.node.rpartition(".")[0] or ctx.node))
+
+
+@node("gallery.stage1", version="1", libraries=(*_LIBRARIES, "pillow"))
+def stage1(ctx: Context, carrier: Carrier, scored: ScoredViews) -> GalleryOut:
+    """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
+    from exmesh_graph.gallery.evaluation import carrier_gallery
+
+    return GalleryOut(carrier_gallery(ctx.scratch / "gallery", carrier, scored))
+
+
+@node("gallery.asset", version="1", libraries=(*_LIBRARIES, "pillow"))
+def asset(ctx: Context, asset: Asset, scored: ScoredViews, truth: SceneTruth | None = None) -> GalleryOut:
+    """What evaluate.asset or benchmark.synthetic4relight compared, light, atlas, geometry, a model to turn."""
+    from exmesh_graph.gallery.evaluation import asset_gallery
+
+    return GalleryOut(asset_gallery(ctx.scratch / "gallery", asset, scored, truth))
