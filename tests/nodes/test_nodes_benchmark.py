@@ -8,8 +8,7 @@ import pytest
 from exmesh_nodes import benchmark
 
 from exmesh_graph.errors import DataError, MissingLibraryError
-from exmesh_graph.evaluate import benchmarks
-from exmesh_graph.evaluate.protocols.dtu import DtuTruth
+from exmesh_graph.evaluate.protocols.dtu import DtuTruth, score_dtu
 from exmesh_graph.evaluate.protocols.stanford_orb import depth_map
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.report.published import NOTE, TABLES, as_markdown, as_text, collect_benchmarks, paper_table
@@ -141,8 +140,8 @@ def test_dtu_is_in_the_files_millimetres_and_culls_what_masks_do_not_show(scene,
     speck, outer = icosphere(2)
     speck = (speck * 0.05 + np.array([0.6, 0.6, 0])).astype(np.float32)
     both = Mesh(np.concatenate([ball.vertices, speck]), np.concatenate([faces, outer + len(vertices)]))
-    values = benchmarks.score_dtu(both, frame, Path(), 24, [scene.test])
-    alone = benchmarks.score_dtu(ball, frame, Path(), 24)
+    values = score_dtu(both, frame, Path(), 24, [scene.test])
+    alone = score_dtu(ball, frame, Path(), 24)
     assert values["culled"]["mesh_points"] < values["unculled"]["mesh_points"]
     assert values["culled"]["d2s"] == pytest.approx(alone["unculled"]["d2s"], abs=1e-3)
     assert values["unculled"]["d2s"] > values["culled"]["d2s"] + 0.01
