@@ -21,7 +21,7 @@ from exmesh_graph.graph.declare.ports import Signature, signature
 from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.run.plan import plan
-from exmesh_graph.graph.upkeep.why import differences, explain, record_time
+from exmesh_graph.graph.run.why import differences, explain, record_time
 
 
 def clock(seconds: float) -> str:

@@ -9,10 +9,11 @@ import pytest
 from exmesh_graph.graph import Component, NodeDef, param
 from exmesh_graph.graph.cache import keys
 from exmesh_graph.graph.cache.keys import key_of, preimage_of
-from exmesh_graph.graph.declare.components import MAX_NESTING, differences, rebuild
+from exmesh_graph.graph.declare.components import MAX_NESTING, rebuild
 from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.graph.run.job import Job, job_of
 from exmesh_graph.graph.run.plan import plan
+from exmesh_graph.graph.run.why import component_differences
 from exmesh_graph.types import Mesh
 
 GRAPH = """
@@ -107,14 +108,14 @@ def test_a_changed_component_runs_only_its_users_and_plan_says_why(bench: Any, s
 
 def test_differences_in_words() -> None:
     one = {"type": "a", "version": "1", "code": "x", "params": {"w": 1}, "libraries": {}, "components": {}}
-    assert differences("loss", {**one, "version": "2", "code": "y", "libraries": {"torch": "2"}}, one, str) == [
+    assert component_differences("loss", {**one, "version": "2", "code": "y", "libraries": {"torch": "2"}}, one) == [
         "component loss: version 1 -> 2",
         "component loss: code changed",
-        "component loss: library torch None -> 2",
+        "component loss: library torch nothing -> 2",
     ]
-    assert differences("loss", {**one, "type": "b"}, one, str) == ["component loss is b, was a"]
-    assert differences("loss", one, None, str) == ["component loss (a) is newly plugged in"]
-    assert differences("l", one, {**one, "components": {"in": one}}, str) == [
+    assert component_differences("loss", {**one, "type": "b"}, one) == ["component loss is b, was a"]
+    assert component_differences("loss", one, None) == ["component loss (a) is newly plugged in"]
+    assert component_differences("l", one, {**one, "components": {"in": one}}) == [
         "component l.in (a) is no longer plugged in"
     ]
 

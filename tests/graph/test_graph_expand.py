@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.graph.language.expand import MAX_ROUNDS, Graph, Link, expand
+from exmesh_graph.graph.language.expand import MAX_ROUNDS, Graph, expand
+from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.language.spec import load_tree
 from exmesh_graph.graph.problems import GraphErrors, Problems
 

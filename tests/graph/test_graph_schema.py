@@ -9,8 +9,12 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph.graph.language.expand import MAX_ROUNDS
+from exmesh_graph.graph.language.params import KEYS, KINDS
 from exmesh_graph.graph.language.schema import graph_schema
+from exmesh_graph.graph.language.spec import BLOCK_KEYS, TOP_KEYS
 from exmesh_graph.graph.language.yamlfile import load_yaml, parse_yaml
+from exmesh_graph.graph.variants.patches import OPERATIONS
 
 jsonschema = pytest.importorskip("jsonschema", reason="pip install '.[test]'")
 ROOT = Path(__file__).parent.parent.parent
@@ -130,3 +134,19 @@ def test_editors_see_units_ranges_and_meaning(schema: Any) -> None:
     assert line["properties"]["type"] == {"const": "curve.line", "description": "slope * x."}
     split = schema.schema["definitions"]["node.toy.train_only"]
     assert "Number[split='train']" in split["properties"]["number"]["description"]
+
+
+def test_the_common_part_names_what_the_language_knows(schema: Any) -> None:
+    """`schema.json` is written by hand: types of graph parameters, their limits, and the operations of patches."""
+    common = schema.schema["definitions"]
+    parameter = common["parameter"]["then"]["properties"]
+    assert tuple(parameter["type"]["enum"]) == KINDS
+    assert set(parameter) == set(KEYS)
+    operations = {item["required"][0]: item.get("properties") for item in common["patches"]["items"]["oneOf"]}
+    assert operations.keys() == OPERATIONS.keys()
+    for name, (_, keys) in OPERATIONS.items():
+        assert (operations[name] is None) == (keys is None)
+        assert keys is None or set(operations[name]) == {name, *keys}
+    assert set(schema.schema["properties"]) == set(TOP_KEYS)
+    assert set(common["whole_block"]["properties"]) == set(common["change_block"]["properties"]) == set(BLOCK_KEYS)
+    assert common["rounds_count"]["anyOf"][0]["maximum"] == MAX_ROUNDS

@@ -108,27 +108,3 @@ def validated_otherwise(kind: str, now: Mapping[str, Any], keyed: Mapping[str, A
         where=str(where),
         fix="let the validator only check, and convert in the code that uses the parameter",
     )
-
-
-def differences(label: str, new: Any, old: Any, shown: Callable[[Any], str]) -> list[str]:
-    """How two pre-images of a component differ, one sentence each; None stands for no component."""
-    if old is None or new is None:
-        state = "newly plugged in" if old is None else "no longer plugged in"
-        return [f"component {label} ({(new or old)['type']}) is {state}"]
-    if new["type"] != old["type"]:
-        return [f"component {label} is {new['type']}, was {old['type']}"]
-    words = []
-    if new["version"] != old["version"]:
-        words.append(f"component {label}: version {old['version']} -> {new['version']}")
-    if new["code"] != old["code"]:
-        words.append(f"component {label}: code changed")
-    for field, word in (("params", "parameter"), ("libraries", "library")):
-        for name in sorted({*new[field], *old[field]}):
-            if new[field].get(name) != old[field].get(name):
-                change = f"{shown(old[field].get(name))} -> {shown(new[field].get(name))}"
-                words.append(f"component {label}: {word} {name} {change}")
-    for name in sorted({*new["components"], *old["components"]}):
-        inner, before = new["components"].get(name), old["components"].get(name)
-        if inner != before:
-            words += differences(f"{label}.{name}", inner, before, shown)
-    return words

@@ -16,7 +16,8 @@ from exmesh_graph.graph.declare.components import MAX_NESTING, BoundComponent, C
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import Packs, library_version
 from exmesh_graph.graph.declare.ports import RESERVED, Signature, link_form, signature
-from exmesh_graph.graph.language.expand import Broken, Graph, Link, NodeSpec, expand
+from exmesh_graph.graph.language.expand import Graph, NodeSpec, expand
+from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.spec import Value, load_tree
 from exmesh_graph.graph.language.wires import Wiring

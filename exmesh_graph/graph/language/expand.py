@@ -1,9 +1,4 @@
-"""Unrolling `repeat` blocks and turning `@node.port` into links between full names.
-
-Round r of the node `refine` in the block `rounds` becomes `rounds[r].refine`, r = 1, 2, ... Inside a block the short
-names of its own nodes come first, then those of the enclosing blocks; `@carry.x` is the value carried into the
-round; outside, `@rounds.x` is the value after the last round (the first carried value where `repeat` is 0).
-"""
+"""Unrolling `repeat` blocks and sub-graphs into nodes with full names, and `@node.port` into links between these."""
 
 from __future__ import annotations
 
@@ -14,41 +9,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.declare.ports import Port
+from exmesh_graph.graph.declare.ports import Port, link_form
+from exmesh_graph.graph.language.links import ABSENT, Block, Link, Links, Part, Scope
 from exmesh_graph.graph.language.params import Declared
-from exmesh_graph.graph.language.parts import MAX_COPIED, Lost, Part, declare_part
-from exmesh_graph.graph.language.spec import (
-    BLOCK_KEYS,
-    Tree,
-    Value,
-    _check_keys,
-    _mapping,
-    substitute,
-)
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.language.parts import PartFiles, input_ports
+from exmesh_graph.graph.language.spec import BLOCK_KEYS, Tree, Value, check_keys, mapping_in, substitute, tree_of
+from exmesh_graph.graph.language.yamlfile import Map, is_whole
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 MAX_ROUNDS = 1000
 MAX_NODES = 5000
 MAX_BLOCKS = 10_000
-
-
-@dataclass(frozen=True)
-class Link:
-    """An output port of a node, by full names; no port for a component."""
-
-    node: str
-    port: str
-
-    def __str__(self) -> str:
-        return f"@{self.node}.{self.port}" if self.port else f"@{self.node}"
-
-
-ABSENT = Link("", "")  # an optional input that the user of a sub-graph left out
-
-
-class Broken:
-    """Stands where a link could not be understood; the problem was noted."""
 
 
 @dataclass(frozen=True)
@@ -76,83 +47,40 @@ class Graph:
     given: tuple[tuple[str, Port, Link, Where], ...] = ()
 
 
-@dataclass
-class _Scope:
-    """Names that see each other. `root` is the prefix of the file they stand in, `outer` the rounds it is used in."""
-
-    params: Mapping[str, Value]
-    seed: int
-    prefix: str = ""
-    parent: _Scope | None = None
-    rounds: tuple[int, ...] = ()
-    nodes: dict[str, str | _Block | Part | Lost] = field(default_factory=dict)
-    block: _Block | None = None
-    part: Part | None = None
-    root: str = ""
-    outer: tuple[int, ...] = ()
-    files: tuple[Path, ...] = ()
-
-    def chain(self) -> Iterator[_Scope]:
-        scope: _Scope | None = self
-        while scope is not None:
-            yield scope
-            scope = scope.parent
+def expand(tree: Tree, problems: Problems) -> Graph:
+    """Unroll all blocks and resolve all links. Problems are noted, not raised."""
+    if tree.inputs:
+        names = ", ".join(tree.inputs)
+        problems.add("input", tree.inputs.where, f"the graph has inputs ({names}) and can only be used in another",
+                     fix=f"{{graph: {tree.file.name}, {next(iter(tree.inputs))}: \"@node.port\", ...}}")  # fmt: skip
+    work = _Expansion(tree, problems, Links(tree, problems), PartFiles(problems))
+    root = Scope(tree.params, tree.seed, files=(tree.file.resolve(),))
+    try:
+        work.declare(tree.nodes, root)
+        given = work.finish()
+    except RecursionError:
+        fail("link", Where(tree.file, 1), "links pass through too many blocks or sub-graphs, one after another")
+    outputs = {name: work.links.value(value, root, tree.outputs.lines[name]) for name, value in tree.outputs.items()}
+    params = {name: value.value for name, value in tree.params.items()}
+    return Graph(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given)
 
 
-class _Block:
-    """One unrolled repeat: knows what each round carries in, and what comes out in the end."""
-
-    def __init__(self, name: str, entry: Map, count: int, outer: _Scope, work: _Expansion) -> None:
-        self.name, self.entry, self.count, self.outer, self.work = name, entry, count, outer, work
-        self.carry = _mapping(entry, "carry", work.problems)
-        self.next = _mapping(entry, "next", work.problems)
-        self.scopes: list[_Scope] = []
-        self.known: dict[tuple[int, str], Link | None] = {}
-        self.busy: set[tuple[int, str]] = set()
-        for key in {**self.carry, **self.next}:
-            if (key in self.carry) != (key in self.next):
-                where = (self.carry if key in self.carry else self.next).lines[key]
-                lacks = "next" if key in self.carry else "carry"
-                work.problems.add("repeat", where, f"{name}: {key!r} is missing in {lacks}:")
-
-    def value(self, key: str, where: Where) -> Link | None:
-        """The value after the last round."""
-        return self.carried(self.count, key, where)
-
-    def carried(self, rounds_done: int, key: str, where: Where) -> Link | None:
-        """The value of `key` after `rounds_done` rounds."""
-        if key not in self.carry or key not in self.next:
-            if (key in self.carry) == (key in self.next):
-                names = nearest(key, self.carry) or list(self.carry)
-                self.work.problems.add("repeat", where, f"{self.name} carries no {key!r}", nearest=names)
-            return None
-        for done in range(rounds_done + 1):
-            if (done, key) in self.known:
-                continue
-            self.known[done, key] = None
-            self.busy.add((done, key))
-            scope, source = (self.outer, self.carry) if done == 0 else (self.scopes[done - 1], self.next)
-            self.known[done, key] = self.work.link(source[key], scope, source.lines[key])
-            self.busy.discard((done, key))
-        if (rounds_done, key) in self.busy:
-            self.work.problems.add("cycle", where, f"{self.name}: {key!r} is defined by itself")
-        return self.known[rounds_done, key]
+Written = dict[str, tuple[Any, Where, bool]]
+"""{key of an entry: (value, where it stands, whether it is that of single rounds)}"""
 
 
 @dataclass
 class _Expansion:
     tree: Tree
     problems: Problems
+    links: Links
+    files: PartFiles
     nodes: dict[str, NodeSpec] = field(default_factory=dict)
-    pending: list[tuple[str, Map, _Scope]] = field(default_factory=list)
-    names: set[str] = field(default_factory=set)
+    pending: list[tuple[str, Map, Scope]] = field(default_factory=list)
     parts: list[tuple[Part, Mapping[str, Port]]] = field(default_factory=list)
-    files: dict[Path, Map] = field(default_factory=dict)
-    copies: dict[tuple[Path, Where], Map] = field(default_factory=dict)
-    budget: list[int] = field(default_factory=lambda: [MAX_COPIED])
     blocks: int = 0
 
-    def declare(self, nodes: Map, scope: _Scope) -> None:
+    def declare(self, nodes: Map, scope: Scope) -> None:
         """Give every node its full name before any link is resolved, so that links may point forwards."""
         for name, entry in nodes.items():
             where = nodes.lines[name]
@@ -165,44 +93,91 @@ class _Expansion:
             elif "repeat" in entry:
                 self._declare_block(name, entry, scope)
             elif "graph" in entry:
-                declare_part(self, name, entry, scope)
+                scope.nodes[name] = self._declare_part(scope.prefix + name, entry, scope)
             else:
                 if len(self.pending) >= MAX_NODES:
                     fail("repeat", where, f"the graph unrolls to more than {MAX_NODES} nodes")
                 scope.nodes[name] = scope.prefix + name
-                self.names.add(scope.prefix + name)
+                self.links.names.add(scope.prefix + name)
                 self.pending.append((scope.prefix + name, entry, scope))
 
-    def _declare_block(self, name: str, entry: Map, scope: _Scope) -> None:
+    def _declare_block(self, name: str, entry: Map, scope: Scope) -> None:
         full = scope.prefix + name
-        _check_keys(entry, BLOCK_KEYS, f"the repeat block {full}", self.problems)
+        check_keys(entry, BLOCK_KEYS, f"the repeat block {full}", self.problems)
         where = entry.lines["repeat"]
         count = substitute(entry["repeat"], scope.params, where, self.problems).value
         for override in self.tree.overrides:
             if override.target == f"{_plain(full)}.repeat":
                 count, override.used, where = override.value, True, Where(None)
-        if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= MAX_ROUNDS:
+        if not is_whole(count, 0, MAX_ROUNDS):
             expected = f"a whole number from 0 to {MAX_ROUNDS}"
             self.problems.add("repeat", where, f"{full}: repeat is {count!r}", expected=expected)
             count = 0
-        block = _Block(full, entry, count, scope, self)
-        scope.nodes[name] = block
-        inner = _mapping(entry, "nodes", self.problems)
+        scope.nodes[name] = block = Block(full, entry, count, scope, self.links)
+        inner = mapping_in(entry, "nodes", self.problems)
         for number in range(1, count + 1):
-            self.count_block(where)
-            params = {
-                **scope.params,
-                "round": Value(number, where, where.base),
-                "rounds": Value(count, where, where.base),
-            }
+            self._count_block(where)
+            counters = {"round": Value(number, where, where.base), "rounds": Value(count, where, where.base)}
             child = replace(
-                scope, params=params, prefix=f"{full}[{number}].", parent=scope, rounds=(*scope.rounds, number),
-                nodes={}, block=block, part=None,
+                scope, params={**scope.params, **counters}, prefix=f"{full}[{number}].", parent=scope,
+                rounds=(*scope.rounds, number), nodes={}, block=block, part=None,
             )  # fmt: skip
             block.scopes.append(child)
             self.declare(inner, child)
 
-    def count_block(self, where: Where) -> None:
+    def _declare_part(self, full: str, entry: Map, scope: Scope) -> Part | None:
+        """Load the file that `graph:` names and declare its nodes; None where it cannot be used."""
+        where = entry.lines["graph"]
+        self._count_block(where)
+        self.links.names.add(full)
+        written = self._written(full, entry, scope)
+        written |= {key: (value, Where(None), True) for key, value in self._overrides_of(full)}
+        source, place, _ = written.pop("graph")
+        path = self.files.path(substitute(source, scope.params, place, self.problems), place, scope.files)
+        if path is None:
+            return None
+        merged = self.files.merged(path, where, written.pop("nodes", (None,))[0])
+        inputs, known = mapping_in(merged, "inputs", self.problems), mapping_in(merged, "params", self.problems)
+        links: dict[str, tuple[Any, Where]] = {}
+        given: dict[str, Value] = {}
+        seed = scope.seed
+        for key, (value, place, _) in written.items():
+            if key in inputs:
+                links |= {} if value is None else {key: (value, place)}
+            elif key in known:
+                given[key] = self._part_param(f"{full}: {key}", substitute(value, scope.params, place, self.problems))
+            elif key == "seed":
+                seed = self._seed_given(full, substitute(value, scope.params, place, self.problems))
+            else:
+                near = nearest(key, [*inputs, *known]) or [*inputs, *known]
+                what = f"{full}: {path.name} has no input or parameter {key!r}"
+                self.problems.add("unknown-parameter", place, what, nearest=near)
+        tree = tree_of(merged, path, (), self.problems, given)
+        part = Part(full, tree, links, scope, self.links, entry.where)
+        part.scope = replace(
+            scope, params=tree.params, seed=seed, prefix=f"{full}.", parent=None, rounds=(), nodes={}, block=None,
+            part=part, root=f"{full}.", outer=(*scope.outer, *scope.rounds), files=(*scope.files, path),
+        )  # fmt: skip
+        ports = input_ports(tree, self.problems)
+        for port in ports.values():
+            if not port.optional and port.name not in links:
+                self.problems.add(
+                    "missing-port", entry.where, f"{full}: the input {port.name} of {path.name} is not connected",
+                    expected=str(port), fix=f"{port.name}: {link_form(port)}",
+                )  # fmt: skip
+        self.parts.append((part, ports))
+        self.declare(tree.nodes, part.scope)
+        return part
+
+    def _part_param(self, what: str, given: Value) -> Value:
+        """A parameter's value; `@@` stands for a literal `@`, as in nodes."""
+        if isinstance(given.value, str) and given.value.startswith("@"):
+            if not given.value.startswith("@@"):
+                self.problems.add("link", given.where, f"{what} is a parameter of the sub-graph, not an input")
+            return replace(given, value=given.value[1:])
+        return given
+
+    def _count_block(self, where: Where) -> None:
         """Count a round or a sub-graph, which may hold no nodes."""
         self.blocks += 1
         if self.blocks > MAX_BLOCKS:
@@ -214,46 +189,62 @@ class _Expansion:
             self._node(full, entry, scope)
         given = []
         for part, ports in self.parts:
-            for name in part.given:
+            for name, (_, where) in part.given.items():
                 link = part.input(name, part.where)
-                if link == ABSENT and name in ports and not ports[name].optional:
-                    where = part.given[name][1]
+                if name not in ports or link is None:
+                    continue
+                if link == ABSENT and not ports[name].optional:
                     self.problems.add("maybe-absent", where, f"{part.name} needs {name}, but nothing was given",
                                       expected=str(ports[name]))  # fmt: skip
-                elif link not in (None, ABSENT) and name in ports:
-                    given.append((part.name, ports[name], link, part.given[name][1]))
+                elif link != ABSENT:
+                    given.append((part.name, ports[name], link, where))
         for override in self.tree.overrides:
             if not override.used:
-                self._unused(override.target)
+                node, _, key = override.target.rpartition(".")
+                names = [f"{name}.{key}" for name in nearest(node, [_plain(name) for name, _, _ in self.pending])]
+                what = f"--set {override.target}: there is no node {node!r}"
+                self.problems.add("set", Where(None), what, nearest=names)
         return tuple(given)
 
-    def _node(self, full: str, entry: Map, scope: _Scope) -> None:
-        layers = [(entry, False)]
-        layers += [(patch, True) for patch in self.round_patches(full, entry, scope)]
+    def _node(self, full: str, entry: Map, scope: Scope) -> None:
+        written, here = self._written(full, entry, scope), Where(None)
         kind: Value | None = None
         replaced = False
-        raw: dict[str, tuple[Any, Where, bool]] = {}
-        for layer, is_patch in layers:
-            if "type" in layer:
-                kind = substitute(layer["type"], scope.params, layer.lines["type"], self.problems)
-                replaced = replaced or is_patch
-            for key, value in layer.items():
-                if key not in ("type", "every", "at", "doc"):
-                    raw[str(key)] = (value, layer.lines[key], is_patch)
+        if "type" in written:
+            text, where, replaced = written.pop("type")
+            kind = substitute(text, scope.params, where, self.problems)
         fields = {}
-        for key, (value, where, is_patch) in raw.items():
-            found = self.value(value, scope, where)
-            fields[key] = Value(found.value, found.where, found.base, replaced and not is_patch)
-        kind = self._apply_overrides(full, fields, kind, scope)
+        for key, (value, where, of_round) in written.items():
+            fields[key] = replace(self.links.value(value, scope, where), inherited=replaced and not of_round)
+        for key, value in self._overrides_of(full):
+            if key == "type":
+                kind = Value(value, here, here.base)
+            else:
+                fields[key] = self.links.value(value, scope, here)
         if kind is None or not isinstance(kind.value, str):
             names = "name: {type: data.blender, ...}"
             self.problems.add("graph", entry.where, f"node {full} has no type", expected=names)
             return
-        seeded = fields["seed"].where if "seed" in fields else None
-        seed = self._seed(full, fields, scope)
-        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, seeded)
+        seeded = fields.pop("seed", None)
+        seed = scope.seed if seeded is None else self._seed_given(full, seeded)
+        rounds = (*scope.outer, *scope.rounds)
+        if rounds:
+            text = ":".join(map(str, (seed, *rounds)))
+            seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
+        self.nodes[full] = NodeSpec(
+            full, kind.value, fields, entry.where, seed, None if seeded is None else seeded.where
+        )
 
-    def round_patches(self, full: str, entry: Map, scope: _Scope) -> Iterator[Map]:
+    def _written(self, full: str, entry: Map, scope: Scope) -> Written:
+        """What an entry says in a round."""
+        written: Written = {}
+        for layer in (entry, *self._round_patches(full, entry, scope)):
+            for key, value in layer.items():
+                if key not in ("every", "at", "doc"):
+                    written[str(key)] = value, layer.lines[key], layer is not entry
+        return written
+
+    def _round_patches(self, full: str, entry: Map, scope: Scope) -> Iterator[Map]:
         for key in ("every", "at"):
             if key not in entry:
                 continue
@@ -274,49 +265,7 @@ class _Expansion:
                 elif scope.rounds[-1] == number or (key == "every" and scope.rounds[-1] % number == 0):
                     yield patch
 
-    def value(self, value: Any, scope: _Scope, where: Where) -> Value:
-        """Substitute parameters; a string that begins with one @ becomes a Link (`@@` is a literal @)."""
-        found = substitute(value, scope.params, where, self.problems)
-        text = found.value
-        if isinstance(text, str) and text.startswith("@@"):
-            return Value(text[1:], where, found.base)
-        if isinstance(text, str) and text.startswith("@"):
-            link = self.link(text, scope, where)
-            return Value(None if link == ABSENT else link or Broken(), where, found.base)
-        return found
-
-    def link(self, text: Any, scope: _Scope, where: Where) -> Link | None:
-        """The link that `@node.port` means in `scope`; None after a problem was noted."""
-        text = substitute(text, scope.params, where, self.problems).value
-        match = re.fullmatch(r"@([^@\s]*?[^@\s.])(?:\.([A-Za-z_]\w*))?", text) if isinstance(text, str) else None
-        if match is None:
-            expected = '"@node.port", or "@component"'
-            self.problems.add("link", where, f"{text!r} is not a link", expected=expected)
-            return None
-        node, port = match[1], match[2] or ""
-        for level in scope.chain():
-            if node == "carry" and level.block is not None:
-                return level.block.carried(level.rounds[-1] - 1, port, where)
-            if node == "inputs" and level.part is not None:
-                return level.part.input(port, where)
-            target = level.nodes.get(node)
-            if isinstance(target, str):
-                return Link(target, port)
-            if target is not None:
-                return target.value(port, where)
-        if node == "carry":
-            self.problems.add("link", where, f"{text}: there is no carried value outside a repeat block")
-            return None
-        if node == "inputs":
-            if not self.tree.inputs or scope.root:
-                self.problems.add("link", where, f"{text}: this graph declares no inputs")
-            return None
-        node = scope.root + node
-        if f"{node}.{port}" in self.names:  # a component by its full name
-            return Link(f"{node}.{port}", "")
-        return Link(node, port)
-
-    def overrides_of(self, full: str) -> Iterator[tuple[str, Any]]:
+    def _overrides_of(self, full: str) -> Iterator[tuple[str, Any]]:
         """(key, value) of every `--set` that concerns a node or sub-graph."""
         for override in self.tree.overrides:
             target, _, key = override.target.rpartition(".")
@@ -324,52 +273,11 @@ class _Expansion:
                 override.used = True
                 yield key, override.value
 
-    def _apply_overrides(self, full: str, fields: dict[str, Value], kind: Value | None, scope: _Scope) -> Value | None:
-        here = Where(None)
-        for key, value in self.overrides_of(full):
-            if key == "type":
-                kind = Value(value, here, here.base)
-            else:
-                fields[key] = self.value(value, scope, here)
-        return kind
-
-    def _unused(self, target: str) -> None:
-        node, _, key = target.rpartition(".")
-        known = [_plain(name) for name, _, _ in self.pending]
-        names = [f"{name}.{key}" for name in nearest(node, known)]
-        self.problems.add("set", Where(None), f"--set {target}: there is no node {node!r}", nearest=names)
-
-    def _seed(self, full: str, fields: dict[str, Value], scope: _Scope) -> int:
-        seed = self.seed_given(full, fields.pop("seed")) if "seed" in fields else scope.seed
-        rounds = (*scope.outer, *scope.rounds)
-        if not rounds:
-            return seed
-        text = ":".join(map(str, (seed, *rounds)))
-        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
-
-    def seed_given(self, full: str, given: Value) -> int:
-        if isinstance(given.value, int) and not isinstance(given.value, bool) and given.value >= 0:
-            return given.value
+    def _seed_given(self, full: str, given: Value) -> int:
+        if is_whole(given.value, 0):
+            return int(given.value)
         self.problems.add("seed", given.where, f"{full}: seed must be a whole number >= 0")
         return 0
-
-
-def expand(tree: Tree, problems: Problems) -> Graph:
-    """Unroll all blocks and resolve all links. Problems are noted, not raised."""
-    if tree.inputs:
-        names = ", ".join(tree.inputs)
-        problems.add("input", tree.inputs.where, f"the graph has inputs ({names}) and can only be used in another",
-                     fix=f"{{graph: {tree.file.name}, {next(iter(tree.inputs))}: \"@node.port\", ...}}")  # fmt: skip
-    work = _Expansion(tree, problems)
-    root = _Scope(tree.params, tree.seed, files=(tree.file.resolve(),))
-    try:
-        work.declare(tree.nodes, root)
-        given = work.finish()
-    except RecursionError:
-        fail("link", Where(tree.file, 1), "links pass through too many blocks or sub-graphs, one after another")
-    outputs = {name: work.value(value, root, tree.outputs.lines[name]) for name, value in tree.outputs.items()}
-    params = {name: value.value for name, value in tree.params.items()}
-    return Graph(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given)
 
 
 def _plain(name: str) -> str:

@@ -8,18 +8,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, NoReturn
 
-from exmesh_graph.graph.language.params import Declared, declare, give
-from exmesh_graph.graph.language.yamlfile import Map, files_like, load_yaml, parse_yaml
+from exmesh_graph.graph.language.extends import load_merged
+from exmesh_graph.graph.language.params import Declared, declare
+from exmesh_graph.graph.language.yamlfile import Map, is_whole, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, nearest
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
 TOP_KEYS = ("name", "doc", "extends", "params", "seed", "inputs", "nodes", "outputs", *VARIANT_KEYS)
 BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
 MAX_SIZE = 20_000
-MAX_EXTENDS = 32
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}]*)\}")
 
@@ -64,7 +65,7 @@ class Tree:
 def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
     """Read `path` with everything it extends, and apply the overrides that concern graph-level values."""
     path = path.absolute()
-    return tree_of(load_merged(path, [], problems), path, overrides, problems)
+    return tree_of(load_merged(path, problems), path, overrides, problems)
 
 
 def tree_of(
@@ -75,12 +76,12 @@ def tree_of(
     `given` holds the parameters that the user of a sub-graph sets.
     """
     root = replace(merged.where, line=1)
-    _check_keys(merged, TOP_KEYS, "the graph", problems)
-    nodes = _mapping(merged, "nodes", problems)
+    check_keys(merged, TOP_KEYS, "the graph", problems)
+    nodes = mapping_in(merged, "nodes", problems)
     if not nodes and not problems:
         fail("graph", root, "the graph has no nodes", expected="nodes: {name: {type: ...}, ...}")
     sets = [_override(text) for text in overrides]
-    params = _mapping(merged, "params", problems)
+    params = mapping_in(merged, "params", problems)
     declared = declare(params, problems)
     scope = {name: Value(d.default, d.where, d.where.base) for name, d in declared.items()}
     set_here = set(given or ())
@@ -97,21 +98,21 @@ def tree_of(
         else:
             _unknown_target(override.target, scope, nodes, problems)
         override.used = True
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**31:
+    if not is_whole(seed, 0, 2**31 - 1):
         by_hand = any(override.target == "seed" for override in sets)
         where = Where(None) if by_hand else merged.lines.get("seed", root)
         problems.add("seed", where, f"seed must be a whole number from 0 to {2**31 - 1}, not {seed!r}")
         seed = 0
     name = str(merged.get("name", path.stem))
-    outputs = _mapping(merged, "outputs", problems)
-    values = _resolve_params(scope, problems, given or {})
-    for key, found in declared.items():
-        if found.required and key not in set_here:
-            problems.add("param", found.where, f"the graph parameter {key} must be given", expected=str(found),
+    outputs = mapping_in(merged, "outputs", problems)
+    values = resolve_params(scope, problems, given or {})
+    for key, param in declared.items():
+        if param.required and key not in set_here:
+            problems.add("param", param.where, f"the graph parameter {key} must be given", expected=str(param),
                          fix=f"--set {key}=VALUE")  # fmt: skip
         else:
-            values[key] = replace(values[key], value=found.judge(values[key].value, values[key].where, problems))
-    return Tree(name, path, nodes, outputs, seed, values, sets, _mapping(merged, "inputs", problems), declared)
+            values[key] = replace(values[key], value=param.judge(values[key].value, values[key].where, problems))
+    return Tree(name, path, nodes, outputs, seed, values, sets, mapping_in(merged, "inputs", problems), declared)
 
 
 def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: Problems) -> Value:
@@ -124,8 +125,8 @@ def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: P
         items = {key: substitute(item, scope, where, problems).value for key, item in value.items()}
         return Value(_bounded(items, where), where, where.base)
     if isinstance(value, list):
-        found = [substitute(item, scope, where, problems).value for item in value]
-        return Value(_bounded(found, where), where, where.base)
+        replaced = [substitute(item, scope, where, problems).value for item in value]
+        return Value(_bounded(replaced, where), where, where.base)
     if not isinstance(value, str) or "${" not in value:
         return Value(value, where, where.base)
 
@@ -179,128 +180,6 @@ def _too_large(where: Where) -> NoReturn:
     fail("param", where, f"with its parameters, this value grows beyond {MAX_SIZE} values and characters")
 
 
-def load_merged(path: Path, chain: list[Path], problems: Problems) -> Map:
-    """The mapping of the file `path` over those it extends; `chain` holds the files that led here."""
-    if path in chain:
-        names = " -> ".join(p.name for p in [*chain, path])
-        fail("extends", Where(chain[-1], 1), f"the files extend each other: {names}")
-    if len(chain) > MAX_EXTENDS:
-        fail("extends", Where(chain[-1], 1), f"more than {MAX_EXTENDS} files extend one another")
-    return over_base(load_yaml(path), path, chain, problems)
-
-
-def over_base(child: Map, path: Path, chain: list[Path], problems: Problems) -> Map:
-    """A graph's own mapping over what it extends; `path` is its file, or stands for one that was never written."""
-    if "extends" not in child:
-        return child
-    where = child.lines["extends"]
-    if not isinstance(child["extends"], str):
-        fail("extends", where, "extends names one graph file", expected="extends: other.yaml")
-    base_path = Path(child["extends"]).expanduser()
-    base_path = base_path if base_path.is_absolute() else path.parent / base_path
-    if not base_path.is_file():
-        fail("extends", where, f"no such graph file: {child['extends']}", nearest=files_like(base_path))
-    base = load_merged(base_path.resolve(), [*chain, path], problems)
-    result = base.copy()
-    for key, value in child.items():
-        if key == "nodes" and isinstance(value, Map) and isinstance(base.get(key), Map):
-            value = _merge_nodes(base[key], value, problems)
-        elif key == "params" and isinstance(value, Map) and isinstance(base.get(key), Map):
-            merged = base[key].copy()
-            for name, item in value.items():
-                give(merged, name, item, value.lines[name])
-            value = merged
-        elif key in ("inputs", "outputs", "variants") and isinstance(value, Map) and isinstance(base.get(key), Map):
-            value = _merge_plain(base[key], value)
-        result.put(key, value, child.lines[key])
-    if "name" not in child:
-        result.put("name", path.stem, where)
-    return result
-
-
-def _merge_nodes(base: Map, child: Map, problems: Problems) -> Map:
-    result = base.copy()
-    for name, entry in child.items():
-        where = child.lines[name]
-        if entry is None:
-            if name not in base:
-                what = f"cannot remove {name!r}: the base has no such node"
-                problems.add("extends", where, what, nearest=nearest(str(name), map(str, base)))
-            result.pop(name, None)
-            continue
-        old = base.get(name)
-        if isinstance(entry, Map) and isinstance(old, Map) and _patches(entry, old):
-            entry = _merge_entry(old, entry, problems)
-        elif name not in base and isinstance(entry, Map) and not {"type", "repeat", "graph"} & set(entry):
-            what = f"{name!r} has no type, and the base has no such node"
-            problems.add("extends", where, what, nearest=nearest(str(name), map(str, base)))
-            continue
-        result.put(name, entry, where)
-    return result
-
-
-def _patches(entry: Map, old: Map) -> bool:
-    return "type" not in entry and all(key not in entry or key in old for key in ("repeat", "graph"))
-
-
-def _merge_entry(base: Map, child: Map, problems: Problems) -> Map:
-    result = base.copy()
-    for key, value in child.items():
-        old = base.get(key)
-        if key in ("every", "at") and value is None:
-            _remove(result, key, child.lines[key], problems)
-            continue
-        if isinstance(value, Map) and isinstance(old, Map):
-            if key == "nodes" and "graph" in base:
-                value = _merge_patches(old, value, problems)
-            elif key == "nodes":
-                value = _merge_nodes(old, value, problems)
-            elif key in ("every", "at"):
-                value = _merge_rounds(old, value, problems)
-            elif key in ("carry", "next"):
-                value = _merge_plain(old, value)
-        result.put(key, value, child.lines[key])
-    return result
-
-
-def _merge_patches(base: Map, child: Map, problems: Problems) -> Map:
-    """Changes to the nodes of a sub-graph over other changes to them; what they change is not looked at yet."""
-    result = base.copy()
-    for name, value in child.items():
-        old = base.get(name)
-        if isinstance(value, Map) and isinstance(old, Map) and _patches(value, old):
-            value = _merge_entry(old, value, problems)
-        result.put(name, value, child.lines[name])
-    return result
-
-
-def _merge_rounds(base: Map, child: Map, problems: Problems) -> Map:
-    """The settings of single rounds: merged round by round, `null` removes a round's."""
-    result = base.copy()
-    for number, value in child.items():
-        old = base.get(number)
-        if value is None:
-            _remove(result, number, child.lines[number], problems)
-            continue
-        if isinstance(value, Map) and isinstance(old, Map) and "type" not in value:
-            value = _merge_plain(old, value)
-        result.put(number, value, child.lines[number])
-    return result
-
-
-def _merge_plain(base: Map, child: Map) -> Map:
-    result = base.copy()
-    for key, value in child.items():
-        result.put(key, value, child.lines[key])
-    return result
-
-
-def _remove(result: Map, key: Any, where: Where, problems: Problems) -> None:
-    if key not in result:
-        problems.add("extends", where, f"cannot remove {key!r}: the base has no such entry here")
-    result.pop(key, None)
-
-
 def _override(text: str) -> Override:
     expected = "--set name=value or --set node.param=value"
     target, equals, value = text.partition("=")
@@ -326,24 +205,21 @@ def _unknown_target(target: str, params: Mapping[str, Value], nodes: Map, proble
                  nearest=nearest(target, [*params, "seed"]), fix=fix)  # fmt: skip
 
 
-def _resolve_params(
+def resolve_params(
     raw: Mapping[str, Value], problems: Problems, given: Mapping[str, Value] | None = None
 ) -> dict[str, Value]:
+    """The values of parameters that may refer to each other; `given` ones stay as they are."""
     done: dict[str, Value] = dict(given or {})
-
-    def resolve(name: str, chain: tuple[str, ...]) -> Value:
-        if name in chain:
-            names = " -> ".join([*chain, name])
-            fail("param", raw[name].where, f"the parameters refer to each other: {names}")
+    uses = {name: [n for n in _names_in(raw[name].value) if n in raw] for name in raw if name not in done}
+    try:
+        order = list(TopologicalSorter(uses).static_order())
+    except CycleError as error:
+        cycle = error.args[1][::-1]
+        fail("param", raw[cycle[0]].where, f"the parameters refer to each other: {' -> '.join(cycle)}")
+    for name in order:
         if name not in done:
-            used = [n for n in _names_in(raw[name].value) if n in raw]
-            scope = {n: resolve(n, (*chain, name)) for n in used}
-            done[name] = substitute(raw[name].value, scope, raw[name].where, problems)
-        return done[name]
-
-    for name in raw:
-        resolve(name, ())
-    return done
+            done[name] = substitute(raw[name].value, done, raw[name].where, problems)
+    return {name: done[name] for name in {**raw, **done}}
 
 
 def _names_in(value: Any) -> list[str]:
@@ -354,7 +230,8 @@ def _names_in(value: Any) -> list[str]:
     return [name for item in value for name in _names_in(item)] if isinstance(value, list) else []
 
 
-def _mapping(tree: Map, key: str, problems: Problems) -> Map:
+def mapping_in(tree: Map, key: str, problems: Problems) -> Map:
+    """The mapping of names under a key, an empty one where there is none."""
     value = tree.get(key)
     where = tree.lines.get(key, tree.where)
     if value is None:
@@ -368,7 +245,8 @@ def _mapping(tree: Map, key: str, problems: Problems) -> Map:
     return value
 
 
-def _check_keys(tree: Map, known: tuple[str, ...], what: str, problems: Problems) -> None:
+def check_keys(tree: Map, known: tuple[str, ...], what: str, problems: Problems) -> None:
+    """Note the keys of a mapping that mean nothing there."""
     for key in tree:
         if key not in known:
             problems.add(

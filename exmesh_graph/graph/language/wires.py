@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from exmesh_graph.graph.declare.ports import Port, Signature, link_form
-from exmesh_graph.graph.language.expand import Broken, Graph, Link, NodeSpec
+from exmesh_graph.graph.language.expand import Graph, NodeSpec
+from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, Where, nearest
 

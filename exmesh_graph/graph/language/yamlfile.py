@@ -78,6 +78,11 @@ def files_like(path: Path) -> list[str]:
     return nearest(path.name, names)
 
 
+def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
+    """Whether a value is a whole number within limits; true and false are none."""
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+
+
 def parse_yaml(text: str, file: Path | None) -> Any:
     """The plain value of one YAML document."""
     from ruamel.yaml import YAML

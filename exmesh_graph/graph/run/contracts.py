@@ -11,7 +11,7 @@ from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.ports import Port
 from exmesh_graph.graph.files import walk_files
 from exmesh_graph.graph.language.check import Bound
-from exmesh_graph.graph.language.expand import Link
+from exmesh_graph.graph.language.links import Link
 from exmesh_graph.types import Artifact, Files
 
 _SAMPLES = 4096

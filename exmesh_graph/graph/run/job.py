@@ -25,7 +25,7 @@ from exmesh_graph.graph.declare.components import rebuild, validated_otherwise
 from exmesh_graph.graph.declare.node import REGISTRY
 from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.graph.language.check import Bound
-from exmesh_graph.graph.language.expand import Link
+from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.machine import machine_facts, peak_memory, reset_peak_memory
 from exmesh_graph.graph.problems import Where
 from exmesh_graph.graph.run import contracts

@@ -11,6 +11,7 @@ from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.cache.keys import ABSENT, key_of, preimage_of
 from exmesh_graph.graph.cache.store import Action, Store, Stored
 from exmesh_graph.graph.language.check import Bound, Checked
+from exmesh_graph.graph.run.why import explain
 
 HIT, RUN, UNKNOWN = "hit", "run", "unknown"
 
@@ -78,7 +79,5 @@ def _remark(action: Action, key: str, store: Store) -> str:
 
 
 def _reason(bound: Bound, preimage: Mapping[str, Any], store: Store) -> str:
-    from exmesh_graph.graph.upkeep.why import explain
-
     words = explain(bound, preimage, store)
     return "; ".join(words[:3]) + ("; ..." if len(words) > 3 else "")

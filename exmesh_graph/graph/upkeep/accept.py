@@ -13,7 +13,7 @@ from exmesh_graph.graph.cache.store import Action, Store
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.machine import user_and_host
 from exmesh_graph.graph.run.plan import HIT, UNKNOWN, plan
-from exmesh_graph.graph.upkeep.why import changed_code, explain
+from exmesh_graph.graph.run.why import changed_code, explain
 
 
 def accept(graph: Checked, store: Store, only: set[str] | None = None) -> Iterator[tuple[str, str]]:

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.language.check import Checked, check
 from exmesh_graph.graph.language.expand import expand
-from exmesh_graph.graph.language.spec import load_merged, tree_of
+from exmesh_graph.graph.language.extends import load_merged
+from exmesh_graph.graph.language.spec import tree_of
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 from exmesh_graph.graph.variants.declared import BASE, Repeats, Row, repeats_of, rows_of, setting
@@ -83,7 +84,7 @@ def variant_names(path: Path) -> list[str]:
 
 def _load(path: Path) -> Map:
     problems = Problems()
-    top = load_merged(path, [], problems)
+    top = load_merged(path, problems)
     problems.raise_if_any()
     return top
 

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, Signature, signature
 from exmesh_graph.graph.language.params import declare
-from exmesh_graph.graph.language.spec import Value, _resolve_params, substitute
+from exmesh_graph.graph.language.spec import Value, resolve_params, substitute
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 
@@ -170,7 +170,7 @@ class Draft:
         raw = self.top.get("params") or Map(self.top.where)
         found = declare(raw, Problems())
         given = {name: Value(param.default, param.where, param.where.base) for name, param in found.items()}
-        return substitute(entry[key], _resolve_params(given, Problems()), entry.lines[key], Problems()).value
+        return substitute(entry[key], resolve_params(given, Problems()), entry.lines[key], Problems()).value
 
     def type_named(self, name: Any) -> Signature | None:
         definition = self.packs.types.get(name) if isinstance(name, str) else None

@@ -10,9 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.language.spec import load_merged
+from exmesh_graph.graph.language.extends import load_merged, merge_nodes
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where, nearest
 from exmesh_graph.graph.variants.draft import Draft, Names, clone, is_block, is_part, layers_of, refuse
 
 
@@ -72,18 +72,15 @@ def put_inside(draft: Draft, path: Names, target: str, value: Any, where: Where,
 
 def _file_of(draft: Draft, entry: Map) -> Map | None:
     """The merged file of a sub-graph with the patches of its use; None where it cannot be read."""
-    from exmesh_graph.graph.language.spec import _merge_nodes
-    from exmesh_graph.graph.problems import GraphErrors
-
     name = draft.read(entry, "graph")
     path = Path(name).expanduser() if isinstance(name, str) else Path()
     path = path if path.is_absolute() else entry.lines["graph"].base / path
     try:
-        part = load_merged(path.resolve(), [], Problems()).copy()
+        part = load_merged(path.resolve(), Problems()).copy()
     except GraphErrors:
         return None
     if isinstance(part.get("nodes"), Map) and isinstance(entry.get("nodes"), Map):
-        part["nodes"] = _merge_nodes(part["nodes"], entry["nodes"], Problems())
+        part["nodes"] = merge_nodes(part["nodes"], entry["nodes"], Problems())
     return part
 
 

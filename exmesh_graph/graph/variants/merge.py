@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from exmesh_graph.graph.cache.keys import key_of, preimage_of
 from exmesh_graph.graph.declare.components import BoundComponent
 from exmesh_graph.graph.language.check import Bound, Checked
-from exmesh_graph.graph.language.expand import Link
+from exmesh_graph.graph.language.links import Link
 
 
 @dataclass(frozen=True)

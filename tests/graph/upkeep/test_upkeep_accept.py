@@ -13,8 +13,7 @@ from exmesh_graph.graph.cache import fingerprint as fp
 from exmesh_graph.graph.cache import keys
 from exmesh_graph.graph.cache.accepted import accepted, accepted_between
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.run import job, plan
-from exmesh_graph.graph.upkeep import why
+from exmesh_graph.graph.run import job, plan, why
 from exmesh_graph.graph.upkeep.accept import accept, revoke
 
 GRAPH = """

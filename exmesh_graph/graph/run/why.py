@@ -8,7 +8,6 @@ from typing import Any
 
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.cache.store import Action, Store
-from exmesh_graph.graph.declare import components
 from exmesh_graph.graph.language.check import Bound
 
 COMPARED = 200  # records of one type
@@ -27,27 +26,29 @@ def explain(bound: Bound, preimage: Mapping[str, Any], store: Store) -> list[str
 def differences(preimage: Mapping[str, Any], action: Action, bound: Bound) -> list[str]:
     """The differences between a pre-image and a record's, one sentence each."""
     old = action.preimage
-    words: list[str] = []
-    for field, label in (("epoch", "format epoch"), ("version", "version"), ("seed", "seed")):
-        if preimage[field] != old[field]:
-            words.append(f"{label} {old[field]} -> {preimage[field]}")
+    words = _values(preimage, old, {"epoch": "format epoch", "version": "version", "seed": "seed"})
     if preimage["code"] != old["code"]:
         words.append("code changed: " + (", ".join(changed_code(action, bound)) or "unknown part"))
-    for field, label in (("params", "parameter"), ("libraries", "library")):
-        for name in sorted({*preimage[field], *old[field]}):
-            new_value, old_value = preimage[field].get(name), old[field].get(name)
-            if new_value != old_value:
-                words.append(f"{label} {name}: {_shown(old_value)} -> {_shown(new_value)}")
+    words += _settings(preimage, old, ":")
     words += _changed_sources(preimage["sources"], old["sources"])
     for port in sorted({*preimage["inputs"], *old["inputs"]}):
         new_input, old_input = preimage["inputs"].get(port), old["inputs"].get(port)
         if new_input != old_input:
             words.append(_changed_input(port, new_input, old_input, bound))
-    plugs, before = preimage.get("components", {}), old.get("components", {})
-    for port in sorted({*plugs, *before}):
-        if plugs.get(port) != before.get(port):
-            words += components.differences(port, plugs.get(port), before.get(port), _shown)
-    return words
+    return words + _components("", preimage, old)
+
+
+def component_differences(label: str, new: Any, old: Any) -> list[str]:
+    """How two pre-images of a component differ, one sentence each; None stands for no component."""
+    if old is None or new is None:
+        state = "newly plugged in" if old is None else "no longer plugged in"
+        return [f"component {label} ({(new or old)['type']}) is {state}"]
+    if new["type"] != old["type"]:
+        return [f"component {label} is {new['type']}, was {old['type']}"]
+    words = _values(new, old, {"version": "version"})
+    words += ["code changed"] if new["code"] != old["code"] else []
+    words += _settings(new, old, "")
+    return [f"component {label}: {word}" for word in words] + _components(f"{label}.", new, old)
 
 
 def changed_code(action: Action, bound: Bound) -> list[str]:
@@ -61,6 +62,30 @@ def changed_code(action: Action, bound: Bound) -> list[str]:
 def record_time(action: Action) -> str:
     """When the record was written, for people."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(float(action.info.get("finished", 0))))
+
+
+def _values(new: Mapping[str, Any], old: Mapping[str, Any], labels: Mapping[str, str]) -> list[str]:
+    return [f"{label} {old[name]} -> {new[name]}" for name, label in labels.items() if new[name] != old[name]]
+
+
+def _settings(new: Mapping[str, Any], old: Mapping[str, Any], colon: str) -> list[str]:
+    """Parameters and libraries."""
+    words = []
+    for field, label in (("params", "parameter"), ("libraries", "library")):
+        for name in sorted({*new[field], *old[field]}):
+            before, after = old[field].get(name), new[field].get(name)
+            if before != after:
+                words.append(f"{label} {name}{colon} {_shown(before)} -> {_shown(after)}")
+    return words
+
+
+def _components(prefix: str, new: Mapping[str, Any], old: Mapping[str, Any]) -> list[str]:
+    words = []
+    plugs, before = new.get("components", {}), old.get("components", {})
+    for port in sorted({*plugs, *before}):
+        if plugs.get(port) != before.get(port):
+            words += component_differences(prefix + port, plugs.get(port), before.get(port))
+    return words
 
 
 def _changed_sources(new: Mapping[str, str], old: Mapping[str, str]) -> list[str]:

@@ -1,0 +1,202 @@
+"""What a link means: the names that see each other, what repeat blocks carry, what sub-graphs take in and give out.
+
+Round r of the node `refine` in the block `rounds` is `rounds[r].refine`, r = 1, 2, ... Inside a block the short names
+of its own nodes come first, then those of the enclosing blocks; `@carry.x` is the value carried into the round;
+outside, `@rounds.x` is the value after the last round (the first carried value where `repeat` is 0). Inside a
+sub-graph only its own names and `@inputs.x` are seen; outside, `@part.x` is its output x.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.graph.language.spec import Tree, Value, mapping_in, substitute
+from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.problems import Problems, Where, nearest
+
+
+@dataclass(frozen=True)
+class Link:
+    """An output port of a node, by full names; no port for a component."""
+
+    node: str
+    port: str
+
+    def __str__(self) -> str:
+        return f"@{self.node}.{self.port}" if self.port else f"@{self.node}"
+
+
+ABSENT = Link("", "")  # an optional input that the user of a sub-graph left out
+
+
+class Broken:
+    """Stands where a link could not be understood; the problem was noted."""
+
+
+@dataclass
+class Scope:
+    """Names that see each other. `root` is the prefix of the file they stand in, `outer` the rounds it is used in.
+
+    `nodes` maps a name to a node's full name, or to a block or sub-graph; to None where its file cannot be used.
+    """
+
+    params: Mapping[str, Value]
+    seed: int
+    prefix: str = ""
+    parent: Scope | None = None
+    rounds: tuple[int, ...] = ()
+    nodes: dict[str, str | Block | Part | None] = field(default_factory=dict)
+    block: Block | None = None
+    part: Part | None = None
+    root: str = ""
+    outer: tuple[int, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    def chain(self) -> Iterator[Scope]:
+        """This scope and those around it."""
+        scope: Scope | None = self
+        while scope is not None:
+            yield scope
+            scope = scope.parent
+
+
+@dataclass
+class Links:
+    """Reads the links of a graph; `names` are the full names of its nodes and sub-graphs."""
+
+    tree: Tree
+    problems: Problems
+    names: set[str] = field(default_factory=set)
+
+    def value(self, value: Any, scope: Scope, where: Where) -> Value:
+        """Substitute parameters; a string that begins with one @ becomes a Link (`@@` is a literal @)."""
+        result = substitute(value, scope.params, where, self.problems)
+        text = result.value
+        if isinstance(text, str) and text.startswith("@@"):
+            return Value(text[1:], where, result.base)
+        if isinstance(text, str) and text.startswith("@"):
+            link = self.link(text, scope, where)
+            return Value(None if link == ABSENT else link or Broken(), where, result.base)
+        return result
+
+    def link(self, text: Any, scope: Scope, where: Where) -> Link | None:
+        """The link that `@node.port` means in `scope`; None after a problem was noted."""
+        text = substitute(text, scope.params, where, self.problems).value
+        match = re.fullmatch(r"@([^@\s]*?[^@\s.])(?:\.([A-Za-z_]\w*))?", text) if isinstance(text, str) else None
+        if match is None:
+            expected = '"@node.port", or "@component"'
+            self.problems.add("link", where, f"{text!r} is not a link", expected=expected)
+            return None
+        node, port = match[1], match[2] or ""
+        for level in scope.chain():
+            if node == "carry" and level.block is not None:
+                return level.block.carried(level.rounds[-1] - 1, port, where)
+            if node == "inputs" and level.part is not None:
+                return level.part.input(port, where)
+            if node in level.nodes:
+                target = level.nodes[node]
+                if isinstance(target, str):
+                    return Link(target, port)
+                return None if target is None else target.value(port, where)
+        if node == "carry":
+            self.problems.add("link", where, f"{text}: there is no carried value outside a repeat block")
+            return None
+        if node == "inputs":
+            if not self.tree.inputs or scope.root:
+                self.problems.add("link", where, f"{text}: this graph declares no inputs")
+            return None
+        node = scope.root + node
+        if f"{node}.{port}" in self.names:  # a component by its full name
+            return Link(f"{node}.{port}", "")
+        return Link(node, port)
+
+
+class _Named:
+    """Links under names that are resolved when first asked for, each once."""
+
+    def __init__(self, name: str, links: Links) -> None:
+        self.name, self.links, self.problems = name, links, links.problems
+        self.known: dict[Any, Link | None] = {}
+        self.open: set[Any] = set()
+
+    def resolved(self, key: Any, label: str, text: Any, place: Where, scope: Scope, where: Where) -> Link | None:
+        """What `text`, which stands at `place` in `scope`, means; asked for at `where`."""
+        if key not in self.known:
+            self.known[key] = None
+            self.open.add(key)
+            self.known[key] = self.links.link(text, scope, place)
+            self.open.discard(key)
+        elif key in self.open:
+            self.problems.add("cycle", where, f"{self.name}: {label} is defined by itself")
+        return self.known[key]
+
+
+class Block(_Named):
+    """One unrolled repeat: knows what each round carries in, and what comes out in the end."""
+
+    def __init__(self, name: str, entry: Map, count: int, outer: Scope, links: Links) -> None:
+        super().__init__(name, links)
+        self.count, self.outer = count, outer
+        self.carry = mapping_in(entry, "carry", links.problems)
+        self.next = mapping_in(entry, "next", links.problems)
+        self.scopes: list[Scope] = []
+        for key in {**self.carry, **self.next}:
+            if (key in self.carry) != (key in self.next):
+                where = (self.carry if key in self.carry else self.next).lines[key]
+                lacks = "next" if key in self.carry else "carry"
+                self.problems.add("repeat", where, f"{name}: {key!r} is missing in {lacks}:")
+
+    def value(self, key: str, where: Where) -> Link | None:
+        """The value after the last round."""
+        return self.carried(self.count, key, where)
+
+    def carried(self, rounds_done: int, key: str, where: Where) -> Link | None:
+        """The value of `key` after `rounds_done` rounds."""
+        if key not in self.carry or key not in self.next:
+            if (key in self.carry) == (key in self.next):
+                names = nearest(key, self.carry) or list(self.carry)
+                self.problems.add("repeat", where, f"{self.name} carries no {key!r}", nearest=names)
+            return None
+        link = None
+        for done in range(rounds_done + 1):  # the first rounds first: a chain of 1000 would be a deep recursion
+            if done == rounds_done or (done, key) not in self.known:
+                scope, source = (self.outer, self.carry) if done == 0 else (self.scopes[done - 1], self.next)
+                link = self.resolved((done, key), repr(key), source[key], source.lines[key], scope, where)
+        return link
+
+
+class Part(_Named):
+    """One use of a sub-graph: the links it was given, in the scope of its user, and its own scope."""
+
+    scope: Scope
+
+    def __init__(
+        self, name: str, tree: Tree, given: Mapping[str, tuple[Any, Where]], outer: Scope, links: Links, where: Where
+    ) -> None:
+        super().__init__(name, links)
+        self.tree, self.given, self.outer, self.where = tree, given, outer, where
+
+    def input(self, name: str, where: Where) -> Link | None:
+        """What `@inputs.name` means: a link, ABSENT where it was not given, None after a problem."""
+        if name not in self.tree.inputs:
+            names = nearest(name, self.tree.inputs) or list(self.tree.inputs)
+            self.problems.add("link", where, f"{self.tree.file.name} has no input {name!r}", nearest=names)
+            return None
+        if name not in self.given:
+            return ABSENT
+        key = f"inputs.{name}"
+        return self.resolved(key, key, *self.given[name], self.outer, where)
+
+    def value(self, port: str, where: Where) -> Link | None:
+        """What `@part.port` means outside."""
+        outputs = self.tree.outputs
+        if port not in outputs:
+            names = [f"@{self.name}.{name}" for name in nearest(port, outputs) or outputs]
+            what = f"the sub-graph {self.name} ({self.tree.file.name}) has no output {port!r}"
+            self.problems.add("unknown-port", where, what, nearest=names)
+            return None
+        return self.resolved(port, port, outputs[port], outputs.lines[port], self.scope, where)
