@@ -11,6 +11,7 @@ from typing import Any
 
 import typer
 
+from exmesh_graph.api.board import clock
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.accepted import accepted_between
 from exmesh_graph.graph.cache.fingerprint import fingerprint
@@ -22,16 +23,6 @@ from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.why import differences, explain, record_time
-
-
-def clock(seconds: float) -> str:
-    """`0.12 s`, `12 s`, `3 min 20 s`, `2 h 5 min`."""
-    if seconds < 10:
-        return f"{seconds:.2f} s"
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
 def show_nodes(packs: Packs) -> None:

@@ -78,7 +78,7 @@ def replay(
     """Run one failed node again, with the code as it is now, on the very inputs it had; the result is recorded."""
     import faulthandler
 
-    from exmesh_graph.cli.live import Plain
+    from exmesh_graph.api.progress import Plain
     from exmesh_graph.graph.cache.store import Store
     from exmesh_graph.graph.declare.packs import load_packs
     from exmesh_graph.graph.run.job import BROKEN, DONE, Job, execute, rekeyed
@@ -114,8 +114,8 @@ def replay(
 
 def _lines_of(run: Path, record: Mapping[str, Any]) -> Iterator[str]:
     """A run's state in one line, and a line for each node that runs or stopped it."""
-    from exmesh_graph.cli.board import board_of
-    from exmesh_graph.cli.show import clock
+    from exmesh_graph.api.board import board_of
+    from exmesh_graph.api.board import clock
     from exmesh_graph.graph.run.rundir import is_alive
 
     board = None
@@ -144,8 +144,8 @@ def _lines_of(run: Path, record: Mapping[str, Any]) -> Iterator[str]:
 
 def _event_line(line: str, node: str | None) -> str:
     """A line of events.jsonl in words; empty for what is not shown."""
-    from exmesh_graph.cli.board import Busy, event_of
-    from exmesh_graph.cli.show import clock
+    from exmesh_graph.api.board import RunningNode, event_of
+    from exmesh_graph.api.board import clock
 
     event = event_of(line)
     if event is None or (node is not None and event.get("node") != node):
@@ -162,7 +162,7 @@ def _event_line(line: str, node: str | None) -> str:
         "log": lambda: where + event["message"],
         "warning": lambda: f"{where}warning: {event['message']}",
         "stopping": lambda: f"asked to stop; running: {', '.join(event['nodes']) or 'nothing'}",
-        "progress": lambda: Busy(event["time"], event).text(event["time"]),
+        "progress": lambda: RunningNode(event["time"], event).text(event["time"]),
     }  # fmt: skip
     if kind not in words or (kind == "progress" and node is None):
         return ""

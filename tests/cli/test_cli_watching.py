@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.cli.board import Board, Busy
+from exmesh_graph.api.board import Board, RunningNode
 
 TOY = Path(__file__).parent.parent / "graph" / "toy"
 START = [sys.executable, "-c", "from exmesh_graph.cli import main; main()"]
@@ -164,7 +164,7 @@ def test_the_terminal_shows_all_running_nodes(folder: Path) -> None:
 
 
 def test_times_left() -> None:
-    busy = Busy(10.0, {"time": 14.0, "event": "progress", "node": "n", "step": 60, "total": 100}, (12.0, 40))
+    busy = RunningNode(10.0, {"time": 14.0, "event": "progress", "node": "n", "step": 60, "total": 100}, (12.0, 40))
     assert busy.left(14.0) == pytest.approx(4.0)  # 20 steps in 2 s; a resumed node does not count its old steps
     assert busy.left(15.0) == pytest.approx(3.0)
     board = Board()

@@ -8,13 +8,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.cli.show import clock
-
 _PLAIN = ("time", "event", "node", "step", "total")
 
 
+def clock(seconds: float) -> str:
+    """`0.12 s`, `12 s`, `3 min 20 s`, `2 h 5 min`."""
+    if seconds < 10:
+        return f"{seconds:.2f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
 @dataclass
-class Busy:
+class RunningNode:
     """A running node: when it began, its latest progress event, and where its own steps began to count."""
 
     began: float
@@ -47,7 +55,7 @@ class Board:
     def __init__(self) -> None:
         self.states: dict[str, str] = {}
         self.seconds: dict[str, float] = {}
-        self.running: dict[str, Busy] = {}
+        self.running: dict[str, RunningNode] = {}
         self.finished: list[str] = []
         self.expected: dict[str, float] = {}
         self.began = self.last = 0.0
@@ -64,12 +72,12 @@ class Board:
             self.expected = dict(event["seconds"])
         elif kind == "node_started":
             self.states[node] = "running"
-            self.running[node] = Busy(event["time"])
+            self.running[node] = RunningNode(event["time"])
         elif kind == "progress" and node in self.running:
-            busy = self.running[node]
-            busy.progress = event
-            if busy.first is None:
-                busy.first = (busy.began, 0) if event["step"] * 20 <= event["total"] else (event["time"], event["step"])
+            active = self.running[node]
+            active.progress = event
+            if active.first is None:
+                active.first = (active.began, 0) if event["step"] * 20 <= event["total"] else (event["time"], event["step"])
         elif kind in ("node_finished", "node_failed", "node_blocked"):
             self.running.pop(node, None)
             self.states[node] = event.get("state", kind.removeprefix("node_"))
@@ -91,11 +99,11 @@ class Board:
         if not self.running or any(name not in self.expected for name in waiting):
             return None
         total = sum(self.expected[name] for name in waiting)
-        for name, busy in self.running.items():
-            left = busy.left(now)
+        for name, active in self.running.items():
+            left = active.left(now)
             if left is None and name not in self.expected:
                 return None
-            total += max(0.0, self.expected.get(name, 0.0) - (now - busy.began)) if left is None else left
+            total += max(0.0, self.expected.get(name, 0.0) - (now - active.began)) if left is None else left
         return total / len(self.running)
 
 

@@ -8,10 +8,7 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-import typer
-
-from exmesh_graph.cli.board import Board
-from exmesh_graph.cli.show import clock
+from exmesh_graph.api.board import Board, clock
 from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.run.runner import Listener
 
@@ -54,15 +51,15 @@ class Plain:
         if kind == "node_started":
             self.next[node] = now + _EVERY
         elif kind == "progress" and now >= self.next.get(node, 0.0):
-            busy = self.board.running[node]
-            self.next[node] = now + max(_EVERY, _SHARE * (now - busy.began))
-            typer.echo(f"          {node}  {busy.text(now)}")
+            active = self.board.running[node]
+            self.next[node] = now + max(_EVERY, _SHARE * (now - active.began))
+            print(f"          {node}  {active.text(now)}")
         elif kind == "warning":
-            typer.echo(f"          {node}: warning: {event['message']}")
+            print(f"          {node}: warning: {event['message']}")
         elif kind == "stopping" and event["nodes"]:
-            typer.echo(f"          stopping {', '.join(event['nodes'])}; once more to kill")
+            print(f"          stopping {', '.join(event['nodes'])}; once more to kill")
         elif kind == "node_blocked":
-            typer.echo(f"          blocked {node}")
+            print(f"          blocked {node}")
         elif kind in ("node_finished", "node_failed"):
             count = f"[{len(self.board.finished)}/{len(self.board.states)}]"
             state = self.board.states[node]
@@ -104,15 +101,15 @@ class _Live:
             state = board.states[name]
             spent = clock(board.seconds[name]) if state == "done" else ""
             table.add_row(Text(state, style=colours.get(state, "")), Text(name), Text(self.types[name], "dim"), spent)
-        for name, busy in board.running.items():
+        for name, active in board.running.items():
             row: list[Any] = [
                 Text("run", style="yellow"),
                 Text(name),
                 Text(self.types[name], "dim"),
-                Text(busy.text(now)),
+                Text(active.text(now)),
             ]
-            if busy.progress:
-                row.append(ProgressBar(busy.progress["total"], busy.progress["step"], _BAR))
+            if active.progress:
+                row.append(ProgressBar(active.progress["total"], active.progress["step"], _BAR))
             table.add_row(*row)
         left = board.left(now)
         words = f"{board.count('waiting', 'running')} of {len(board.states)} to go, {clock(now - board.began)}"

@@ -1,0 +1,218 @@
+"""Building a graph in Python: the same tree that a graph file gives, through the same checks, and back into a file.
+
+    g = Graph("mine")
+    faces = g.param("faces", 20_000, doc="Cap of the mesh.")
+    views = g.add("views", "data.blender", path="samples/spot")
+    hull = g.nodes.init.visual_hull(views=views.train, resolution=96)
+    start = g.add("start", "stage1.init", carrier=..., appearance=component("appearance.uv_texture"))
+    with g.repeat("rounds", 4, state=start.state) as rounds:
+        refine = rounds.add("refine", "stage1.refine", state=rounds.carry.state, views=views.train)
+        split = rounds.add("split", "mesh.split", state=refine.state, max_faces=faces)
+        rounds.next(state=split.state)
+    g.output("state", rounds.state)
+
+What can be known at once (types, ports, parameters, the two ends of a wire) is judged where it is added; what a graph
+lacks, and its files, when it is checked or run.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from exmesh_graph.api.scope import Node, Scope, child
+from exmesh_graph.api.values import Parameter, Place, Wire, here, plain
+from exmesh_graph.graph.declare.packs import Packs, load_packs
+from exmesh_graph.graph.declare.ports import Signature, signature, type_name
+from exmesh_graph.graph.language import spec
+from exmesh_graph.graph.language.params import declare
+from exmesh_graph.graph.language.yamlfile import Map, load_yaml
+from exmesh_graph.graph.problems import Problems, Where
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.language.check import Checked
+
+
+class Graph(Scope):
+    """A graph in Python. `extends` names a graph file that it changes; see the top of this module.
+
+    `name` is what run folders are called by. Relative paths start from the working folder, in a loaded graph those of
+    the file from its folder.
+    """
+
+    def __init__(
+        self, name: str, *, extends: str | os.PathLike[str] | None = None, seed: int | None = None, doc: str = ""
+    ) -> None:
+        where = here()
+        self.graph, self.tree = self, Map(where)
+        self.file = Path.cwd() / f"<{name}>"
+        for key, value in (("name", name), ("doc", doc or None), ("seed", seed)):
+            if value is not None:
+                self.tree.put(key, value, where)
+        if extends is not None:
+            self.tree.put("extends", os.fspath(extends), where)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.name = str(self.tree["name"])
+        self._packs: Packs | None = None
+        self._extended = Map(self.tree.where)
+        if "extends" in self.tree:
+            problems, only = Problems(), Map(self.tree.where)
+            only.put("extends", self.tree["extends"], self.tree.lines["extends"])
+            self._extended = spec.over_base(only, self.file, [], problems)
+            problems.raise_if_any()
+
+    @classmethod
+    def load(cls, file: str | os.PathLike[str]) -> Graph:
+        """The graph of a file, to be changed or run. Raises GraphErrors."""
+        path = Path(file).absolute()
+        graph = cls.__new__(cls)
+        graph.graph, graph.tree, graph.file = graph, load_yaml(path), path
+        if "name" not in graph.tree:
+            graph.tree.put("name", path.stem, graph.tree.where)
+        graph._begin()
+        return graph
+
+    @property
+    def own(self) -> Map:
+        return child(self.tree, "nodes")
+
+    @property
+    def base(self) -> Map:
+        found = self._extended.get("nodes")
+        return found if isinstance(found, Map) else Map(self.tree.where)
+
+    @property
+    def packs(self) -> Packs:
+        """The node types at hand."""
+        if self._packs is None:
+            self._packs = load_packs()
+        return self._packs
+
+    def signature(self, kind: str) -> Signature | None:
+        """Ports and parameters of a node type; None for one that is not known."""
+        definition = self.packs.types.get(kind)
+        try:
+            return None if definition is None else signature(definition)
+        except (TypeError, NameError):
+            return None
+
+    def is_component(self, kind: str) -> bool:
+        found = self.signature(kind)
+        return found is not None and found.component is not None
+
+    def param(self, name: str, default: Any = ..., *, type: str = "", doc: str = "", **limits: Any) -> Parameter:
+        """Declare a graph parameter, which `--set` and ex.run change; `limits`: ge, gt, le, lt, choices, unit.
+
+        Types: int, float, number, bool, str, path, list, map, any.
+        """
+        where, problems = here(), Problems()
+        value = None if default is ... else plain(default, name, where, problems)
+        entry: Any = value
+        if default is ... or type or doc or limits:
+            entry = Map(where)
+            words = {"type": type or _kind_of(default), "default": value, **limits, "doc": doc}
+            for key, word in words.items():
+                if not (key == "default" and default is ...) and word != "":
+                    entry.put(key, plain(word, f"{name}.{key}", where, problems), where)
+        child(self.tree, "params").put(name, entry, where)
+        declare(_one(name, entry, where), problems)
+        problems.raise_if_any()
+        return Parameter(name)
+
+    def input(self, name: str, type: Any, *, optional: bool = False, doc: str = "", **facets: Any) -> Wire[Any]:
+        """Declare an input, for a graph that others use; `type` is a wire type or its name."""
+        where = here()
+        entry = Map(where)
+        entry.put("type", type if isinstance(type, str) else type_name(type), where)
+        for key, value in (("optional", optional), ("facets", dict(facets)), ("doc", doc)):
+            if value:
+                entry.put(key, plain(value, key, where, Problems()), where)
+        child(self.tree, "inputs").put(name, entry, where)
+        return Wire(self, "inputs", name)
+
+    def output(self, name: str, wire: Any) -> None:
+        """Publish an output of a node in the run folder; `asset` lies directly in it. None takes one back."""
+        where, problems = here(), Problems()
+        value = self._value(f"outputs.{name}", wire, None, where, problems)
+        problems.raise_if_any()
+        child(self.tree, "outputs").put(name, value, where)
+
+    def variant(self, name: str, *patches: Mapping[str, Any], extends: Any = (), doc: str = "") -> None:
+        """Declare a variant by its patches: `{"bypass": "rounds.merge"}`, `{"set": "pbr.iterations", "to": 100}`."""
+        where, problems = here(), Problems()
+        entry = Map(where)
+        for key, value in (("extends", extends), ("doc", doc), ("patches", list(patches))):
+            if value:
+                entry.put(key, self._patches(value, name, where, problems), where)
+        problems.raise_if_any()
+        child(self.tree, "variants").put(name, entry, where)
+
+    def matrix(self, **axes: Any) -> None:
+        """Combinations of settings for a sweep: `faces=[2000, 8000]`, `variant=["base", "direct"]`, include, exclude."""
+        self._declare("matrix", axes)
+
+    def repeats(self, count: int, *, of: Any = ()) -> None:
+        """Run every variant of a sweep with so many seeds; `of` names the nodes whose seed changes."""
+        self._declare("repeats", {"count": count, "of": list(of)} if of else count)
+
+    def merged(self) -> Map:
+        """The graph over what it extends, as the checks take it."""
+        problems = Problems()
+        merged = spec.over_base(self.tree, self.file, [], problems)
+        problems.raise_if_any()
+        return merged
+
+    def check(self, **options: Any) -> Checked:
+        """Check it; `options` are those of ex.check. Raises GraphErrors with everything that is wrong."""
+        from exmesh_graph.api.opening import checked_graph
+
+        return checked_graph(self, **options)
+
+    def to_yaml(self, file: str | os.PathLike[str] | None = None) -> str:
+        """The graph as the text of a graph file, written to `file` where one is named; paths lead to the same files."""
+        from exmesh_graph.api.writing import yaml_text
+
+        path = None if file is None else Path(file).absolute()
+        text = yaml_text(self, Path.cwd() if path is None else path.parent)
+        if path is not None:
+            path.write_text(text, encoding="utf-8")
+        return text
+
+    def __repr__(self) -> str:
+        return f"<graph {self.name}: {', '.join(self)}>"
+
+    def _declare(self, key: str, value: Any) -> None:
+        where, problems = here(), Problems()
+        made = self._patches(value, key, where, problems)
+        problems.raise_if_any()
+        self.tree.put(key, made, where)
+
+    def _patches(self, value: Any, what: str, where: Place, problems: Problems) -> Any:
+        """Plain values with nodes and wires in them."""
+        if isinstance(value, Node | Wire):
+            return str(value) if isinstance(value, Wire) else value._name
+        if isinstance(value, Mapping):
+            result = Map(where)
+            for key, item in value.items():
+                result.put(key, self._patches(item, what, where, problems), where)
+            return result
+        if isinstance(value, list | tuple):
+            return [self._patches(item, what, where, problems) for item in value]
+        return plain(value, what, where, problems)
+
+
+def _one(name: str, value: Any, where: Where) -> Map:
+    result = Map(where)
+    result.put(name, value, where)
+    return result
+
+
+def _kind_of(default: Any) -> str:
+    if isinstance(default, os.PathLike):
+        return "path"
+    kinds = {bool: "bool", int: "int", float: "float", str: "str", list: "list", tuple: "list", dict: "map"}
+    return kinds.get(type(default), "any")

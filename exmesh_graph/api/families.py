@@ -1,0 +1,60 @@
+"""Node types by family: `g.nodes.init.visual_hull(views=views.train)`. Editors read the types from families.pyi beside it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from exmesh_graph.api.values import here
+from exmesh_graph.graph.problems import fail, nearest
+
+if TYPE_CHECKING:
+    from exmesh_graph.api.builder import Node, Scope
+
+
+class Families:
+    """The families of node types, as attributes."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+
+    def __getattr__(self, name: str) -> Family:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return Family(self._scope, name)
+
+    def __dir__(self) -> list[str]:
+        return sorted({kind.partition(".")[0] for kind in self._scope.graph.packs.types})
+
+
+class Family:
+    """The types of one family, as functions that add a node; `name` is the node's, by default that of the type."""
+
+    def __init__(self, scope: Scope, family: str) -> None:
+        self._scope, self._family = scope, family
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        kind, types = f"{self._family}.{name}", self._scope.graph.packs.types
+        if kind not in types:
+            what = f"there is no node type {kind!r}"
+            fail("node-type", here(), what, nearest=nearest(kind, types), fix="exmesh nodes lists all types")
+
+        def add(*, name: str = "", **fields: Any) -> Node:
+            return self._scope.add(name or _free(kind.rpartition(".")[2], self._scope), kind, **fields)
+
+        add.__name__, add.__doc__ = kind, types[kind].function.__doc__
+        return add
+
+    def __dir__(self) -> list[str]:
+        types = self._scope.graph.packs.types
+        return [kind.partition(".")[2] for kind in types if kind.startswith(f"{self._family}.")]
+
+
+def _free(name: str, scope: Scope) -> str:
+    """`name`, or `name_2` and so on where a node is called so."""
+    number, free = 1, name
+    while free in scope:
+        number += 1
+        free = f"{name}_{number}"
+    return free

@@ -1,0 +1,68 @@
+"""What is known to be wrong with a node that was just added, by the checks of graph files and before the graph is whole."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from exmesh_graph.graph.language.check import check_part
+from exmesh_graph.graph.language.expand import Broken, Graph, Link, NodeSpec
+from exmesh_graph.graph.language.spec import Value
+from exmesh_graph.graph.problems import Problems
+
+if TYPE_CHECKING:
+    from exmesh_graph.api.scope import Scope
+
+_OWN = ("type", "every", "at", "doc", "seed")  # of a node's entry, what is neither port nor parameter
+
+
+def judge(scope: Scope, name: str) -> Problems:
+    """The faults of one node; links that lead nowhere yet, and values with graph parameters in them, are left out."""
+    kind, problems = scope.type_of(name), Problems()
+    if not kind or "${" in kind:
+        return problems
+    entry, _ = scope.entry(name)
+    specs = _neighbours(scope, name)
+    known = scope.graph.signature(kind)
+    names = set() if known is None else {*known.inputs, *known.params.model_fields}
+    fields: dict[str, Value] = {}
+    for key, value in entry.items():
+        if key in _OWN:
+            continue
+        judged: Any = value
+        if isinstance(value, str) and value.startswith("@@"):
+            judged = value[1:]
+        elif isinstance(value, str) and value.startswith("@"):
+            judged = _link(scope, value, specs)
+        elif "${" in repr(value):
+            judged = Broken()
+        if isinstance(judged, Broken) and key in names:
+            continue
+        fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
+    specs[name] = NodeSpec(name, kind, fields, entry.where, 0)
+    return check_part(Graph(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)
+
+
+def _neighbours(scope: Scope | None, name: str) -> dict[str, NodeSpec]:
+    """The nodes in sight, without what they are wired to."""
+    specs: dict[str, NodeSpec] = {}
+    while scope is not None:
+        for other in scope:
+            kind = scope.type_of(other)
+            if other != name and kind in scope.graph.packs.types:
+                specs.setdefault(other, NodeSpec(other, kind, {}, scope.where_of(other), 0))
+        scope = scope.outer
+    return specs
+
+
+def _link(scope: Scope, text: str, specs: dict[str, NodeSpec]) -> Link | Broken:
+    """The output that a link leads to, its node among `specs`; Broken where that is not known yet."""
+    source = scope.source(text)
+    if source is None:
+        return Broken()
+    name, home, port = source
+    kind = home.type_of(name)
+    if kind not in home.graph.packs.types:
+        return Broken()
+    shown = name if home.outer is None or home == scope else f"{home.name}.{name}"
+    specs.setdefault(shown, NodeSpec(shown, kind, {}, home.where_of(name), 0))
+    return Link(shown, port)

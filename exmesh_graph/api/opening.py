@@ -1,0 +1,158 @@
+"""What every function of the front door begins with: a graph from a file or from Python, checked, and a store."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from exmesh_graph.api.builder import Graph
+from exmesh_graph.api.values import Place, here, plain
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.declare.packs import Packs, load_packs
+from exmesh_graph.graph.problems import GraphErrors, Problems, nearest
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.language.check import Checked
+    from exmesh_graph.graph.variants import CheckedVariant
+
+Source = str | os.PathLike[str] | Graph
+Settings = Mapping[str, Any] | Iterable[str] | None
+Folder = str | os.PathLike[str] | None
+
+
+def checked_graph(
+    graph: Source, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
+) -> Checked:
+    """A graph, or one of its variants, without faults; else GraphErrors tells all of them."""
+    from exmesh_graph.graph.language.check import check, check_file
+    from exmesh_graph.graph.language.expand import expand
+    from exmesh_graph.graph.language.spec import tree_of
+    from exmesh_graph.graph.variants import check_variant
+
+    place, sets = here(), texts_of(set, params)
+    packs = load_packs()
+    with _placed(place, graph), remembering(store):
+        if isinstance(graph, Graph):
+            top = graph.merged()
+            if variant:
+                return check_variant(graph.file, sets, packs, variant, top=top)
+            problems = Problems()
+            return check(expand(tree_of(top, graph.file, sets, problems), problems), packs, problems)
+        path = Path(graph)
+        return check_variant(path, sets, packs, variant) if variant else check_file(path, sets, packs)
+
+
+def checked_variants(
+    graph: Source, set: Settings = None, store: Folder = None, *, only: Iterable[str] | None = None,
+    repeats: bool = True, **params: Any,
+) -> list[CheckedVariant]:  # fmt: skip
+    """A graph and all variants that it declares, checked."""
+    from exmesh_graph.graph.variants import check_variants
+
+    place, sets = here(), texts_of(set, params)
+    packs = load_packs()
+    with _placed(place, graph), remembering(store):
+        top = graph.merged() if isinstance(graph, Graph) else None
+        path = graph.file if isinstance(graph, Graph) else Path(graph)
+        return check_variants(path, sets, packs, only, repeats=repeats, top=top)
+
+
+def packs() -> Packs:
+    """The node types at hand, and the modules that cannot be imported."""
+    return load_packs()
+
+
+def open_store(folder: Folder = None, shared: str | None = None) -> Store:
+    """The store in `folder`, by default $EXMESH_STORE or ./.exmesh."""
+    from exmesh_graph.graph.cache.store import Store
+
+    return Store(store_folder(folder), shared or os.environ.get("EXMESH_SHARED"))
+
+
+def store_folder(given: Folder) -> Path:
+    """The folder of a store: as given, $EXMESH_STORE or .exmesh."""
+    return Path(given or os.environ.get("EXMESH_STORE") or ".exmesh").absolute()
+
+
+@contextlib.contextmanager
+def remembering(store: Folder) -> Iterator[None]:
+    """Read graph files through the store's memory of parsed ones, where the store is there already."""
+    from exmesh_graph.graph.files import Memo
+    from exmesh_graph.graph.language import parsed, yamlfile
+
+    root = store_folder(store)
+    memo = Memo(root / "graphs.json", root / "work")
+    yamlfile.reader = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
+    yield
+    memo.save()
+
+
+def named(checked: Checked, names: Iterable[str] | None) -> list[str]:
+    """Names of nodes that the graph has. Raises GraphError with the nearest names."""
+    names = [names] if isinstance(names, str) else [str(name).removeprefix("@") for name in names or ()]
+    for name in names:
+        if name in checked.components:
+            users = [node for node, bound in checked.nodes.items() if any(c.name == name for c in bound.plugged())]
+            what = f"{name} is a component, which never runs by itself"
+            raise GraphError(what, where=checked.name, fix=f"name a node that uses it: {', '.join(users[:8])}")
+        if name not in checked.nodes:
+            close = nearest(name, checked.nodes) or list(checked.nodes)
+            raise GraphError(f"the graph has no node {name!r}", where=checked.name, expected=", ".join(close[:8]))
+    return names
+
+
+def texts_of(set: Settings, params: Mapping[str, Any] | None = None) -> list[str]:
+    """Settings as `--set` takes them: `name=value`, the value as in a graph file."""
+    if set is not None and not isinstance(set, Mapping):
+        texts = [set] if isinstance(set, str) else list(set)
+    else:
+        texts = [f"{name}={_text(name, value)}" for name, value in (set or {}).items()]
+    return [*texts, *(f"{name}={_text(name, value)}" for name, value in (params or {}).items())]
+
+
+def _text(name: str, value: Any) -> str:
+    where, problems = here(), Problems()
+    told = plain(value if isinstance(value, Mapping | list | tuple) else _linked(value), name, where, problems)
+    problems.raise_if_any()
+    if isinstance(told, float) and not math.isfinite(told):
+        return ".nan" if math.isnan(told) else f"{'-' if told < 0 else ''}.inf"
+    if isinstance(told, str) and (told.startswith("@") or _reads_as_text(told)):
+        return told
+    return json.dumps(told, ensure_ascii=False)
+
+
+def _linked(value: Any) -> Any:
+    """A node as a link, so that a setting may rewire."""
+    from exmesh_graph.api.scope import Node
+
+    return str(value) if isinstance(value, Node) else value
+
+
+def _reads_as_text(text: str) -> bool:
+    """Whether a text needs no quotes to be read as itself."""
+    from exmesh_graph.graph.language.yamlfile import parse_yaml
+
+    try:
+        return text != "" and bool(parse_yaml(text, None) == text)
+    except GraphErrors:
+        return False
+
+
+@contextlib.contextmanager
+def _placed(place: Place, graph: Source) -> Iterator[None]:
+    """Faults of what was set in a call are placed at the call, not at a command line."""
+    try:
+        yield
+    except GraphErrors as error:
+        own = place.file is not None and "exmesh_graph" not in place.file.parts[-3:]
+        if not own or all(problem.where.file is not None for problem in error.problems):
+            raise
+        at = [replace(p, where=place) if p.where.file is None else p for p in error.problems]
+        raise GraphErrors(at) from None

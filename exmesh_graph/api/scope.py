@@ -1,0 +1,411 @@
+"""The nodes of a graph that is built in Python, and those of its repeat blocks: adding, changing and wiring them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Self
+
+from exmesh_graph.api.families import Families
+from exmesh_graph.api.judge import judge
+from exmesh_graph.api.values import Parameter, Plug, Wire, here, plain
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.declare.components import Component
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.declare.ports import Port
+from exmesh_graph.graph.language.spec import _NAME
+from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, fail, nearest
+
+if TYPE_CHECKING:
+    from exmesh_graph.api.builder import Graph
+
+
+class UnknownPort(GraphErrors, AttributeError):
+    """A node was asked for an output that it does not have."""
+
+
+class Node:
+    """A node of a graph; its outputs are its attributes: `views.train`, or `views["train"]`. Made by `add`."""
+
+    def __init__(self, scope: Scope, name: str) -> None:
+        self._scope, self._name = scope, name
+
+    def __getattr__(self, port: str) -> Wire[Any]:
+        if port.startswith("_"):
+            raise AttributeError(port)
+        return self[port]
+
+    def __getitem__(self, port: str) -> Wire[Any]:
+        known = self._scope.outputs_of(self._name)
+        if known is not None and port not in known:
+            what = f"{self._name} ({self._scope.type_of(self._name)}) has no output {port!r}"
+            fix = "" if known else "a component has none: give the component itself"
+            problem = Problem("unknown-port", here(), what, expected=", ".join(known), fix=fix,
+                              nearest=tuple(nearest(port, known) or known))  # fmt: skip
+            raise UnknownPort([problem])
+        return Wire(self._scope, self._name, port)
+
+    def __dir__(self) -> list[str]:
+        return list(self._scope.outputs_of(self._name) or ())
+
+    def __str__(self) -> str:
+        return f"@{self._name}"
+
+    def __repr__(self) -> str:
+        outputs = ", ".join(self._scope.outputs_of(self._name) or ())
+        return f"<{self._scope.type_of(self._name)} {self._name}{': ' + outputs if outputs else ''}>"
+
+
+class Scope:
+    """Nodes that see each other: those of a graph, or of one of its repeat blocks."""
+
+    graph: Graph
+    name: str
+    outer: Scope | None = None
+
+    @property
+    def own(self) -> Map:
+        """The entries written here."""
+        raise NotImplementedError
+
+    @property
+    def base(self) -> Map:
+        """The entries of what the graph extends."""
+        raise NotImplementedError
+
+    @property
+    def nodes(self) -> Families:
+        """Nodes by family, for editors: `g.nodes.init.visual_hull(views=views.train)`, which also takes `name`."""
+        return Families(self)
+
+    def add(self, name: str, type: str | Callable[..., Any], /, **fields: Any) -> Node:
+        """Add a node or a component; `fields` are its inputs, parameters, seed, doc, at and every. Raises GraphErrors.
+
+        The type may be the function or class itself that `node` or `component` declares.
+        """
+        where, problems = here(), Problems()
+        _refuse_name(name, self, where)
+        entry = Map(where)
+        entry.put("type", type if isinstance(type, str) else _type_of(type, self.graph.packs, where), where)
+        self.own.put(name, entry, where)
+        try:
+            self._fill(name, entry, fields, where, problems)
+        except GraphErrors:
+            self.own.pop(name)
+            raise
+        return Node(self, name)
+
+    def set(self, node: str | Node, /, **fields: Any) -> None:
+        """Change inputs and parameters of a node, also of one from the graph that this one extends or uses."""
+        where = here()
+        scope, name = self._at(str(node).removeprefix("@"), where)
+        scope._fill(name, scope._patch(name, where), fields, where, Problems())
+
+    def remove(self, node: str | Node) -> None:
+        """Take a node out, also one from the graph that this one extends."""
+        where = here()
+        scope, name = self._at(str(node).removeprefix("@"), where)
+        scope.own.pop(name, None)
+        if name in scope.base:
+            scope.own.put(name, None, where)
+
+    def repeat(self, name: str, count: int | Parameter, /, **carry: Any) -> Block:
+        """A block of nodes that is unrolled `count` times; `carry` is what goes into the first round."""
+        where, problems = here(), Problems()
+        _refuse_name(name, self, where)
+        entry, carried = Map(where), Map(where)
+        for key, value in carry.items():
+            carried.put(key, self._value(f"{name}.{key}", value, None, where, problems), where)
+        problems.raise_if_any()
+        entry.put("repeat", plain(count, f"{name}.repeat", where, problems), where)
+        entry.put("carry", carried, where)
+        entry.put("nodes", Map(where), where)
+        entry.put("next", Map(where), where)
+        self.own.put(name, entry, where)
+        return Block(self, name)
+
+    def part(self, name: str, file: str | os.PathLike[str], /, **fields: Any) -> Node:
+        """Use another graph file like a node; `fields` are its inputs and parameters, `nodes` changes to its nodes."""
+        where, problems = here(), Problems()
+        _refuse_name(name, self, where)
+        if isinstance(file, Scope):
+            fail("graph", where, f"{name}: a graph that is used in another one lies in a file",
+                 expected="the path of a graph file", fix=f'{file.graph.name}.to_yaml("{file.graph.name}.yaml") first')  # fmt: skip
+        entry = Map(where)
+        entry.put("graph", os.fspath(file), where)
+        for key, value in fields.items():
+            entry.put(key, self._value(f"{name}.{key}", value, None, where, problems), where)
+        problems.raise_if_any()
+        self.own.put(name, entry, where)
+        return Node(self, name)
+
+    def __getitem__(self, name: str) -> Node | Block:
+        """A node or block by its name; `rounds.refine` is a node in a block."""
+        scope, last = self._at(name, here())
+        return Block(scope, last) if scope._has(last, "repeat") else Node(scope, last)
+
+    def __contains__(self, name: object) -> bool:
+        return name in list(self)
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of its nodes and blocks."""
+        for name in dict.fromkeys([*self.base, *self.own]):
+            if not (name in self.own and self.own[name] is None):
+                yield str(name)
+
+    def entry(self, name: str) -> tuple[Map, Map]:
+        """What is written of a node here, and in what the graph extends."""
+        own, base = self.own.get(name), self.base.get(name)
+        own = own if isinstance(own, Map) else Map(self.own.where)
+        if {"type", "repeat", "graph"} & set(own) and not isinstance(base, Map):
+            base = None
+        return own, base if isinstance(base, Map) else Map(self.own.where)
+
+    def where_of(self, name: str) -> Where:
+        """Where a node was written."""
+        return self.own.lines.get(name) or self.base.lines.get(name) or self.own.where
+
+    def type_of(self, name: str) -> str:
+        """The type of a node as written; empty for blocks and sub-graphs."""
+        own, base = self.entry(name)
+        return str(own.get("type", base.get("type", "")))
+
+    def outputs_of(self, name: str) -> list[str] | None:
+        """The names of a node's outputs; None where they are not known."""
+        found = self.graph.signature(self.type_of(name))
+        if found is not None:
+            return list(found.outputs)
+        own, base = self.entry(name)
+        if "repeat" in own or "repeat" in base:
+            return [str(key) for layer in (base, own) for key in layer.get("carry") or ()]
+        return None
+
+    def source(self, text: str) -> tuple[str, Scope, str] | None:
+        """(node, its scope, port) that a link written here leads to, through blocks; None where that is not known."""
+        node, _, port = text.removeprefix("@").rpartition(".") if "." in text else (text.removeprefix("@"), "", "")
+        scope: Scope | None = self
+        if node == "carry" and isinstance(self, Block):
+            link = self.carried("carry", port)
+            return self.scope.source(link) if link else None
+        while scope is not None and node not in scope:
+            scope = scope.outer
+        if scope is None:
+            return None
+        if scope.type_of(node):
+            return node, scope, port
+        if scope._has(node, "repeat"):
+            block = Block(scope, node)
+            link = block.carried("next", port)
+            return block.source(link) if link else None
+        return None
+
+    def _at(self, path: str, where: Where) -> tuple[Scope, str]:
+        """The scope and the name of a node given as `refine` or `rounds.refine`."""
+        scope, (*blocks, last) = self, path.split(".")
+        for block in blocks:
+            if not scope._has(block, "repeat"):
+                if scope._has(block, "graph"):
+                    scope = _Inside(scope, block)
+                    continue
+                fail("unknown-node", where, f"there is no block {block!r}", nearest=nearest(block, scope) or list(scope))
+            scope = Block(scope, block)
+        if last not in scope and not isinstance(scope, _Inside):
+            what = f"{self.graph.name} has no node {path!r}"
+            fail("unknown-node", where, what, nearest=nearest(last, scope) or list(scope)[:8])
+        return scope, last
+
+    def _has(self, name: str, key: str) -> bool:
+        return any(key in layer for layer in self.entry(name))
+
+    def _patch(self, name: str, where: Where) -> Map:
+        """The own entry of a node, made where only what the graph extends has one."""
+        if not isinstance(self.own.get(name), Map):
+            self.own.put(name, Map(where), where)
+        return self.own[name]  # type: ignore[no-any-return]
+
+    def _fill(self, name: str, entry: Map, fields: Mapping[str, Any], where: Where, problems: Problems) -> None:
+        """Put values into an entry and judge the node. Raises GraphErrors, and leaves the entry as it was."""
+        before, known = entry.copy(), self.graph.signature(self.type_of(name))
+        for key, value in fields.items():
+            port = known.inputs.get(key) if known else None
+            entry.put(key, self._value(f"{name}.{key}", value, port, where, problems), where)
+        if not problems:
+            self._judge(name, problems)
+        if problems:
+            for key in fields:
+                entry.pop(key)
+            entry.update(before)
+            problems.raise_if_any()
+
+    def _value(self, what: str, value: Any, port: Port | None, where: Where, problems: Problems) -> Any:
+        """A field's value as a graph file holds it. A plug becomes a component of its own, called `node_field`."""
+        if isinstance(value, Component):
+            kind = _type_of(type(value), self.graph.packs, where)
+            value = Plug(kind, {key: getattr(value, key) for key in value.model_fields_set})
+        if isinstance(value, Plug):
+            name = what.replace(".", "_")
+            while name in self:
+                name += "_"
+            return str(self.add(name, value.type, **value.fields))
+        if isinstance(value, Block):
+            value = Node(value.scope, value.name)
+        if isinstance(value, Node):
+            if self.graph.is_component(value._scope.type_of(value._name)):
+                self._visible(what, value._scope, value._name, where, problems)
+                return str(value)
+            outputs = value._scope.outputs_of(value._name) or []
+            found = value._scope.graph.signature(value._scope.type_of(value._name))
+            fits = [key for key in outputs if port is None or found is None or port.takes(found.outputs[key])]
+            if len(fits) != 1:
+                problems.add("link", where, f"{what} takes one output, and {value._name} is a node",
+                             expected="" if port is None else str(port),
+                             nearest=[f"{value._name}.{key}" for key in fits or outputs])  # fmt: skip
+                return None
+            value = value[fits[0]]
+        if isinstance(value, Wire):
+            self._visible(what, value.scope, value.node, where, problems)
+        return plain(value, what, where, problems)
+
+    def _visible(self, what: str, source: Scope, node: str, where: Where, problems: Problems) -> None:
+        """Note a wire from another graph, or out of a block that it does not reach out of."""
+        scope: Scope | None = self
+        if node == "carry":
+            while scope is not None and scope != source:
+                scope = scope.outer
+        elif node != "inputs":
+            while scope is not None and node not in scope:
+                scope = scope.outer
+        if source.graph is self.graph and (node == "inputs" or scope == source):
+            return
+        fix = ""
+        if source.graph is not self.graph:
+            state = f"{node} belongs to another graph, {source.graph.name}"
+        elif isinstance(source, Block):
+            state = f"{node} is inside the repeat block {source.name}"
+            fix = f"let {source.name}.next(...) hand it on, and wire what comes out of {source.name}"
+        else:
+            state = f"{node} is hidden by another node of that name"
+        problems.add("link", where, f"{what} cannot be wired to {node}", found=state, fix=fix)
+
+    def _judge(self, name: str, problems: Problems) -> None:
+        """Note what is known to be wrong with a node, by the checks of graph files."""
+        told = judge(self, name)
+        problems.found.update(told.found)
+
+
+class Block(Scope):
+    """A repeat block of a graph; what its last round hands on are its attributes: `rounds.state`. Made by `repeat`."""
+
+    def __init__(self, scope: Scope, name: str) -> None:
+        self.scope, self.name, self.graph, self.outer = scope, name, scope.graph, scope
+
+    @property
+    def own(self) -> Map:
+        return child(self.scope._patch(self.name, here()), "nodes")
+
+    @property
+    def base(self) -> Map:
+        found = self.scope.entry(self.name)[1].get("nodes")
+        return found if isinstance(found, Map) else Map(Where(None))
+
+    @property
+    def carry(self) -> Node:
+        """What is carried into a round: `rounds.carry.state`."""
+        return _Carry(self)
+
+    @property
+    def round(self) -> Parameter:
+        """The number of the round, from 1."""
+        return Parameter("round")
+
+    def next(self, **values: Any) -> None:
+        """What a round hands on to the next one, and the last one to the outside; one for each name that is carried."""
+        where, problems = here(), Problems()
+        entry = child(self.scope._patch(self.name, where), "next")
+        for key, value in values.items():
+            if key not in self.carried_names():
+                problems.add("repeat", where, f"{self.name} carries no {key!r}", nearest=self.carried_names())
+            entry.put(key, self._value(f"{self.name}.next.{key}", value, None, where, problems), where)
+        problems.raise_if_any()
+
+    def carried_names(self) -> list[str]:
+        return [str(key) for layer in reversed(self.scope.entry(self.name)) for key in layer.get("carry") or ()]
+
+    def carried(self, part: str, key: str) -> str:
+        """The link that `carry` or `next` gives for a name; empty where there is none yet."""
+        for layer in self.scope.entry(self.name):
+            if key in (layer.get(part) or ()):
+                return str(layer[part][key])
+        return ""
+
+    def __getattr__(self, port: str) -> Wire[Any]:
+        if port.startswith("_") or port in ("scope", "name", "graph", "outer"):
+            raise AttributeError(port)
+        return Node(self.scope, self.name)[port]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        return None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Block) and (self.scope, self.name) == (other.scope, other.name)
+
+    def __hash__(self) -> int:
+        return hash((self.scope, self.name))
+
+    def __repr__(self) -> str:
+        return f"<repeat block {self.name}: {', '.join(self)}>"
+
+
+class _Inside(Block):
+    """The changes to the nodes of a sub-graph."""
+
+    def _judge(self, name: str, problems: Problems) -> None:
+        """Nothing is known of the file yet."""
+
+
+class _Carry(Node):
+    """What goes into a round."""
+
+    def __init__(self, block: Block) -> None:
+        super().__init__(block, "carry")
+
+    def __getitem__(self, port: str) -> Wire[Any]:
+        block = self._scope
+        assert isinstance(block, Block)
+        if port not in block.carried_names():
+            what = f"{block.name} carries no {port!r}"
+            raise UnknownPort([Problem("repeat", here(), what, nearest=tuple(block.carried_names()))])
+        return Wire(block, "carry", port)
+
+
+def child(entry: Map, key: str) -> Map:
+    """A mapping below a key, made where there is none."""
+    if not isinstance(entry.get(key), Map):
+        entry.put(key, Map(entry.where), entry.where)
+    return entry[key]  # type: ignore[no-any-return]
+
+
+def _refuse_name(name: str, scope: Scope, where: Where) -> None:
+    problems = Problems()
+    if not isinstance(name, str) or not _NAME.match(name):
+        problems.add("name", where, f"{name!r} is not a name", expected="letters, digits, _ and -")
+    elif name in ("carry", "inputs"):
+        problems.add("name", where, f"a node cannot be called {name!r}")
+    elif isinstance(scope.own.get(name), Map):
+        problems.add("duplicate-key", where, f"there is a node {name!r} already, from {scope.own.lines[name]}",
+                     fix=f'change it: set("{name}", ...), or remove it first')  # fmt: skip
+    problems.raise_if_any()
+
+
+def _type_of(declared: Any, packs: Packs, where: Where) -> str:
+    """The type that a function or class declares."""
+    matches: list[NodeDef] = [one for one in packs.types.values() if one.function is declared]
+    if not matches:
+        raise GraphError(f"{getattr(declared, '__qualname__', declared)!r} declares no node type", where=str(where),
+                         expected="the name of a type, or a function or class under @node or @component",
+                         fix="exmesh nodes lists all types")  # fmt: skip
+    return matches[0].type
