@@ -1,5 +1,65 @@
-"""exmesh-graph: multi-view photographs to relightable UV-PBR mesh assets, as a cached graph of typed nodes."""
+"""exmesh-graph: multi-view photographs to relightable UV-PBR mesh assets, as a cached graph of typed nodes.
+
+    import exmesh_graph as ex
+
+    run = ex.run("graphs/quickstart.yaml", scene="my_scene", faces=20_000)
+    run["settle"].state, run.metrics, run.asset, run.folder
+
+What this page names is imported when it is first used, so that `import exmesh_graph` costs nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.version import __version__
 
-__all__ = ["__version__"]
+if TYPE_CHECKING:
+    from exmesh_graph.api import (
+        Figure,
+        Graph,
+        Node,
+        NodeRun,
+        Parameter,
+        Run,
+        RunFailed,
+        UnknownPort,
+        Wire,
+        call,
+        check,
+        component,
+        open_run,
+        plan,
+        run,
+    )
+
+__all__ = [
+    "Figure",
+    "Graph",
+    "Node",
+    "NodeRun",
+    "Parameter",
+    "Run",
+    "RunFailed",
+    "UnknownPort",
+    "Wire",
+    "__version__",
+    "call",
+    "check",
+    "component",
+    "open_run",
+    "plan",
+    "run",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from exmesh_graph import api
+
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    return __all__

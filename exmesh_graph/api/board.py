@@ -77,7 +77,9 @@ class Board:
             active = self.running[node]
             active.progress = event
             if active.first is None:
-                active.first = (active.began, 0) if event["step"] * 20 <= event["total"] else (event["time"], event["step"])
+                active.first = (
+                    (active.began, 0) if event["step"] * 20 <= event["total"] else (event["time"], event["step"])
+                )
         elif kind in ("node_finished", "node_failed", "node_blocked"):
             self.running.pop(node, None)
             self.states[node] = event.get("state", kind.removeprefix("node_"))

@@ -20,7 +20,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from exmesh_graph.api.scope import Node, Scope, child
 from exmesh_graph.api.values import Parameter, Place, Wire, here, plain
@@ -30,9 +30,6 @@ from exmesh_graph.graph.language import spec
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml
 from exmesh_graph.graph.problems import Problems, Where
-
-if TYPE_CHECKING:
-    from exmesh_graph.graph.language.check import Checked
 
 
 class Graph(Scope):
@@ -152,7 +149,7 @@ class Graph(Scope):
         child(self.tree, "variants").put(name, entry, where)
 
     def matrix(self, **axes: Any) -> None:
-        """Combinations of settings for a sweep: `faces=[2000, 8000]`, `variant=["base", "direct"]`, include, exclude."""
+        """Combinations for a sweep: `faces=[2000, 8000]`, `variant=["base", "direct"]`, include, exclude."""
         self._declare("matrix", axes)
 
     def repeats(self, count: int, *, of: Any = ()) -> None:
@@ -165,12 +162,6 @@ class Graph(Scope):
         merged = spec.over_base(self.tree, self.file, [], problems)
         problems.raise_if_any()
         return merged
-
-    def check(self, **options: Any) -> Checked:
-        """Check it; `options` are those of ex.check. Raises GraphErrors with everything that is wrong."""
-        from exmesh_graph.api.opening import checked_graph
-
-        return checked_graph(self, **options)
 
     def to_yaml(self, file: str | os.PathLike[str] | None = None) -> str:
         """The graph as the text of a graph file, written to `file` where one is named; paths lead to the same files."""

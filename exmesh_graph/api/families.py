@@ -1,4 +1,4 @@
-"""Node types by family: `g.nodes.init.visual_hull(views=views.train)`. Editors read the types from families.pyi beside it."""
+"""Node types by family: `g.nodes.init.visual_hull(views=views.train)`. Editors read their types from families.pyi."""
 
 from __future__ import annotations
 

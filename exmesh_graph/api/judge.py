@@ -1,4 +1,4 @@
-"""What is known to be wrong with a node that was just added, by the checks of graph files and before the graph is whole."""
+"""What is known to be wrong with a node that was just added, by the checks of graph files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def judge(scope: Scope, name: str) -> Problems:
             continue
         fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
     specs[name] = NodeSpec(name, kind, fields, entry.where, 0)
-    return check_part(Graph(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)
+    return check_part(Graph(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)[1]
 
 
 def _neighbours(scope: Scope | None, name: str) -> dict[str, NodeSpec]:

@@ -151,8 +151,7 @@ def _placed(place: Place, graph: Source) -> Iterator[None]:
     try:
         yield
     except GraphErrors as error:
-        own = place.file is not None and "exmesh_graph" not in place.file.parts[-3:]
-        if not own or all(problem.where.file is not None for problem in error.problems):
+        if place.file is None or all(problem.where.file is not None for problem in error.problems):
             raise
         at = [replace(p, where=place) if p.where.file is None else p for p in error.problems]
         raise GraphErrors(at) from None

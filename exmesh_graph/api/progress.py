@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Literal
 
 from exmesh_graph.api.board import Board, clock
 from exmesh_graph.graph.language.check import Checked
@@ -18,6 +19,38 @@ if TYPE_CHECKING:
 _SHOWN = 12  # finished nodes kept on the screen
 _EVERY, _SHARE = 5.0, 0.1  # a plain progress line at most every 5 s, and every tenth of the node's time
 _BAR = 20  # columns
+
+
+Progress = bool | Literal["auto"]
+#: How a notebook shows a run: (graph, run id) -> a context that gives a listener; set by the module that draws there.
+notebook_view: Callable[[Checked, str], contextlib.AbstractContextManager[Listener]] | None = None
+
+
+@contextlib.contextmanager
+def listening(progress: Progress, listener: Listener | None, graph: Checked, run: str) -> Iterator[Listener]:
+    """One listener for a run's events: the view that `progress` asks for, and `listener`."""
+    shown: contextlib.AbstractContextManager[Listener]
+    if progress and in_notebook() and notebook_view is not None:
+        shown = notebook_view(graph, run)
+    elif progress is True or (progress == "auto" and sys.stdout.isatty()):
+        shown = view(graph, run)
+    else:
+        shown = contextlib.nullcontext(lambda event: None)
+    with shown as show:
+
+        def listen(event: Mapping[str, Any]) -> None:
+            show(event)
+            if listener is not None:
+                listener(event)
+
+        yield listen
+
+
+def in_notebook() -> bool:
+    """Whether this is the kernel of a notebook."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython else None
+    return shell is not None and "IPKernelApp" in getattr(shell, "config", {})
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from exmesh_graph.api.judge import judge
 from exmesh_graph.api.values import Parameter, Plug, Wire, here, plain
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.components import Component
+from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port
 from exmesh_graph.graph.language.spec import _NAME
@@ -130,8 +131,8 @@ class Scope:
         where, problems = here(), Problems()
         _refuse_name(name, self, where)
         if isinstance(file, Scope):
-            fail("graph", where, f"{name}: a graph that is used in another one lies in a file",
-                 expected="the path of a graph file", fix=f'{file.graph.name}.to_yaml("{file.graph.name}.yaml") first')  # fmt: skip
+            what, fix = f"{name}: a graph that is used in another one lies in a file", "save it by to_yaml(file) first"
+            fail("graph", where, what, expected="the path of a graph file", fix=fix)
         entry = Map(where)
         entry.put("graph", os.fspath(file), where)
         for key, value in fields.items():
@@ -208,7 +209,9 @@ class Scope:
                 if scope._has(block, "graph"):
                     scope = _Inside(scope, block)
                     continue
-                fail("unknown-node", where, f"there is no block {block!r}", nearest=nearest(block, scope) or list(scope))
+                fail(
+                    "unknown-node", where, f"there is no block {block!r}", nearest=nearest(block, scope) or list(scope)
+                )
             scope = Block(scope, block)
         if last not in scope and not isinstance(scope, _Inside):
             what = f"{self.graph.name} has no node {path!r}"

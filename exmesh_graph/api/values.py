@@ -1,4 +1,4 @@
-"""What a graph that is built in Python holds: outputs of nodes, graph parameters, components, and where they were written.
+"""What a graph that is built in Python holds: outputs of nodes, graph parameters, components; where they were written.
 
 A value becomes what a graph file would hold in its place: `views.train` the text `@views.train`, a graph parameter
 `${faces}`, a path its text, a tuple a list. Strings mean what they mean in a graph file, `"@views.train"` and
@@ -40,10 +40,12 @@ class Place(Where):
 
 
 def here() -> Place:
-    """The line of Python that called into this package."""
+    """The line of Python that called into this package; no file where that is its own command line."""
     frame = sys._getframe(1)
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).startswith("exmesh_graph.api"):
         frame = frame.f_back
+    if str(frame.f_globals.get("__name__", "")).startswith("exmesh_graph.cli"):
+        return Place(None)
     return Place(Path(frame.f_code.co_filename), frame.f_lineno)
 
 

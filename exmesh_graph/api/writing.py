@@ -1,4 +1,4 @@
-"""A graph that was built in Python as the text of a graph file. Relative paths are written for the folder it goes to."""
+"""A graph that was built in Python as the text of a graph file. Relative paths start from the folder it goes to."""
 
 from __future__ import annotations
 
@@ -162,7 +162,12 @@ class _Mover:
         return self._moved(value, base)
 
     def _moved(self, value: Any, base: Path) -> Any:
-        if not isinstance(value, str) or not value or value.startswith(("~", "@", "${")) or PurePath(value).is_absolute():
+        if (
+            not isinstance(value, str)
+            or not value
+            or value.startswith(("~", "@", "${"))
+            or PurePath(value).is_absolute()
+        ):
             return value
         if base == self.folder:
             return value

@@ -9,8 +9,8 @@ from typing import Any
 
 import typer
 
-from exmesh_graph.api.progress import view
 from exmesh_graph.api.board import clock
+from exmesh_graph.api.progress import view
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.cache.store import Store, artifact_types
 from exmesh_graph.graph.declare.packs import Packs

@@ -11,10 +11,10 @@ from typing import Any
 
 import typer
 
+from exmesh_graph.api.board import clock
 from exmesh_graph.api.progress import view
 from exmesh_graph.cli.options import checked_variants
 from exmesh_graph.cli.running import loader, show_benchmarks
-from exmesh_graph.api.board import clock
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs

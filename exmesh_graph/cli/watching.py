@@ -114,8 +114,7 @@ def replay(
 
 def _lines_of(run: Path, record: Mapping[str, Any]) -> Iterator[str]:
     """A run's state in one line, and a line for each node that runs or stopped it."""
-    from exmesh_graph.api.board import board_of
-    from exmesh_graph.api.board import clock
+    from exmesh_graph.api.board import board_of, clock
     from exmesh_graph.graph.run.rundir import is_alive
 
     board = None
@@ -144,8 +143,7 @@ def _lines_of(run: Path, record: Mapping[str, Any]) -> Iterator[str]:
 
 def _event_line(line: str, node: str | None) -> str:
     """A line of events.jsonl in words; empty for what is not shown."""
-    from exmesh_graph.api.board import RunningNode, event_of
-    from exmesh_graph.api.board import clock
+    from exmesh_graph.api.board import RunningNode, clock, event_of
 
     event = event_of(line)
     if event is None or (node is not None and event.get("node") != node):

@@ -107,19 +107,26 @@ def check(graph: Graph, packs: Packs, problems: Problems | None = None) -> Check
     return _Check(graph, packs, Problems() if problems is None else problems).run()
 
 
-def check_part(graph: Graph, name: str, packs: Packs) -> Problems:
-    """What is wrong with one node of a graph still being written: its type, wires and values; not what it lacks.
+def check_part(
+    graph: Graph, name: str, packs: Packs, *, whole: bool = False, nested: Mapping[str, Component] | None = None,
+    plugs: Iterable[BoundComponent] = (),
+) -> tuple[Params | None, Problems]:  # fmt: skip
+    """The parameters of one node of a graph still being written, and what is wrong with its type, wires and values.
 
-    The values of its parameters must be known; wires may only lead to nodes of `graph`.
+    What it lacks counts only if it is `whole`. Wires may only lead to nodes of `graph`; what is wired elsewhere is
+    Broken, and for components given as `nested` (of a component) or `plugs` (of a node).
     """
-    work = _Check(graph, packs, Problems(), whole=False)
-    for spec in graph.nodes.values():
-        work._type(spec)
+    work, spec = _Check(graph, packs, Problems(), whole=whole), graph.nodes[name]
+    for other in graph.nodes.values():
+        work._type(other)
     work.wiring = Wiring(graph, work.signatures, work.problems)
-    if name in work.signatures:
-        _, params = work._fields(graph.nodes[name])
-        work._params(graph.nodes[name], work.signatures[name], params, {})
-    return work.problems
+    if name not in work.signatures:
+        return None, work.problems
+    found, (_, params) = work.signatures[name], work._fields(spec)
+    model = work._params(spec, found, params, nested or {})
+    if whole and model is not None and found.component is None:
+        work._decided(spec, found, model, params, plugs)
+    return model, work.problems
 
 
 @dataclass

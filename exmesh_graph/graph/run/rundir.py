@@ -22,7 +22,7 @@ from exmesh_graph.graph.cache.store import Store, Stored
 from exmesh_graph.graph.files import walk_files, writing
 from exmesh_graph.types import Files
 
-OWN_FILES = ("run.json", "events.jsonl", "failure.json", "failures", "logs", "report.json", "report.html")
+OWN_FILES = ("run.json", "graph.yaml", "events.jsonl", "failure.json", "failures", "logs", "report.json", "report.html")
 
 
 class RunFolder:

@@ -104,7 +104,8 @@ class Run:
         self.record: dict[str, Any] = {
             "id": folder.id, "graph": graph.name, "file": str(graph.file), "command": command,
             "overrides": list(overrides), "state": "unfinished", "started": time.time(), "machine": machine_facts(),
-            "store": str(store.root), "resolved": graph.resolved(), "nodes": list(self.rows.values()), "published": {},
+            "store": str(store.below or store.root), "resolved": graph.resolved(), "nodes": list(self.rows.values()),
+            "published": {},
         }  # fmt: skip
 
     def run(self) -> dict[str, Any]:

@@ -1,0 +1,210 @@
+"""Running a graph from Python: `run`, `plan`, `open_run`, and what a failed run raises."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from exmesh_graph.api.builder import Graph
+from exmesh_graph.api.opening import Folder, Settings, Source, checked_graph, named, open_store, packs, texts_of
+from exmesh_graph.api.progress import Progress, listening
+from exmesh_graph.api.results import Run, read_run
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.run.runner import Listener, NodeFailed
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.language.check import Checked
+    from exmesh_graph.graph.run.backends import Backend
+    from exmesh_graph.graph.run.plan import Step
+
+Names = Iterable[str] | str | None
+
+
+class RunFailed(NodeFailed):
+    """A run in which nodes failed; `run` is what came of the others, `records` what the failure files hold."""
+
+    def __init__(self, run: Run, records: list[Mapping[str, Any]], cause: BaseException | None, place: str) -> None:
+        super().__init__(records, cause)
+        self.run, self.folder = run, run.folder
+        self.where = f"{self.node} ({place})" if place else self.node
+        self.expected = ""
+        others = f"; {len(records) - 1} more failed: " + ", ".join(str(r["node"]) for r in records[1:6])
+        self.what = str(self.record["message"]) + (others if len(records) > 1 else "")
+        self.fix = f"mend it and run again, what is done is kept: {self.record['run_again']}"
+
+    def __str__(self) -> str:
+        at = f"\n  at {self.record['at']}" if self.record.get("at") else ""
+        details = f"\n  folder: {self.folder}\n  details: {self.folder / self.record['file']}"
+        return f"{self.where}: {self.what}{at}{details}\n  fix: {self.fix}"
+
+
+def run(
+    graph: Source,
+    *,
+    set: Settings = None,
+    variant: str | None = None,
+    nodes: Names = None,
+    force: Names = None,
+    store: Folder = None,
+    shared: str | None = None,
+    runs: str | os.PathLike[str] = "runs",
+    workers: int | None = None,
+    backend: str = "local",
+    address: str | None = None,
+    tokens: Mapping[str, float] | str | None = None,
+    keep_going: bool = False,
+    progress: Progress = "auto",
+    listener: Listener | None = None,
+    report: bool = True,
+    **params: Any,
+) -> Run:
+    """Run a graph: a file, or one built in Python. What is in the store is not run again, so the same call resumes.
+
+    set       settings as `--set` takes them: {"pbr.iterations": 800, "rounds.repeat": 2}
+    params    graph parameters: scene="my_scene", faces=20_000
+    nodes     run only what these need; force: run these even on a hit
+    workers   worker processes at most, None: what the machine can take; 0: all nodes in this process
+    backend   local or ray (address: its cluster); tokens: what nodes may use together, {"cpu": 4} or "cpu=4"
+    progress  "auto": shown on a terminal and in a notebook; True: always; False: never
+    listener  called with every event of the run, a mapping with `event`, `time` and mostly `node`
+    Raises GraphErrors with all faults before anything runs, RunFailed when nodes fail, KeyboardInterrupt (its `run`
+    holds what was done) when it is interrupted; the same call then goes on.
+    """
+    checked = checked_graph(graph, set, variant, store, **params)
+    offered = _tokens(tokens)
+    forced, targets = named(checked, force), named(checked, nodes)
+    sets = texts_of(set, params)
+    words = command_words(
+        sets,
+        {"--variant": variant, "--store": store, "--shared": shared, "--runs": None if runs == "runs" else runs,
+         "--workers": workers, "--tokens": ",".join(f"{name}={count:g}" for name, count in offered.items()) or None,
+         "--backend": None if backend == "local" else backend, "--address": address},
+        ["--keep-going"] if keep_going else [],
+    )  # fmt: skip
+    return run_checked(
+        checked,
+        graph,
+        open_store(store, shared),
+        Path(runs),
+        lambda opened: backend_of(workers, opened, backend, address),
+        words,
+        progress=progress,
+        listener=listener,
+        report=report,
+        only=[word for name in targets for word in ("--node", name)],
+        targets=checked.needed_for(targets) if targets else None,
+        force={*forced},
+        overrides=tuple(sets),
+        tokens=offered,
+        keep_going=keep_going,
+    )
+
+
+def run_checked(
+    checked: Checked,
+    source: Source,
+    store: Store,
+    runs: Path,
+    make: Callable[[Store], Backend],
+    words: list[str],
+    *,
+    progress: Progress,
+    listener: Listener | None,
+    report: bool,
+    only: Sequence[str] = (),
+    **options: Any,
+) -> Run:
+    """Run a checked graph in a new run folder; `words` and `only` of a command would run it again."""
+    from exmesh_graph.graph.cache.layer import writable
+    from exmesh_graph.graph.run.rundir import RunFolder
+    from exmesh_graph.graph.run.runner import Run as Runner
+
+    for module, why in packs().broken.items():
+        warnings.warn(f"the node module {module} cannot be imported: {why}", stacklevel=3)
+    with contextlib.ExitStack() as open_things:
+        opened = open_things.enter_context(writable(store))
+        backend = make(opened)
+        folder = RunFolder(runs, checked.name)
+        open_things.callback(folder.close)
+        if isinstance(source, Graph):  # so that commands can name it
+            checked = replace(checked, file=folder.path / "graph.yaml")
+            source.to_yaml(checked.file)
+        command = ["exmesh", "run", str(source if not isinstance(source, Graph) else checked.file), *words]
+        with listening(progress, listener, checked, folder.id) as listen:
+            work = Runner(checked, opened, folder, listen, backend=backend, command=shlex.join([*command, *only]),
+                          alone=shlex.join(command), **options)  # fmt: skip
+            result = Run(folder.path, work.record, opened)
+            try:
+                work.run()
+            except NodeFailed as failure:
+                place = checked.nodes[failure.node].where
+                raise RunFailed(result, failure.records, failure.cause, str(place)) from failure.cause
+            except KeyboardInterrupt as interrupt:
+                interrupt.run = result  # type: ignore[attr-defined]
+                raise
+            finally:
+                if opened is not store:  # a temporary one, needed as long as the handle
+                    result.keep(open_things.pop_all().close)
+        if report:
+            try:
+                result.make_report()
+            except Exception as error:
+                result.report_error = f"{type(error).__name__}: {error}"
+                warnings.warn(f"all nodes are done, but the report failed: {result.report_error}", stacklevel=3)
+    return result
+
+
+def plan(
+    graph: Source, *, set: Settings = None, variant: str | None = None, nodes: Names = None, store: Folder = None,
+    shared: str | None = None, **params: Any,
+) -> list[Step]:  # fmt: skip
+    """What a run would do with each node, and why: steps with name, state (hit, run, unknown), reason and key."""
+    from exmesh_graph.graph.run.plan import plan as steps_of
+
+    checked = checked_graph(graph, set, variant, store, **params)
+    targets = checked.needed_for(named(checked, nodes)) if nodes else None
+    return steps_of(checked, open_store(store, shared), targets)
+
+
+def open_run(folder: str | os.PathLike[str] = "runs/latest", *, store: Folder = None) -> Run:
+    """The handle of an earlier run, or of one that goes on. Raises ExmeshError where there is none."""
+    path = Path(folder)
+    record = read_run(path)
+    packs()  # for the wire types that they define
+    used = record.get("store") if store is None else store
+    known = used if used and Path(used).is_dir() else store
+    return Run(path.resolve(), record, open_store(known))
+
+
+def backend_of(workers: int | None, store: Store, kind: str = "local", address: str | None = None) -> Backend:
+    """local: this process for 0 workers, else worker processes, as many as the machine can take for None; or ray."""
+    if kind == "ray":
+        from exmesh_graph.graph.run.backends.ray import RayCluster
+
+        return RayCluster(store, address)
+    if kind != "local":
+        raise GraphError(f"there is no backend {kind!r}", expected="local or ray")
+    from exmesh_graph.graph.run.backends.inline import Inline
+    from exmesh_graph.graph.run.backends.local import Local
+
+    return Inline(store) if workers == 0 else Local(workers)
+
+
+def _tokens(tokens: Mapping[str, float] | str | None) -> Mapping[str, float]:
+    from exmesh_graph.graph.run.schedule import parse_tokens
+
+    return parse_tokens(tokens) if isinstance(tokens, str) else dict(tokens or {})
+
+
+def command_words(sets: Iterable[str], options: Mapping[str, Any], flags: Iterable[str] = ()) -> list[str]:
+    """The words of a command after its graph; options without a value are left out."""
+    words = [word for text in sets for word in ("--set", text)]
+    words += [str(word) for option, value in options.items() if value is not None for word in (option, value)]
+    return [*words, *flags]
