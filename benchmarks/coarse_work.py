@@ -21,13 +21,14 @@ from exmesh_graph.io.middlebury import load_middlebury
 from exmesh_graph.io.params import BlenderOptions, DepthOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.priors.align import align
 from exmesh_graph.priors.depth_filter import normals_of_depth
-from exmesh_graph.priors.plane_sweep import SweepSettings, plane_sweep
+from exmesh_graph.priors.plane_sweep import plane_sweep
+from exmesh_graph.priors.settings import SweepSettings
 from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.depths import depth_maps
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.pgsr import pgsr
-from exmesh_graph.splat.settings import FitSettings
+from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import DepthMaps, Views
 
@@ -88,11 +89,10 @@ def fitted(case: Case, iterations: int) -> DepthMaps:
     """Depth maps of planar Gaussians, from points in the hull, or at random in the unit sphere without masks."""
     gaussians, history = pgsr(
         case.train,
-        FitSettings(iterations=iterations, max_gaussians=MOST_GAUSSIANS),
-        dissent=1 if case.truth is None else 0,
+        PgsrSettings(iterations=iterations, max_gaussians=MOST_GAUSSIANS, dissent=1 if case.truth is None else 0),
     )
     print(f"{'':24s} {len(gaussians)} Gaussians, {history['psnr'][-1]:.1f} dB", flush=True)
-    return depth_maps(Gaussians.of(gaussians), prepare_targets(case.train))[0]
+    return depth_maps(Gaussians.of(gaussians), prepare_targets(case.train), DepthSettings())[0]
 
 
 def solid(case: Case, depths: DepthMaps, clear: float = CLEAR) -> Surface:

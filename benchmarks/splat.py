@@ -24,11 +24,12 @@ from exmesh_graph.evaluate.metrics.mesh import bounding_radius
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.params import BlenderOptions
 from exmesh_graph.raster import rasterize
-from exmesh_graph.splat import Gaussians, render
-from exmesh_graph.splat.depths import DepthFilter, depth_maps
+from exmesh_graph.splat.depths import depth_maps
+from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.pgsr import pgsr
 from exmesh_graph.splat.reference import render_reference
-from exmesh_graph.splat.settings import FitSettings
+from exmesh_graph.splat.render import render
+from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
 from exmesh_graph.targets import prepare_targets
 
 
@@ -73,7 +74,7 @@ def fitted(path: Path, iterations: int, quick: bool) -> dict[str, float]:
     if truth is None or truth.mesh_vertices is None or truth.mesh_faces is None:
         raise SystemExit("the scene has no true mesh")
     began = time.process_time()
-    gaussians, history = pgsr(views, FitSettings(iterations=50 if quick else iterations))
+    gaussians, history = pgsr(views, PgsrSettings(iterations=50 if quick else iterations))
     row = {"iterations": iterations, "psnr": history["psnr"][-1], "seconds": time.process_time() - began}
     print(f"{len(gaussians)} Gaussians, {row['psnr']:.1f} dB, {row['seconds']:.0f} processor seconds")
     faces = torch.from_numpy(np.ascontiguousarray(truth.mesh_faces, np.int32))
@@ -82,7 +83,7 @@ def fitted(path: Path, iterations: int, quick: bool) -> dict[str, float]:
     true = rasterize(corners, faces, *cameras, views.height, views.width).depth.numpy()
     unit = 1000 / bounding_radius(truth.mesh_vertices)
     for surface in ("middle", "blended"):
-        keep = DepthFilter(surface=surface, outward=0.0)  # type: ignore[arg-type]
+        keep = DepthSettings(surface=surface, outward=0.0)  # type: ignore[arg-type]
         depth = depth_maps(Gaussians.of(gaussians), prepare_targets(views), keep)[0].depth
         error = unit * (depth - true)[(depth > 0) & (true > 0)]
         row[surface] = float(np.median(np.abs(error)))

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
+from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
 from exmesh_graph.types import DepthMaps, Files, Frame, Metrics, PlanarGaussians, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
@@ -18,31 +19,7 @@ KERNELS = tuple(  # loaded by a computed name
 )
 
 
-class PgsrParams(Params):
-    iterations: int = param(1500, ge=1, doc="Length of the fit, one view each; every schedule is a share of it.")
-    start: Literal["auto", "points", "hull", "random"] = param(
-        "auto",
-        doc="points wired in, in the visual hull of the masks, or at random in the unit sphere; auto: the first of "
-        "these that there is.",
-    )
-    count: int = param(20000, ge=1, doc="Gaussians at the start (hull, random).")
-    max_gaussians: int = param(40000, ge=1, doc="Gaussians at most.")
-    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point (hull).")
-    degree: int = param(3, ge=0, le=3, doc="Degree of the spherical harmonics at the end.")
-    ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of 1 - SSIM in the colour loss.")
-    mask_weight: float = param(0.2, ge=0, doc="Weight of coverage against the mask, where there is one.")
-    flatten_weight: float = param(100.0, ge=0, doc="Weight of the Gaussians' mean thickness, in world units.")
-    normal_weight: float = param(0.015, ge=0, doc="Weight of rendered normals agreeing with rendered depth.")
-    geometric_weight: float = param(0.03, ge=0, doc="Weight of depth agreeing with a neighbouring view's.")
-    photometric_weight: float = param(0.15, ge=0, doc="Weight of patches correlating with a neighbouring view's.")
-    geometry_from: float = param(0.25, ge=0, le=1, doc="Share of the iterations after which these three act.")
-    samples: int = param(4096, ge=1, unit="pixels", doc="Pixels compared with the neighbour in an iteration.")
-    mean_rate: float = param(2e-3, gt=0, doc="Step of the means at the start, in world units; a hundredth at the end.")
-    densify: float = param(2e-4, gt=0, doc="Mean screen gradient above which a Gaussian is doubled or split.")
-    densify_absolute: float = param(8e-4, gt=0, doc="The same for the sum of its absolute values over the pixels.")
-    reset_at: float = param(0.0, ge=0, lt=1, doc="Share of the iterations at which opacities are reset; 0: never.")
-    gains: bool = param(False, doc="Fit one factor per view and channel, for photographs of wandering exposure.")
-    downscale: int = param(1, ge=1, le=16, doc="Work on pictures reduced by this factor.")
+class PgsrParams(PgsrSettings):
     device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
@@ -59,19 +36,13 @@ def pgsr(
     """Fit planar Gaussians to the photographs (PGSR): a coarse surface that opens what no outline shows."""
     from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.splat.pgsr import pgsr as run
-    from exmesh_graph.splat.settings import FitSettings
 
-    other = {"start", "count", "dissent", "downscale", "device", "threads"}
     with torch_threads(p.threads):
         gaussians, history = run(
             views,
-            FitSettings(**p.model_dump(exclude=other)),
+            p,
             points=points,
             begin=begin,
-            start=p.start,
-            count=p.count,
-            dissent=p.dissent,
-            downscale=p.downscale,
             seed=ctx.seed,
             device=pick_device(p.device),
             progress=ctx.progress,
@@ -87,16 +58,7 @@ def pgsr(
     return PgsrOut(gaussians, Metrics(history))
 
 
-class DepthParams(Params):
-    surface: Literal["middle", "blended"] = param(
-        "middle", doc="Plane of the Gaussian at which half of the light is gone, or all planes blended."
-    )
-    incidence: float = param(80.0, gt=0, le=90, unit="degrees", doc="Drop planes seen at more than this angle.")
-    agreeing: int = param(1, ge=0, unit="views", doc="Neighbours that must show the same point; 0: none asked.")
-    tolerance: float = param(0.01, gt=0, le=1, doc="How far those may be off, as a share of the depth.")
-    outward: float = param(
-        0.5, ge=0, le=4, unit="px", doc="Added along the surface's normal: a fit shrinks the object by about so much."
-    )
+class DepthParams(DepthSettings):
     device: Device = param("auto", doc="Where to compute.")
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
@@ -116,14 +78,13 @@ def depth_from_gaussians(ctx: Context, gaussians: PlanarGaussians, views: Views,
     """Depth maps of fitted Gaussians, without grazing planes and what neighbouring views contradict."""
     from exmesh_graph.errors import GeometryError
     from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
-    from exmesh_graph.splat.depths import DepthFilter, depth_maps
+    from exmesh_graph.splat.depths import depth_maps
     from exmesh_graph.splat.gaussians import Gaussians
     from exmesh_graph.targets import prepare_targets
 
     with torch_threads(p.threads):
         device = pick_device(p.device)
-        keep = DepthFilter(**p.model_dump(exclude={"device", "threads"}))
-        depths, share = depth_maps(Gaussians.of(gaussians, device), prepare_targets(views, device=device), keep)
+        depths, share = depth_maps(Gaussians.of(gaussians, device), prepare_targets(views, device=device), p)
     if not (depths.depth > 0).any():
         raise GeometryError(
             f"no depth is left of {len(gaussians)} Gaussians in {len(views)} views", where=ctx.node,

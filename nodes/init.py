@@ -8,6 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
+from exmesh_graph.stage1.settings import PhotometricSettings
 from exmesh_graph.types import DepthMaps, Frame, Mesh, Views
 
 MaskedTrain = Annotated[Views, facets(split="train", masks=True)]
@@ -159,10 +160,7 @@ def clean(ctx: Context, mesh: Mesh, *, p: CleanParams) -> ManifoldMeshOut:
     return ManifoldMeshOut(Mesh(vertices, faces))
 
 
-class PhotometricParams(Params):
-    passes: int = param(2, ge=0, le=20, doc="Sweeps over the mesh.")
-    reach: float = param(3.0, gt=0, le=20, unit="mean edges", doc="Largest move of a pass inwards; outwards a quarter.")
-    smoothness: float = param(0.03, gt=0, doc="Weight of neighbours moving alike against what the photographs say.")
+class PhotometricParams(PhotometricSettings):
     device: Literal["auto", "cpu", "cuda"] = param(
         "auto", doc="Where to compute; auto takes a CUDA device if there is one."
     )
@@ -175,13 +173,12 @@ def photometric(
 ) -> ManifoldMeshOut:
     """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree."""
     from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
-    from exmesh_graph.stage1.photometric import SweepSettings, sweep
+    from exmesh_graph.stage1.photometric import sweep
     from exmesh_graph.targets import prepare_targets
 
-    settings = SweepSettings(passes=p.passes, reach=p.reach, smoothness=p.smoothness)
     with torch_threads(p.threads):
         targets = prepare_targets(views, device=pick_device(p.device))
-        vertices, figures = sweep(mesh.vertices, mesh.faces, targets, settings, ctx.progress)
+        vertices, figures = sweep(mesh.vertices, mesh.faces, targets, p, ctx.progress)
     ctx.log(", ".join(f"{name} {value:.2f}" for name, value in figures.items()))
     return ManifoldMeshOut(Mesh(vertices, mesh.faces))
 

@@ -8,19 +8,13 @@ from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
+from exmesh_graph.priors.settings import NetworkSettings, SweepSettings
 from exmesh_graph.types import DepthMaps, Views
 
 AnyDepth = Annotated[DepthMaps, facets(units=None)]
 
 
-class SweepParams(Params):
-    planes: int = param(128, ge=8, le=1024, doc="Depths tried for every pixel, over the unit sphere.")
-    neighbours: int = param(4, ge=1, le=16, unit="views", doc="Views compared with, about 10 degrees away.")
-    window: int = param(9, ge=3, le=31, unit="pixels", doc="Side of the compared windows, in reduced pictures; odd.")
-    downscale: int = param(2, ge=1, le=16, doc="Compare pictures reduced by this factor.")
-    min_score: float = param(0.6, ge=-1, le=1, doc="Least correlation of the windows.")
-    agreeing: int = param(2, ge=0, unit="views", doc="Neighbours that must have found the same point.")
-    tolerance: float = param(0.01, gt=0, le=1, doc="How far those may be off, as a share of the depth.")
+class SweepParams(SweepSettings):
     device: Literal["auto", "cpu", "cuda"] = param("auto", doc="Where to compute.")
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
@@ -32,18 +26,13 @@ class DepthOut(NamedTuple):
 @node("prior.plane_sweep", version="1", libraries=("torch", "warp-lang", "scipy"), resources={"cpu": 0, "gpu?": 1})
 def plane_sweep(ctx: Context, views: Views, *, p: SweepParams) -> DepthOut:
     """Depth from the photographs alone: where windows of neighbouring views correlate best (plane sweep)."""
-    from exmesh_graph.errors import DataError
     from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
-    from exmesh_graph.priors.plane_sweep import SweepSettings
     from exmesh_graph.priors.plane_sweep import plane_sweep as run
 
-    if p.window % 2 == 0:
-        raise DataError(f"window {p.window} has no middle pixel", where=ctx.node, fix=f"window: {p.window + 1}")
-    settings = SweepSettings(**p.model_dump(exclude={"device", "threads"}))
     with torch_threads(p.threads):
-        depths = run(views, settings, device=pick_device(p.device), progress=ctx.progress)
-    found = (depths.depth > 0).mean(axis=(1, 2))
-    ctx.log(f"depth in {found.mean():.0%} of the pixels, from {found.min():.0%} to {found.max():.0%} by view")
+        depths = run(views, p, device=pick_device(p.device), progress=ctx.progress)
+    known = (depths.depth > 0).mean(axis=(1, 2))
+    ctx.log(f"depth in {known.mean():.0%} of the pixels, from {known.min():.0%} to {known.max():.0%} by view")
     return DepthOut(depths)
 
 
@@ -74,15 +63,7 @@ def align(ctx: Context, relative: AnyDepth, measured: DepthMaps, *, p: AlignPara
     return DepthOut(done.depths)
 
 
-class DepthAnythingParams(Params):
-    model: str = param(
-        "depth-anything/DA3-BASE", min_length=1, doc="Model on the Hugging Face hub; unused where weights are given."
-    )
-    revision: str = param("", doc="Branch, tag or commit of the model; empty: the newest.")
-    weights: Path | None = param(None, doc="Folder with config.json and model.safetensors, instead of the hub.")
-    resolution: int = param(504, ge=56, le=4096, unit="pixels", doc="Longest side of the pictures in the network.")
-    batch: int = param(8, ge=1, unit="views", doc="Views that the network sees at once; bounds memory.")
-    cameras: bool = param(True, doc="Tell the network the cameras; false for the monocular and metric models.")
+class DepthAnythingParams(NetworkSettings):
     device: Literal["auto", "cpu", "cuda"] = param("auto", doc="Where to compute.")
 
 
@@ -106,7 +87,6 @@ def _weights(p: DepthAnythingParams) -> Mapping[str, Path]:
 def depth_anything(ctx: Context, views: Views, *, p: DepthAnythingParams) -> RelativeOut:
     """Relative depth by Depth Anything 3; needs the optional package and its weights (docs/data.md)."""
     from exmesh_graph.gpu.torch_setup import pick_device
-    from exmesh_graph.priors.depth_anything import NetworkSettings, estimate
+    from exmesh_graph.priors.depth_anything import estimate
 
-    settings = NetworkSettings(**p.model_dump(exclude={"device"}))
-    return RelativeOut(estimate(views, settings, device=pick_device(p.device), progress=ctx.progress))
+    return RelativeOut(estimate(views, p, device=pick_device(p.device), progress=ctx.progress))

@@ -10,6 +10,7 @@ from pydantic import model_validator
 
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
+from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.types import Carrier, DepthMaps, Mesh, Metrics, Stage1State, Views
 
 Train = Annotated[Views, facets(split="train")]
@@ -44,37 +45,10 @@ def init(
         return InitOut(state if appearance is None else appearance.begin(state, ctx.seed, str(device)))
 
 
-class RefineParams(Params):
-    iterations: int = param(500, ge=0, doc="Iterations of this round, one view each.")
-    total_iterations: int = param(
-        0, ge=0, doc="Length of the whole Stage I, over which learning rates decay; 0 = up to this round's end."
-    )
+class RefineParams(RefineSettings):
     share: float = param(
         0.0, ge=0, le=1, doc="This round's part of total_iterations; above 0 it stands in place of iterations."
     )
-    vertex_lr: float = param(
-        0.08,
-        ge=0,
-        le=1,
-        unit="mean edge lengths",
-        doc="Length of a vertex's step at the start (mean edge of the round's mesh).",
-    )
-    vertex_decay: float = param(0.00625, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
-    texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
-    texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")
-    ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
-    silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
-    silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")
-    coverage_weight: float = param(
-        1.0, ge=0, doc="Weight of what stays uncovered inside the region; used where one is wired."
-    )
-    deviation_weight: float = param(0.0, ge=0, doc="Weight of L_b, neighbours moving alike, in its scale-free form.")
-    depth_weight: float = param(0.01, ge=0, doc="Weight of the depth correlation L_d; used where depths are wired.")
-    gradient_decay: float = param(0.95, ge=0, lt=1, doc="beta_g of the vertices' gradient average (eq. 1).")
-    uv_gradient: bool = param(True, doc="Let colour move vertices inside the silhouette too.")
-    gains: bool = param(False, doc="Fit one factor per view and channel, for photographs of wandering exposure.")
-    downscale: int = param(1, ge=1, le=16, doc="Work on pictures reduced by this factor.")
-    fill_unseen: bool = param(True, doc="Fill texels that this round never touched from their neighbours.")
     device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
@@ -102,27 +76,22 @@ def refine(
     p: RefineParams,
 ) -> RefineOut:
     """Move vertices and texels against the photographs on a fixed topology."""
-    from dataclasses import replace
-
     from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
     from exmesh_graph.stage1.refine import refine as run
-    from exmesh_graph.stage1.settings import RefineSettings
 
     if not views.has_masks and region is None:
         ctx.warn("the views have no masks and no region is wired in: the outline follows from colour alone")
     elif views.has_masks and not views.masked.all():
         bare = [name for name, masked in zip(views.names, views.masked, strict=True) if not masked]
         ctx.warn(f"{len(bare)} of {len(views)} views have no mask and shape the surface by colour alone: {_some(bare)}")
-    settings = RefineSettings(**p.model_dump(exclude={"device", "threads", "share"}))
     if p.share > 0:
-        settings = replace(settings, iterations=round(p.share * p.total_iterations))
-    if smoothness is not None:
-        settings = replace(settings, smoothness=smoothness.made())
+        p = p.replaced(iterations=round(p.share * p.total_iterations))
     with torch_threads(p.threads):
         new, history = run(
             state,
             views,
-            settings,
+            p,
+            smoothness=smoothness,
             seed=ctx.seed,
             depths=depths,
             region=region,

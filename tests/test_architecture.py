@@ -106,7 +106,8 @@ def test_nothing_heavy_at_the_top(room: str) -> None:
 def test_kernels_need_torch_numpy_and_warp_only(room: str) -> None:
     """So that they run on a machine with a GPU and little else."""
     names = sorted(module for module in modules() if room_of(module) == room and "kernels" not in module)
-    names = [name for name in names if name != "exmesh_graph.rays.embree"]
+    # parameters are declared for nodes; the kernels' functions take any object with these attributes
+    names = [name for name in names if name != "exmesh_graph.rays.embree" and not name.endswith(".settings")]
     code = f"import importlib\nfor name in {names!r}: importlib.import_module(name)"
     others = ("pydantic", "open3d", "pymeshlab", "pxr", "OpenImageIO", "skimage", "embreex", "xatlas", "networkx")
     assert loaded_by(code, others) == set()

@@ -21,7 +21,7 @@ class Alignment(NamedTuple):
     left_out: tuple[str, ...]
 
 
-def align(relative: DepthMaps, measured: DepthMaps, reach: float = 0.0) -> Alignment:
+def align(relative: DepthMaps, measured: DepthMaps, reach: float) -> Alignment:
     """z = s d + t for each view of `measured`, least absolute deviations over the pixels where both are known.
 
     reach  standard deviation of a Gaussian, in picture widths: what the measured depths differ by from s d + t is

@@ -7,7 +7,6 @@ DA3METRIC-LARGE and DA3MONO-LARGE are Apache-2.0, the larger ones CC BY-NC 4.0. 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,21 +16,10 @@ import torch
 from exmesh_graph.errors import DataError, NumericsError
 from exmesh_graph.losses import display
 from exmesh_graph.native import import_depth_anything
+from exmesh_graph.priors.settings import NetworkSettings
 from exmesh_graph.types import DepthMaps, Views
 
 _FILES = ("config.json", "model.safetensors")
-
-
-@dataclass(frozen=True)
-class NetworkSettings:
-    """Settings of `estimate`; meanings are those of the node `prior.depth_anything`."""
-
-    model: str = "depth-anything/DA3-BASE"
-    revision: str = ""
-    weights: Path | None = None
-    resolution: int = 504
-    batch: int = 8
-    cameras: bool = True
 
 
 def weight_files(folder: Path) -> list[Path]:

@@ -7,13 +7,13 @@ correlate best wins, and is kept where neighbours found the same point.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.priors.depth_filter import agreed, neighbours
+from exmesh_graph.priors.settings import SweepSettings
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Views
 
@@ -21,22 +21,9 @@ _FLAT = 0.01  # windows whose standard deviation is below this, in display units
 _BATCH = 16  # planes at once
 
 
-@dataclass(frozen=True)
-class SweepSettings:
-    """Settings of `plane_sweep`; meanings and units are those of the node `prior.plane_sweep`."""
-
-    planes: int = 128
-    neighbours: int = 4
-    window: int = 9
-    downscale: int = 2
-    min_score: float = 0.6
-    agreeing: int = 2
-    tolerance: float = 0.01
-
-
 def plane_sweep(
     views: Views,
-    settings: SweepSettings | None = None,
+    settings: SweepSettings,
     *,
     device: torch.device | str = "cpu",
     progress: Callable[[int, int], None] | None = None,
@@ -46,7 +33,6 @@ def plane_sweep(
     Found at 1 / `downscale` of the pictures' size and given at full size (nearest value). Raises DataError for fewer
     than two views.
     """
-    settings = settings or SweepSettings()
     if len(views) < 2:
         raise DataError("one view alone has no parallax", where="prior.plane_sweep", expected="two views or more")
     targets = prepare_targets(views, downscale=settings.downscale, device=device)

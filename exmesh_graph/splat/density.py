@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import torch
 
 from exmesh_graph.splat.gaussians import Gaussians, rotation_matrices
 from exmesh_graph.splat.optimiser import Adam
 from exmesh_graph.splat.render import Render
-from exmesh_graph.splat.settings import FitSettings
+
+if TYPE_CHECKING:
+    from exmesh_graph.splat.settings import PgsrSettings
 
 _LARGE = 0.01  # world units: larger ones are split, smaller ones doubled
 _TOO_LARGE = 0.2
@@ -39,7 +42,7 @@ class Density:
             setattr(self, name, value.to(self.sums.device))
 
 
-def control(adam: Adam, density: Density, settings: FitSettings, generator: torch.Generator) -> dict[str, int]:
+def control(adam: Adam, density: Density, settings: PgsrSettings, generator: torch.Generator) -> dict[str, int]:
     """Double, split and prune; returns the counts. Afterwards `density` is spent: begin a new one.
 
     Small Gaussians of large gradient are doubled, large ones split in two drawn from them at 1 / 1.6 of their size; the

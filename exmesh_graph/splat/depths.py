@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -17,20 +16,12 @@ from exmesh_graph.splat.render import Render, render
 from exmesh_graph.targets import Targets
 from exmesh_graph.types import DepthMaps
 
-
-@dataclass(frozen=True)
-class DepthFilter:
-    """What is dropped; meanings and units are those of the node `prior.depth_from_gaussians`."""
-
-    surface: Literal["middle", "blended"] = "middle"
-    incidence: float = 80.0
-    agreeing: int = 1
-    tolerance: float = 0.01
-    outward: float = 0.5
+if TYPE_CHECKING:
+    from exmesh_graph.splat.settings import DepthSettings
 
 
 @torch.no_grad()
-def depth_maps(gaussians: Gaussians, targets: Targets, keep: DepthFilter | None = None) -> tuple[DepthMaps, float]:
+def depth_maps(gaussians: Gaussians, targets: Targets, settings: DepthSettings) -> tuple[DepthMaps, float]:
     """(unbiased depth of every view at the targets' size, 0 where dropped; the share of covered pixels kept).
 
     `surface`: the plane of the Gaussian at which half of the light is gone (middle), or the blended plane. Where the
@@ -43,33 +34,32 @@ def depth_maps(gaussians: Gaussians, targets: Targets, keep: DepthFilter | None 
     `outward` pixels are added along the surface's normal, since a fit shrinks the object by about half a pixel: a ray
     past the rim crosses the faint tails of so many Gaussians that together they cover it.
     """
-    keep = keep or DepthFilter()
     depths = []
     covered = 0
     for i in range(len(targets)):
         rays = pixel_rays(targets.intrinsics[i], targets.height, targets.width, targets.images)
         drawing = render(gaussians, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
         normal, distance = drawing.normal, drawing.distance
-        if keep.surface == "middle":
+        if settings.surface == "middle":
             normal, distance = middle_planes(gaussians, drawing, targets.world_to_camera[i])
         depth, valid = plane_depth(normal, distance, drawing.alpha, rays)
         lengths = (normal.square().sum(-1) * rays.square().sum(-1)).sqrt()
         cosine = -(normal * rays).sum(-1) / lengths.clamp(min=1e-12)
         covered += int((drawing.alpha > 0.5).sum())
-        valid &= cosine > np.cos(np.radians(keep.incidence))
+        valid &= cosine > np.cos(np.radians(settings.incidence))
         if bool(targets.masked[i]):
             valid &= targets.alpha[i] >= 0.5
         depths.append(torch.where(valid, depth, 0.0))
     stack = torch.stack(depths)
-    if keep.agreeing > 0:
+    if settings.agreeing > 0:
         near = neighbours(targets.world_to_camera)
         cameras = targets.intrinsics, targets.world_to_camera
         stack = torch.stack([
-            agreed(i, near[i], stack, *cameras, min(keep.agreeing, len(near[i])), keep.tolerance)
+            agreed(i, near[i], stack, *cameras, min(settings.agreeing, len(near[i])), settings.tolerance)
             for i in range(len(targets))
         ])  # fmt: skip
-    if keep.outward > 0:
-        stack = torch.stack([_outward(i, targets, stack[i], keep.outward) for i in range(len(targets))])
+    if settings.outward > 0:
+        stack = torch.stack([_outward(i, targets, stack[i], settings.outward) for i in range(len(targets))])
     names, kept = targets.names, int((stack > 0).sum())
     return DepthMaps(names, stack.cpu().numpy().astype(np.float32)), kept / max(covered, 1)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -18,8 +18,10 @@ from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.optimiser import Adam
 from exmesh_graph.splat.render import Render, render
-from exmesh_graph.splat.settings import FitSettings
 from exmesh_graph.targets import Targets, fit_gain
+
+if TYPE_CHECKING:
+    from exmesh_graph.splat.settings import PgsrSettings
 
 _NEIGHBOURS, _WIDEST = 8, 45.0
 _GAINS_FROM = 0.2
@@ -31,7 +33,7 @@ Checkpoint = Callable[[int, dict[str, Any]], None]
 def fit(
     gaussians: Gaussians,
     targets: Targets,
-    settings: FitSettings,
+    settings: PgsrSettings,
     *,
     seed: int = 0,
     progress: Progress | None = None,
@@ -49,15 +51,27 @@ def fit(
     return _Fit(gaussians, targets, settings, seed, where).run(progress, checkpoint, resumed)
 
 
+def control_rounds(settings: PgsrSettings) -> tuple[int, ...]:
+    """Iterations after which Gaussians are split and pruned."""
+    first, last = settings.densify_from * settings.iterations, settings.densify_to * settings.iterations
+    gap = (last - first) / max(settings.densify_rounds - 1, 1)
+    return tuple(sorted({max(1, round(first + i * gap)) for i in range(settings.densify_rounds)}))
+
+
+def active_degree(settings: PgsrSettings, iteration: int) -> int:
+    """Harmonics in use: a degree more with each fifth of the iterations."""
+    return min(settings.degree, 5 * iteration // max(settings.iterations, 1))
+
+
 class _Fit:
-    def __init__(self, gaussians: Gaussians, targets: Targets, settings: FitSettings, seed: int, where: str) -> None:
+    def __init__(self, gaussians: Gaussians, targets: Targets, settings: PgsrSettings, seed: int, where: str) -> None:
         self.targets, self.settings, self.seed, self.where = targets, settings, seed, where
         self.adam = Adam(gaussians)
         self.density = Density(len(gaussians), gaussians.means)
         self.gains = gaussians.means.new_ones((len(targets), 3))
         self.rays: dict[bytes, torch.Tensor] = {}
         self.near = neighbours(targets.world_to_camera)
-        self.rounds = set(settings.rounds())
+        self.rounds = set(control_rounds(settings))
         self.history: dict[str, list] = {"iteration": [], "loss": [], "psnr": [], "gaussians": []}
 
     def run(self, progress, checkpoint, resumed) -> tuple[Gaussians, dict[str, Any]]:
@@ -118,7 +132,7 @@ class _Fit:
 
     def draw(self, gaussians: Gaussians, i: int, k: int) -> Render:
         t = self.targets
-        degree = self.settings.active_degree(k)
+        degree = active_degree(self.settings, k)
         return render(gaussians, t.intrinsics[i], t.world_to_camera[i], t.height, t.width, degree=degree)
 
     def step(self, k: int) -> tuple[float, float]:

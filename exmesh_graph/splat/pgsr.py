@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -13,26 +13,23 @@ from exmesh_graph.geometry.hull import SilhouetteField
 from exmesh_graph.splat.fit import fit
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.render import render
-from exmesh_graph.splat.settings import FitSettings
 from exmesh_graph.splat.start import gaussians_at, hull_points, mean_colours, random_points
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import PlanarGaussians, PointCloud, Views
 
-Start = Literal["auto", "points", "hull", "random"]
+if TYPE_CHECKING:
+    from exmesh_graph.splat.settings import PgsrSettings
+
 _FAR = 3.0
 _BELOW, _SPREADS = 3.0, 2.5
 
 
 def pgsr(
     views: Views,
-    settings: FitSettings,
+    settings: PgsrSettings,
     *,
     points: PointCloud | None = None,
     begin: PlanarGaussians | None = None,
-    start: Start = "auto",
-    count: int = 20000,
-    dissent: int = 0,
-    downscale: int = 1,
     seed: int = 0,
     device: torch.device | str = "cpu",
     progress: Callable[..., None] | None = None,
@@ -43,13 +40,11 @@ def pgsr(
 ) -> tuple[PlanarGaussians, dict[str, Any]]:
     """Planar Gaussians of `views` and the history of the fit, with "suspects": views drawn far worse than most.
 
+    points   what `settings.start` may begin from (see `started`)
     begin    Gaussians to go on from, in place of a start
-    start    points: from `points`; hull: `count` points in the visual hull of the masks, of which `dissent` may be
-             wrong; random: `count` points in the unit sphere; auto: points where there are any, else hull where all
-             views have masks, else random
     Raises DataError where the chosen start lacks what it needs, and what `fit` raises.
     """
-    targets = prepare_targets(views, downscale=downscale, device=device)
+    targets = prepare_targets(views, downscale=settings.downscale, device=device)
     if begin is not None:
         gaussians = Gaussians.of(begin, device)
         if gaussians.sh.shape[1] < 16:
@@ -57,7 +52,7 @@ def pgsr(
             gaussians.sh = torch.cat([gaussians.sh, extra], dim=1)
         log(f"goes on from {len(gaussians)} Gaussians")
     else:
-        gaussians = started(views, targets, points, start, count, dissent, seed, log, where).map(lambda t: t.to(device))
+        gaussians = started(views, targets, settings, points, seed, log, where).map(lambda t: t.to(device))
     if len(gaussians) > settings.max_gaussians:
         raise DataError(
             f"the start has {len(gaussians)} Gaussians, the limit is {settings.max_gaussians}", where=where,
@@ -74,16 +69,19 @@ def pgsr(
 def started(
     views: Views,
     targets: Targets,
+    settings: PgsrSettings,
     points: PointCloud | None,
-    start: Start,
-    count: int,
-    dissent: int,
     seed: int,
     log: Callable[[str], None],
     where: str,
 ) -> Gaussians:
-    """Where the fit begins; see `pgsr`."""
-    masked = bool(views.masked.all())
+    """Where the fit begins, as `settings.start` says.
+
+    points: from `points`; hull: `count` points in the visual hull of the masks, of which `dissent` may be wrong;
+    random: `count` points in the unit sphere; auto: points where there are any, else hull where all views have masks,
+    else random. Raises DataError where the chosen start lacks what it needs.
+    """
+    start, count, masked = settings.start, settings.count, bool(views.masked.all())
     if start == "auto":
         start = "points" if points is not None else "hull" if masked else "random"
     if start == "points":
@@ -96,7 +94,7 @@ def started(
                 where=where, fix="add masks, leave these views out, or set start: random",
             )  # fmt: skip
         field = SilhouetteField.from_masks(
-            views.alpha, views.intrinsics, views.world_to_camera, dissent=dissent, names=views.names
+            views.alpha, views.intrinsics, views.world_to_camera, dissent=settings.dissent, names=views.names
         )
         places, normals = hull_points(field, count, seed=seed)
         log(f"starts from {len(places)} points on and in the visual hull")

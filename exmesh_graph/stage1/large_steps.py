@@ -10,26 +10,14 @@ smooth.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from exmesh_graph.errors import NumericsError
-from exmesh_graph.stage1.regularise import Prepared
 
 _TOLERANCE = 1e-5
 _MOST_STEPS = 400
-
-
-@dataclass(frozen=True)
-class LargeSteps:
-    """The filter with lambda = `strength`, which reaches about sqrt(strength) edges far."""
-
-    strength: float = 19.0
-
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
-        return Prepared(None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True)
 
 
 def implicit_filter(

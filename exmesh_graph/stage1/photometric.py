@@ -9,13 +9,13 @@ outlines place a hull's rims and round parts far better than correlation could.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from exmesh_graph.geometry.adjacency import area_weighted_normals
 from exmesh_graph.raster import project, rasterize_projected, sample_texture
+from exmesh_graph.stage1.settings import PhotometricSettings
 from exmesh_graph.targets import Targets
 from exmesh_graph.types.edges import edges_of
 
@@ -26,34 +26,19 @@ _FACING = 0.2
 """Least cosine between a normal and the direction to a camera that counts as seeing the vertex."""
 _AGREES, _CLEAR, _GAIN = 0.8, 0.6, 0.15
 """A vertex whose patches correlate this well stays; an offset is taken from `_CLEAR` on, if it gains so much."""
-
-
-@dataclass(frozen=True)
-class SweepSettings:
-    """How far and how finely to look.
-
-    passes       sweeps over the whole mesh
-    reach        largest offset inwards in one pass, in mean edges; outwards a quarter of it
-    steps        offsets tried in a pass
-    patch        samples along a patch's side, `spacing` pixels apart
-    views        other views compared with the one that sees the vertex best
-    smoothness   weight of neighbours' agreement against evidence
-    """
-
-    passes: int = 2
-    reach: float = 3.0
-    steps: int = 17
-    patch: int = 7
-    spacing: float = 1.5
-    views: int = 6
-    smoothness: float = 0.03
+_OFFSETS = 17
+"""Offsets tried in a pass."""
+_PATCH, _SPACING = 7, 1.5
+"""Samples along a patch's side, and their distance in pixels."""
+_OTHERS = 6
+"""Other views compared with the one that sees the vertex best."""
 
 
 def sweep(
     vertices: np.ndarray,
     faces: np.ndarray,
     targets: Targets,
-    settings: SweepSettings | None = None,
+    settings: PhotometricSettings,
     progress: Callable[..., None] | None = None,
 ) -> tuple[np.ndarray, dict[str, float]]:
     """(vertices float32 [V, 3] moved, figures): `known`, the share of vertices that at least three views see and that
@@ -62,15 +47,14 @@ def sweep(
 
     A vertex that nothing is known of follows its neighbours. Faces and their order stay.
     """
-    settings = settings or SweepSettings()
     start = moved = np.asarray(vertices, np.float32)
     figures: dict[str, float] = {}
     edges = edges_of(faces).vertices
     edge = float(np.linalg.norm(start[edges[:, 0]] - start[edges[:, 1]], axis=1).mean())
-    offsets = np.linspace(-settings.reach, settings.reach / 4, settings.steps) * edge
+    offsets = np.linspace(-settings.reach, settings.reach / 4, _OFFSETS) * edge
     for number in range(settings.passes):
         normals = area_weighted_normals(moved, faces).astype(np.float32)
-        score = correlations(moved, faces, normals, offsets, targets, settings)
+        score = correlations(moved, faces, normals, offsets, targets)
         best, weight = _evidence(score, offsets, edges)
         offset = _interpolate(best, weight, edges, settings.smoothness)
         moved = (moved + offset[:, None] * normals).astype(np.float32)
@@ -92,7 +76,6 @@ def correlations(
     normals: np.ndarray,
     offsets: np.ndarray,
     targets: Targets,
-    settings: SweepSettings,
 ) -> np.ndarray:
     """float32 [V, K]: mean over the better half of the views of the correlation at each of K offsets (world units).
 
@@ -100,12 +83,12 @@ def correlations(
     """
     device = targets.images.device
     points, directions = torch.from_numpy(vertices).to(device), torch.from_numpy(normals).to(device)
-    chosen, seen, pixel = _choose_views(points, torch.from_numpy(faces).to(device), directions, targets, settings.views)
+    chosen, seen, pixel = _choose_views(points, torch.from_numpy(faces).to(device), directions, targets, _OTHERS)
     across = torch.nn.functional.normalize(
         torch.linalg.cross(directions, torch.eye(3, device=device)[directions.abs().argmin(dim=1)]), dim=1
     )
     upright = torch.linalg.cross(directions, across)
-    line = torch.linspace(-1, 1, settings.patch, device=device) * (settings.patch - 1) / 2 * settings.spacing
+    line = torch.linspace(-1, 1, _PATCH, device=device) * (_PATCH - 1) / 2 * _SPACING
     a, b = (x.reshape(-1) for x in torch.meshgrid(line, line, indexing="ij"))
     shift = torch.from_numpy(offsets).to(points)
     cameras = targets.intrinsics @ targets.world_to_camera[:, :3]

@@ -13,9 +13,9 @@ import torch
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.optim import decayed, vertex_areas, vertex_step, view_at
 from exmesh_graph.stage1.diagnose import diagnose
-from exmesh_graph.stage1.regularise import Prepared, mean_edge
+from exmesh_graph.stage1.regularise import Prepared, Smoothness, mean_edge
 from exmesh_graph.stage1.render import Surface, draw, surface_of
-from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
 from exmesh_graph.stage1.terms import Terms
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Mesh, Stage1State, Views
@@ -40,6 +40,7 @@ def refine(
     views: Views,
     settings: RefineSettings,
     *,
+    smoothness: Smoothness | None = None,
     seed: int = 0,
     depths: DepthMaps | None = None,
     region: Mesh | None = None,
@@ -51,6 +52,7 @@ def refine(
 ) -> tuple[Stage1State, dict[str, Any]]:
     """Optimise vertices and appearance of `state` against `views` for `settings.iterations` iterations.
 
+    `smoothness` is the L_s (default: `settings.Bilaplacian`).
     `region` is a surface, the coarse start say: with views without masks, only pixels that show it count.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
@@ -67,7 +69,7 @@ def refine(
             fix="take the wire to `region` away: the masks say what counts",
         )  # fmt: skip
     targets = prepare_targets(views, downscale=settings.downscale, depths=depths, region=region, device=device)
-    loop = _Loop(state, targets, settings, seed, where, device)
+    loop = _Loop(state, targets, settings, smoothness or Bilaplacian(), seed, where, device)
     new, history = loop.run(progress, checkpoint, resumed)
     if settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
         history |= diagnose(loop.surface, targets, gains=settings.gains)
@@ -80,6 +82,7 @@ class _Loop:
         state: Stage1State,
         targets: Targets,
         settings: RefineSettings,
+        smoothness: Smoothness,
         seed: int,
         where: str,
         device: torch.device | str,
@@ -99,7 +102,7 @@ class _Loop:
         self.per_area = 1 / vertex_areas(vertices, self.surface.faces)[:, None]
         # what one pixel's L1 puts on the texel it shows
         self.pixel_gradient = 1 / (3 * targets.height * targets.width)
-        self.terms = Terms(self.surface, targets, settings)
+        self.terms = Terms(self.surface, targets, settings, smoothness)
 
     def run(
         self, progress: Progress | None, checkpoint: Checkpoint | None, resumed: Resumed | None

@@ -13,7 +13,6 @@ regulariser of noise should.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
 import torch
@@ -44,27 +43,8 @@ class Prepared(NamedTuple):
     uniform: bool = False
 
 
-@dataclass(frozen=True)
-class Laplacian:
-    """The paper's L_s in its scale-free form, times `weight`."""
-
-    weight: float = 0.3
-
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
-        return _weighted("laplacian", self.weight, vertices, edges)
-
-
-@dataclass(frozen=True)
-class Bilaplacian:
-    """Its square, which does not shrink round shapes, times `weight`."""
-
-    weight: float = 0.3
-
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
-        return _weighted("bilaplacian", self.weight, vertices, edges)
-
-
-def _weighted(kind: Kind, weight: float, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+def weighted(kind: Kind, weight: float, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+    """The term `weight` times L_s of the vertices' topology; None for weight 0."""
     if weight == 0:
         return None
     of = smoother(vertices, edges)

@@ -1,32 +1,86 @@
-"""The settings of a refinement."""
+"""What Stage I is told: the parameters of its solvers, which are also those of their nodes. Loads no torch."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from exmesh_graph.stage1.regularise import Bilaplacian, Smoothness
+from exmesh_graph.params import Params, param
+
+if TYPE_CHECKING:
+    import torch
+
+    from exmesh_graph.stage1.regularise import Prepared
 
 
-@dataclass(frozen=True)
-class RefineSettings:
-    """Settings of `refine`; meanings and units are those of the node `stage1.refine`. `smoothness` is its L_s."""
+class RefineSettings(Params):
+    """Of `refine.refine`."""
 
-    iterations: int = 500
-    total_iterations: int = 0
-    vertex_lr: float = 0.08
-    vertex_decay: float = 0.00625
-    texture_lr: float = 0.02
-    texture_decay: float = 0.05
-    ssim_weight: float = 0.2
-    silhouette: Literal["l1", "bce"] = "l1"
-    silhouette_weight: float = 5.0
-    coverage_weight: float = 1.0
-    smoothness: Smoothness = field(default_factory=Bilaplacian)
-    deviation_weight: float = 0.0
-    depth_weight: float = 0.0
-    gradient_decay: float = 0.95
-    uv_gradient: bool = True
-    gains: bool = False
-    downscale: int = 1
-    fill_unseen: bool = True
+    iterations: int = param(500, ge=0, doc="Iterations of this round, one view each.")
+    total_iterations: int = param(
+        0, ge=0, doc="Length of the whole Stage I, over which learning rates decay; 0 = up to this round's end."
+    )
+    vertex_lr: float = param(
+        0.08,
+        ge=0,
+        le=1,
+        unit="mean edge lengths",
+        doc="Length of a vertex's step at the start (mean edge of the round's mesh).",
+    )
+    vertex_decay: float = param(0.00625, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
+    texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
+    texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")
+    ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
+    silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
+    silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")
+    coverage_weight: float = param(
+        1.0, ge=0, doc="Weight of what stays uncovered inside the region; used where one is wired."
+    )
+    deviation_weight: float = param(0.0, ge=0, doc="Weight of L_b, neighbours moving alike, in its scale-free form.")
+    depth_weight: float = param(0.01, ge=0, doc="Weight of the depth correlation L_d; used where depths are wired.")
+    gradient_decay: float = param(0.95, ge=0, lt=1, doc="beta_g of the vertices' gradient average (eq. 1).")
+    uv_gradient: bool = param(True, doc="Let colour move vertices inside the silhouette too.")
+    gains: bool = param(False, doc="Fit one factor per view and channel, for photographs of wandering exposure.")
+    downscale: int = param(1, ge=1, le=16, doc="Work on pictures reduced by this factor.")
+    fill_unseen: bool = param(True, doc="Fill texels that this round never touched from their neighbours.")
+
+
+class Laplacian(Params):
+    """The paper's L_s in its scale-free form, times `weight`; a `regularise.Smoothness`."""
+
+    weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
+
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+        from exmesh_graph.stage1.regularise import weighted
+
+        return weighted("laplacian", self.weight, vertices, edges)
+
+
+class Bilaplacian(Params):
+    """Its square, which does not shrink round shapes, times `weight`; a `regularise.Smoothness`."""
+
+    weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
+
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+        from exmesh_graph.stage1.regularise import weighted
+
+        return weighted("bilaplacian", self.weight, vertices, edges)
+
+
+class LargeSteps(Params):
+    """The filter (I + strength L)^-1, which reaches about sqrt(strength) edges far; a `regularise.Smoothness`."""
+
+    strength: float = param(19.0, ge=0, doc="lambda of the paper; the filter reaches about its root, in edges.")
+
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+        from exmesh_graph.stage1.large_steps import implicit_filter
+        from exmesh_graph.stage1.regularise import Prepared
+
+        return Prepared(None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True)
+
+
+class PhotometricSettings(Params):
+    """Of `photometric.sweep`."""
+
+    passes: int = param(2, ge=0, le=20, doc="Sweeps over the mesh.")
+    reach: float = param(3.0, gt=0, le=20, unit="mean edges", doc="Largest move of a pass inwards; outwards a quarter.")
+    smoothness: float = param(0.03, gt=0, doc="Weight of neighbours moving alike against what the photographs say.")

@@ -13,7 +13,7 @@ import torch
 
 from exmesh_graph import losses
 from exmesh_graph.raster import barycentrics
-from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, deviation, smoother
+from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, smoother
 from exmesh_graph.stage1.render import Picture, Surface, draw
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.targets import Targets, fit_gain
@@ -22,10 +22,10 @@ from exmesh_graph.targets import Targets, fit_gain
 class Terms:
     """The terms on one topology, and what they keep from view to view: gains, and L_b's running mean of vertices."""
 
-    def __init__(self, surface: Surface, targets: Targets, settings: RefineSettings) -> None:
+    def __init__(self, surface: Surface, targets: Targets, settings: RefineSettings, smoothness: Smoothness) -> None:
         self.targets, self.settings, self.faces = targets, settings, surface.faces.long()
         vertices = surface.vertices.detach()
-        self.smoothness = settings.smoothness.prepare(vertices, surface.edges.edges)
+        self.smoothness = smoothness.prepare(vertices, surface.edges.edges)
         self.smoother: Smoother | None = None
         # the running mean that L_b measures from starts anew with every call, hence after every change of topology
         self.reference: torch.Tensor | None = None

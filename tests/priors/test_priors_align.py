@@ -27,13 +27,13 @@ def maps(seed=0, size=40):
 
 def test_scale_and_shift_are_found_among_outliers():
     true, relative, measured = maps()
-    done = align(relative, measured)
+    done = align(relative, measured, 0.0)
     assert done.depths.depth == pytest.approx(true, abs=1e-3)
     assert done.left_out == ()
     assert max(done.error.values()) < 1e-3
     assert done.depths.units == "normalised"
     flipped = DepthMaps(("b", "x", "a"), relative.depth[[1, 0, 0]], "relative")
-    assert np.array_equal(align(flipped, measured).depths.depth, done.depths.depth)  # maps are found by name
+    assert np.array_equal(align(flipped, measured, 0.0).depths.depth, done.depths.depth)  # maps are found by name
 
 
 @settings(max_examples=25, deadline=None)
@@ -59,7 +59,7 @@ def test_a_constant_map_and_a_map_turned_round_are_left_out():
     depth = relative.depth.copy()
     depth[0] = 0.7
     depth[1] = 1.5 - depth[1]
-    done = align(DepthMaps(relative.names, depth, "relative"), measured)
+    done = align(DepthMaps(relative.names, depth, "relative"), measured, 0.0)
     assert done.left_out == ("a", "b")
     assert (done.depths.depth == 0).all()
     context = FakeContext()
@@ -74,7 +74,7 @@ def test_corrections_reach_as_far_as_they_were_told():
     measured = np.zeros_like(true)
     measured[:, :, 4:16] = true[:, :, 4:16]
     measured[:, :, 24:30] = true[:, :, 24:30]
-    plain = align(DepthMaps(relative.names, bent, "relative"), DepthMaps(relative.names, measured)).depths.depth
+    plain = align(DepthMaps(relative.names, bent, "relative"), DepthMaps(relative.names, measured), 0.0).depths.depth
     near = align(DepthMaps(relative.names, bent, "relative"), DepthMaps(relative.names, measured), 0.05).depths.depth
     known = near > 0
     assert known[:, :, 5:15].all()
@@ -87,12 +87,12 @@ def test_corrections_reach_as_far_as_they_were_told():
 def test_refusals_and_the_node():
     _true, relative, measured = maps()
     with pytest.raises(DataError, match=r"no relative depth for view 'b' \(1 missing\)"):
-        align(DepthMaps(("a",), relative.depth[:1], "relative"), measured)
+        align(DepthMaps(("a",), relative.depth[:1], "relative"), measured, 0.0)
     with pytest.raises(DataError, match="maps of one size"):
-        align(DepthMaps(relative.names, relative.depth[:, :9], "relative"), measured)
+        align(DepthMaps(relative.names, relative.depth[:, :9], "relative"), measured, 0.0)
     context = FakeContext()
     out = prior.align(context, relative, measured, p=prior.AlignParams(reach=0))
-    assert np.array_equal(out.depths.depth, align(relative, measured).depths.depth)
+    assert np.array_equal(out.depths.depth, align(relative, measured, 0.0).depths.depth)
     assert "median error" in context.lines[0]
     few = DepthMaps(measured.names, np.where(np.arange(40) < 1, measured.depth, 0))
-    assert align(relative, few).left_out == ("a", "b")
+    assert align(relative, few, 0.0).left_out == ("a", "b")

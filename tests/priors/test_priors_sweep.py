@@ -7,10 +7,12 @@ import pytest
 import torch
 from exmesh_nodes import prior
 from prior_scenes import wall
+from pydantic import ValidationError
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.priors.depth_filter import neighbours
-from exmesh_graph.priors.plane_sweep import SweepSettings, _sweep, plane_sweep
+from exmesh_graph.priors.plane_sweep import _sweep, plane_sweep
+from exmesh_graph.priors.settings import SweepSettings
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.testing import FakeContext
 
@@ -143,11 +145,11 @@ def test_node_and_its_refusals():
     assert depths.depth.shape == (3, 32, 32)
     assert context.steps[-1] == (3, 3)
     assert "depth in" in context.lines[0]
-    with pytest.raises(DataError, match="no middle pixel"):
-        prior.plane_sweep(context, views, p=p.model_copy(update={"window": 4}))
+    with pytest.raises(ValidationError, match="no middle pixel: write 5"):
+        p.replaced(window=4)
     one = replace(
         views, names=views.names[:1], images=views.images[:1], alpha=views.alpha[:1],
         intrinsics=views.intrinsics[:1], camera_to_world=views.camera_to_world[:1],
     )  # fmt: skip
     with pytest.raises(DataError, match="no parallax"):
-        plane_sweep(one)
+        plane_sweep(one, SweepSettings())

@@ -2,7 +2,7 @@
 
 import torch
 
-from exmesh_graph.splat import Gaussians
+from exmesh_graph.splat.gaussians import Gaussians
 
 
 def camera(width=24, height=18, *, turn=0.4, distance=3.0, skew=0.0, shift=(0.0, 0.0), focal=1.2):

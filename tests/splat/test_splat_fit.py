@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,13 +14,14 @@ from exmesh_graph.geometry.hull import SilhouetteField
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.normalise import make_frame
 from exmesh_graph.io.params import BlenderOptions
-from exmesh_graph.splat import Gaussians, render, rotation_matrices
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.fit import fit
+from exmesh_graph.splat.gaussians import Gaussians, rotation_matrices
 from exmesh_graph.splat.optimiser import Adam
 from exmesh_graph.splat.pgsr import pgsr
 from exmesh_graph.splat.ply import read_gaussians, transformed, write_gaussians
-from exmesh_graph.splat.settings import FitSettings
+from exmesh_graph.splat.render import render
+from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
 from exmesh_graph.splat.start import gaussians_at, hull_points, mean_colours, random_points
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.testing import FakeContext
@@ -27,7 +29,7 @@ from exmesh_graph.types import PlanarGaussians, PointCloud
 from tests.splat.splat_scenes import camera, cloud
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
-QUICK = FitSettings(iterations=30, max_gaussians=3000, densify_rounds=3, samples=500)
+QUICK = PgsrSettings(iterations=30, count=1500, max_gaussians=3000, densify_rounds=3, samples=500)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +39,7 @@ def views():
 
 @pytest.fixture(scope="module")
 def fitted(views):
-    return pgsr(views, QUICK, count=1500)
+    return pgsr(views, QUICK)
 
 
 def test_gaussians_at_points_lie_flat_on_normals():
@@ -91,7 +93,7 @@ def test_density_doubles_splits_prunes_and_keeps_the_limit():
     made.scales[[1, 4]] = np.log(0.05)
     made.scales[3] = np.log(0.5)
     made.opacities[2] = -8
-    settings = FitSettings(max_gaussians=100)
+    settings = PgsrSettings(max_gaussians=100)
     density = Density(6, made.means)
     density.views += 1
     density.weight[:] = torch.tensor([1, 1, 1, 1, 1, 0.0])  # the last was never seen
@@ -105,7 +107,7 @@ def test_density_doubles_splits_prunes_and_keeps_the_limit():
     assert float((adam.gaussians.means[-4:] - made.means[[1, 4, 1, 4]]).norm(dim=1).max()) < 0.3
     again = Adam(made.map(lambda t: t.clone()))
     density.sums[4, 1] = 1e-2
-    assert control(again, density, replace(settings, max_gaussians=4), torch.Generator()) == {
+    assert control(again, density, settings.replaced(max_gaussians=4), torch.Generator()) == {
         "pruned": 3, "doubled": 0, "split": 1,
     }  # fmt: skip
     assert len(again.gaussians) == 4
@@ -118,7 +120,7 @@ def test_a_fit_improves_and_repeats_to_the_byte(views, fitted):
     assert history["psnr"][-1] > history["psnr"][0] + 3
     assert history["iteration"][-1] == 30
     assert history["suspects"] == {}
-    again, _ = pgsr(views, QUICK, count=1500)
+    again, _ = pgsr(views, QUICK)
     assert all(np.array_equal(getattr(made, n), getattr(again, n)) for n in ("means", "scales", "opacities", "sh"))
 
 
@@ -135,9 +137,9 @@ def test_a_fit_cut_off_ends_with_the_same_bytes(views, fitted):
                 "gains": state["gains"].clone(),
             }  # fmt: skip
 
-    pgsr(views, QUICK, count=1500, checkpoint=checkpoint)
+    pgsr(views, QUICK, checkpoint=checkpoint)
     for step, state in kept.items():
-        made, history = pgsr(views, QUICK, count=1500, resumed=(step, state))
+        made, history = pgsr(views, QUICK, resumed=(step, state))
         assert np.array_equal(made.means, fitted[0].means)
         assert history == fitted[1]
 
@@ -145,9 +147,9 @@ def test_a_fit_cut_off_ends_with_the_same_bytes(views, fitted):
 def test_exposure_takes_what_wanders(views):
     gain = np.linspace(0.8, 1.25, len(views)).astype(np.float32)
     dim = replace(views, images=views.images * gain[:, None, None, None])
-    settings = replace(QUICK, iterations=60, gains=True)
-    _, with_it = pgsr(dim, settings, count=1500)
-    _, without = pgsr(dim, replace(settings, gains=False), count=1500)
+    settings = QUICK.replaced(iterations=60, gains=True)
+    _, with_it = pgsr(dim, settings)
+    _, without = pgsr(dim, settings.replaced(gains=False))
     found = np.array([with_it["gains"][name][0] for name in dim.names])
     assert np.corrcoef(found, np.log(gain))[0, 1] > 0.7
     assert with_it["psnr"][-1] > without["psnr"][-1]
@@ -158,22 +160,22 @@ def test_a_blurred_view_is_named(views):
 
     images = views.images.copy()
     images[5] = np.roll(gaussian_filter(images[5], (4, 4, 0)), 6, axis=1)
-    _, history = pgsr(replace(views, images=images), replace(QUICK, iterations=120), count=1500)
+    _, history = pgsr(replace(views, images=images), QUICK.replaced(iterations=120))
     assert list(history["suspects"]) == [views.names[5]]
 
 
 def test_hard_views_give_a_result_or_a_clear_error(views):
     few = replace(views, **{n: getattr(views, n)[:2] for n in ("names", "images", "alpha", "intrinsics")},
                   camera_to_world=views.camera_to_world[:2])  # fmt: skip
-    _, history = pgsr(few, replace(QUICK, iterations=12), count=300)
+    _, history = pgsr(few, QUICK.replaced(iterations=12, count=300))
     assert set(history["alone"]) <= set(few.names)
     bare = replace(views, alpha=np.ones_like(views.alpha), has_masks=False)
-    made, _ = pgsr(bare, replace(QUICK, iterations=12), count=300)
+    made, _ = pgsr(bare, QUICK.replaced(iterations=12, count=300))
     assert np.isfinite(made.means).all()
     with pytest.raises(DataError, match="needs a mask"):
-        pgsr(bare, QUICK, start="hull")
+        pgsr(bare, QUICK.replaced(start="hull"))
     flat = replace(views, images=np.repeat(views.alpha[..., None] * 0.5, 3, -1))
-    made, history = pgsr(flat, replace(QUICK, iterations=30), count=300)
+    made, history = pgsr(flat, QUICK.replaced(iterations=30, count=300))
     assert np.isfinite(made.means).all()
     empty = views.alpha.copy()
     empty[3] = 0
@@ -181,30 +183,39 @@ def test_hard_views_give_a_result_or_a_clear_error(views):
         pgsr(replace(views, alpha=empty), QUICK)
     black = replace(views, images=np.zeros_like(views.images), alpha=np.zeros_like(views.alpha))
     with pytest.raises(GeometryError, match="no Gaussian is left"):
-        pgsr(black, replace(QUICK, iterations=300, min_opacity=0.08), count=50, start="random")
+        pgsr(black, QUICK.replaced(iterations=300, min_opacity=0.08, count=50, start="random"))
+
+
+def test_any_object_with_the_settings_attributes_will_do(views):
+    short = QUICK.replaced(iterations=2)
+    made, _ = pgsr(views, short)
+    plain, _ = pgsr(views, SimpleNamespace(**short.model_dump()))
+    assert np.array_equal(made.means, plain.means)
+    assert issubclass(nodes.PgsrParams, PgsrSettings)  # declared once
+    assert issubclass(nodes.DepthParams, DepthSettings)
 
 
 def test_points_far_outside_are_left_out(views):
     points = random_points(200, radius=0.8)
     points[:20] *= 1000
     lines = []
-    found, once = PointCloud(points, np.full((200, 3), 0.5)), replace(QUICK, iterations=1, densify_rounds=0)
+    found, once = PointCloud(points, np.full((200, 3), 0.5)), QUICK.replaced(iterations=1, densify_rounds=0)
     made, _ = pgsr(views, once, points=found, log=lines.append)
     assert len(made) == 180
     assert "20 far outside" in lines[0]
     with pytest.raises(DataError, match="all 200 points"):
         pgsr(views, QUICK, points=PointCloud(points * 1e6, points))
     with pytest.raises(DataError, match="no points are wired"):
-        pgsr(views, QUICK, start="points")
+        pgsr(views, QUICK.replaced(start="points"))
     with pytest.raises(DataError, match="max_gaussians"):
-        pgsr(views, QUICK, count=5000)
+        pgsr(views, QUICK.replaced(count=5000))
 
 
 def test_nothing_left_to_draw_is_an_error(views):
     far = cloud(5, dtype=torch.float32)
     far.means[:] = 100.0
     with pytest.raises(GeometryError, match="no Gaussian is left"):
-        fit(far, prepare_targets(views), replace(QUICK, iterations=10))
+        fit(far, prepare_targets(views), QUICK.replaced(iterations=10))
 
 
 def test_ply_comes_back_and_other_orders_are_read(tmp_path):
@@ -301,9 +312,9 @@ def replace_scratch(context, folder):
 
 def test_an_artifact_is_not_changed(views, fitted):
     before = fitted[0].means.copy()
-    pgsr(views, replace(QUICK, iterations=2), begin=fitted[0])
+    pgsr(views, QUICK.replaced(iterations=2), begin=fitted[0])
     assert np.array_equal(before, fitted[0].means)
     low = PlanarGaussians(**{n: getattr(fitted[0], n) for n in ("means", "scales", "rotations", "opacities")},
                           sh=fitted[0].sh[:, :1])  # fmt: skip
-    assert pgsr(views, replace(QUICK, iterations=2), begin=low)[0].sh.shape[1] == 16
+    assert pgsr(views, QUICK.replaced(iterations=2), begin=low)[0].sh.shape[1] == 16
     assert isinstance(Gaussians(*(torch.zeros(2),) * 5), Gaussians)

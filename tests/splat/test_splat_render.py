@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import sph_harm_y
 
-from exmesh_graph.splat import Gaussians, render
-from exmesh_graph.splat import render as splat_render
+from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.harmonics import harmonics
 from exmesh_graph.splat.reference import render_reference
+from exmesh_graph.splat.render import render
 from tests.splat.splat_scenes import camera, cloud
 
 
@@ -131,7 +131,7 @@ def test_pairs_stay_bounded(monkeypatch):
     """Picture-filling Gaussians get larger tiles instead of a pair for each tile; the picture is the same."""
     gaussians, (intrinsics, pose) = cloud(50, size=20.0), camera(64, 64)
     whole = planes(render(gaussians, intrinsics, pose, 64, 64, tile=2))
-    module = splat_render.__globals__
+    module = render.__globals__
     monkeypatch.setitem(module, "PAIRS", 200)
     listed = []
     pairs = module["_pairs"]

@@ -7,11 +7,13 @@ from scipy.ndimage import minimum_filter
 
 from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
-from exmesh_graph.splat import Gaussians, render
 from exmesh_graph.splat.consistency import View, _patch_mismatch, flattening, multi_view, single_view_normal
-from exmesh_graph.splat.depths import DepthFilter, depth_maps, middle_planes
+from exmesh_graph.splat.depths import depth_maps, middle_planes
 from exmesh_graph.splat.fit import neighbours
+from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.planes import edge_weight, plane_depth
+from exmesh_graph.splat.render import render
+from exmesh_graph.splat.settings import DepthSettings
 from exmesh_graph.targets import prepare_targets
 from tests.priors.prior_scenes import wall
 from tests.splat.splat_scenes import camera
@@ -144,12 +146,12 @@ def test_depth_maps_and_their_filters():
     gaussians, _ = sheet(dtype=torch.float32)
     views, truth = wall(5, 48)
     targets = prepare_targets(views)
-    maps, share = depth_maps(gaussians, targets, DepthFilter(outward=0))
+    maps, share = depth_maps(gaussians, targets, DepthSettings(outward=0))
     assert maps.names == views.names
     assert share > 0.9
     seen = maps.depth > 0
     assert np.allclose(maps.depth[seen], truth.depth[seen], rtol=1e-4)
-    nearer = depth_maps(gaussians, targets, DepthFilter(outward=2))[0].depth
+    nearer = depth_maps(gaussians, targets, DepthSettings(outward=2))[0].depth
     rays = pixel_rays(targets.intrinsics[0], 48, 48, torch.zeros(1)).numpy()
     towards = targets.world_to_camera[0, :3, :3].numpy() @ NORMAL / np.linalg.norm(NORMAL)
     moved = (nearer - maps.depth)[0] * (rays @ towards)
@@ -157,7 +159,7 @@ def test_depth_maps_and_their_filters():
     inside = minimum_filter(seen[0], 5, mode="constant")  # where the normal is known from the neighbours' depths
     assert inside.sum() > 800
     assert np.allclose((moved / pixel)[inside], 2, atol=0.02)
-    assert not (depth_maps(gaussians, targets, DepthFilter(incidence=0.01))[0].depth > 0).any()
+    assert not (depth_maps(gaussians, targets, DepthSettings(incidence=0.01))[0].depth > 0).any()
     stray = torch.tensor([[0.1, 0.0, -1.2]])
     floating = Gaussians(
         torch.cat([gaussians.means, stray]), torch.cat([gaussians.scales, torch.full((1, 3), 0.05).log()]),
@@ -166,7 +168,7 @@ def test_depth_maps_and_their_filters():
     )  # fmt: skip
     errors = []
     for agreeing in (0, 5):
-        depth = depth_maps(floating, targets, DepthFilter(agreeing=agreeing, tolerance=1e-3))[0].depth
+        depth = depth_maps(floating, targets, DepthSettings(agreeing=agreeing, tolerance=1e-3))[0].depth
         errors.append(int(((np.abs(depth - truth.depth) > 0.3) & (depth > 0)).sum()))
     assert errors[0] > 50
     assert errors[1] < errors[0] / 10

@@ -12,10 +12,9 @@ from exmesh_graph.errors import NumericsError
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.optim import vertex_step
 from exmesh_graph.stage1 import large_steps
-from exmesh_graph.stage1.large_steps import LargeSteps, implicit_filter
+from exmesh_graph.stage1.large_steps import implicit_filter
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.regularise import Bilaplacian
-from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
 
 
 def dense(count, edges, strength):
@@ -77,8 +76,8 @@ def test_in_the_loop_it_recovers_a_ball_and_keeps_it_smooth():
     views = photographs(ball(), count=4)
     start = fresh_state(ball(radius=0.576))
     roughness, error = {}, {}
-    for name, smoothness in (("large", regulariser.LargeSteps().made()), ("plain", Bilaplacian(0.0))):
-        state, _ = refine(start, views, RefineSettings(iterations=60, vertex_lr=0.1, smoothness=smoothness))
+    for name, smoothness in (("large", regulariser.LargeSteps()), ("plain", Bilaplacian(weight=0.0))):
+        state, _ = refine(start, views, RefineSettings(iterations=60, vertex_lr=0.1), smoothness=smoothness)
         radius = np.linalg.norm(state.vertices, axis=1)
         roughness[name], error[name] = radius.std(), abs(radius.mean() - 0.6)
     assert error["large"] < 0.4 * 0.024
@@ -86,8 +85,6 @@ def test_in_the_loop_it_recovers_a_ball_and_keeps_it_smooth():
 
 
 def test_the_component_makes_the_filter():
-    made = regulariser.LargeSteps(strength=3.0).made()
-    assert made == LargeSteps(3.0)
-    prepared = made.prepare(torch.zeros(3, 3), torch.tensor([[0, 1], [1, 2]]))
+    prepared = regulariser.LargeSteps(strength=3.0).prepare(torch.zeros(3, 3), torch.tensor([[0, 1], [1, 2]]))
     assert prepared.loss is None
     assert prepared.uniform

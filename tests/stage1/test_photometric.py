@@ -10,7 +10,8 @@ from stage1_scenes import ball, photographs
 
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.stage1 import photometric
-from exmesh_graph.stage1.photometric import SweepSettings, correlations, sweep
+from exmesh_graph.stage1.photometric import correlations, sweep
+from exmesh_graph.stage1.settings import PhotometricSettings
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh, Views
@@ -40,7 +41,7 @@ def test_a_bulge_goes_back_and_the_rest_stays(views, scale):
     poses = views.camera_to_world.copy()
     poses[:, :3, 3] *= scale
     targets = prepare_targets(replace(views, camera_to_world=poses))
-    moved, figures = sweep(vertices * np.float32(scale), faces, targets)
+    moved, figures = sweep(vertices * np.float32(scale), faces, targets, PhotometricSettings())
     error = np.abs(np.linalg.norm(moved, axis=1) / scale - RADIUS)
     assert error[cap].mean() < 0.3 * 0.06
     far = vertices[:, 2] < 0.5 * RADIUS
@@ -53,9 +54,8 @@ def test_correlation_peaks_where_the_surface_is(views):
     """From a ball that is 5 % too large, offsets towards the truth correlate best."""
     vertices, faces = icosphere(2, 1.05 * RADIUS)
     offsets = np.linspace(-0.1, 0.05, 16)
-    settings = SweepSettings()
     normals = (vertices / np.linalg.norm(vertices, axis=1, keepdims=True)).astype(np.float32)
-    score = correlations(vertices.astype(np.float32), faces, normals, offsets, prepare_targets(views), settings)
+    score = correlations(vertices.astype(np.float32), faces, normals, offsets, prepare_targets(views))
     known = np.isfinite(score).all(axis=1)
     assert known.mean() > 0.3
     assert np.abs(score[known]).max() <= 1 + 1e-5
@@ -65,7 +65,7 @@ def test_correlation_peaks_where_the_surface_is(views):
 def test_blank_photographs_move_nothing(views):
     grey = replace(views, images=np.where(views.alpha[..., None] > 0, 0.3, 0.0).astype(np.float32))
     vertices, faces, _ = bulged(0.06)
-    moved, figures = sweep(vertices, faces, prepare_targets(grey), SweepSettings(passes=1))
+    moved, figures = sweep(vertices, faces, prepare_targets(grey), PhotometricSettings(passes=1))
     assert figures["known"] < 0.2  # rims against the black ground
     assert np.abs(moved - vertices).max() < 0.03
 

@@ -6,8 +6,8 @@ from exmesh_nodes import appearance, regulariser, stage1
 from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.regularise import Bilaplacian, Laplacian, Prepared
-from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.regularise import Prepared
+from exmesh_graph.stage1.settings import Bilaplacian, Laplacian, RefineSettings
 from exmesh_graph.testing import FakeContext
 
 
@@ -42,7 +42,7 @@ def test_the_plugged_in_smoothness_is_the_one_in_the_loss(views):
     """Its weight counts, and weight 0 leaves the other terms alone."""
     base = {"iterations": 1, "vertex_lr": 0.0, "texture_lr": 0.0}
     losses = {
-        (kind, weight): refine(rough(), views, RefineSettings(smoothness=kind(weight), **base))[1]["loss"][0]
+        (kind, weight): refine(rough(), views, RefineSettings(**base), smoothness=kind(weight=weight))[1]["loss"][0]
         for kind in (Laplacian, Bilaplacian)
         for weight in (0.0, 0.1, 0.2)
     }
@@ -67,23 +67,21 @@ class Filtered:
 
 
 def test_a_filter_acts_on_gradients_before_adam_and_on_steps_after_it(views):
-    settings = RefineSettings(iterations=4, smoothness=Bilaplacian(0.0))
+    settings = RefineSettings(iterations=4)
     start = fresh_state(ball(radius=0.55))
 
     def moved(smoothness):
-        state, _ = refine(start, views, RefineSettings(**{**vars(settings), "smoothness": smoothness}), seed=2)
+        state, _ = refine(start, views, settings, smoothness=smoothness, seed=2)
         return state.vertices - start.vertices, state.vertex_m
 
-    plain, plain_m = moved(Bilaplacian(0.0))
+    plain, plain_m = moved(Bilaplacian(weight=0.0))
     one, one_m = moved(Filtered(1.0))
     assert np.allclose(one, plain, atol=1e-6)
     assert np.array_equal(one_m, plain_m)
     # Adam does not see the scale of gradients, so only the filter's second use shows in the first step
-    first = RefineSettings(**{**vars(settings), "iterations": 1})
+    first = settings.replaced(iterations=1)
     steps = [
-        refine(start, views, RefineSettings(**{**vars(first), "smoothness": Filtered(f)}), seed=2)[0].vertices
-        - start.vertices
-        for f in (1.0, 0.5)
+        refine(start, views, first, smoothness=Filtered(f), seed=2)[0].vertices - start.vertices for f in (1.0, 0.5)
     ]
     assert np.allclose(steps[1], 0.5 * steps[0], atol=1e-6)
     together, _ = moved(Filtered(None))

@@ -9,8 +9,8 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.regularise import Bilaplacian, Laplacian
-from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.settings import Bilaplacian, Laplacian, RefineSettings
+from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import DepthMaps
 
 SHORT = RefineSettings(iterations=6)
@@ -59,7 +59,7 @@ def test_silhouette_alone_finds_the_radius(views):
     [
         {},
         {"silhouette": "bce", "silhouette_weight": 0.005},
-        {"smoothness": Laplacian(0.1), "deviation_weight": 1.0},
+        {"smoothness": Laplacian(weight=0.1), "deviation_weight": 1.0},
         {"gains": True, "downscale": 2, "ssim_weight": 0.0},
         {"depth_weight": 0.1},
     ],
@@ -69,9 +69,11 @@ def test_every_option_runs_and_repeats_its_bytes(views, change):
     depth[:, ::2] *= np.where(depth[:, ::2] > 0, 1.05, 1)
     depths = DepthMaps(tuple(reversed(views.names)), depth)
     start = fresh_state(ball(radius=0.55), fill=0.5)
-    settings = replace(SHORT, **change)
-    first, history = refine(start, views, settings, seed=5, depths=depths)
-    second, _ = refine(start, views, settings, seed=5, depths=depths)
+    change = dict(change)
+    smoothness = change.pop("smoothness", None)
+    settings = SHORT.replaced(**change)
+    first, history = refine(start, views, settings, smoothness=smoothness, seed=5, depths=depths)
+    second, _ = refine(start, views, settings, smoothness=smoothness, seed=5, depths=depths)
     for name, array in arrays(first).items():
         assert np.array_equal(array, arrays(second)[name]), name
         assert np.isfinite(array).all()
@@ -91,7 +93,7 @@ def test_inputs_are_left_alone_and_zero_iterations_change_nothing(views):
     start = fresh_state(ball())
     before = {name: array.copy() for name, array in arrays(start).items()}
     refine(start, views, SHORT)
-    same, history = refine(start, views, replace(SHORT, iterations=0))
+    same, history = refine(start, views, SHORT.replaced(iterations=0))
     for name, array in before.items():
         assert np.array_equal(array, arrays(start)[name])
         assert np.array_equal(array, arrays(same)[name])
@@ -107,7 +109,7 @@ def test_gains_absorb_exposure_and_average_to_one():
     gains = np.array([history["gains"][name] for name in views.names])
     assert np.allclose(gains.mean(0), 1, atol=1e-3)
     assert np.allclose(gains, exposure[:, None], atol=0.05)
-    _, without = refine(fresh_state(ball()), views, replace(settings, gains=False))
+    _, without = refine(fresh_state(ball()), views, settings.replaced(gains=False))
     assert history["psnr"][-1] > without["psnr"][-1] + 3
 
 
@@ -126,10 +128,11 @@ def test_depth_moves_the_surface_towards_the_prior(views):
     depth = (3 + 0.02 * columns + 0.03 * rows).astype(np.float32)[None]
     settings = RefineSettings(
         iterations=30, vertex_lr=0.02, texture_lr=0, ssim_weight=0, silhouette_weight=0.0,
-        smoothness=Bilaplacian(0.01), depth_weight=10.0, vertex_decay=1.0,
+        depth_weight=10.0, vertex_decay=1.0,
     )  # fmt: skip
-    _, without = refine(start, one, replace(settings, depth_weight=0.0))
-    _, history = refine(start, one, settings, depths=DepthMaps(one.names, depth))
+    smoothness = Bilaplacian(weight=0.01)
+    _, without = refine(start, one, settings.replaced(depth_weight=0.0), smoothness=smoothness)
+    _, history = refine(start, one, settings, smoothness=smoothness, depths=DepthMaps(one.names, depth))
     assert history["loss"][-1] < 0.85 * history["loss"][0]
     assert without["loss"][-1] < 0.1
 
@@ -139,7 +142,7 @@ def test_progress_is_reported(views):
     refine(
         fresh_state(ball()),
         views,
-        replace(SHORT, iterations=120),
+        SHORT.replaced(iterations=120),
         progress=lambda step, total, **figures: calls.append((step, total, set(figures))),
     )
     assert calls[-1] == (120, 120, {"loss", "psnr"})
@@ -151,7 +154,7 @@ def test_what_is_not_finite_is_named(views):
     broken = replace(views, images=views.images.copy())
     broken.images[3, 20, 20] = np.nan
     with pytest.raises(NumericsError, match=r"refine7, iteration \d, view 'v3'") as caught:
-        refine(state, broken, replace(SHORT, iterations=8), where="refine7")
+        refine(state, broken, SHORT.replaced(iterations=8), where="refine7")
     assert "l1" in str(caught.value)
 
 
@@ -164,12 +167,12 @@ def test_inputs_that_cannot_be_used(views):
     with pytest.raises(DataError, match="pixels"):
         refine(state, views, SHORT, depths=DepthMaps(views.names, views.alpha[:, :9]))
     with pytest.raises(DataError, match="leaves nothing"):
-        refine(state, views, replace(SHORT, downscale=100))
+        prepare_targets(views, downscale=100)
 
 
 def test_views_without_masks_refine_by_colour(views):
     unmasked = replace(views, alpha=np.ones_like(views.alpha), has_masks=False)
-    state, history = refine(fresh_state(ball(), fill=0.5), unmasked, replace(SHORT, iterations=40, vertex_lr=0.0))
+    state, history = refine(fresh_state(ball(), fill=0.5), unmasked, SHORT.replaced(iterations=40, vertex_lr=0.0))
     assert history["loss"][-1] < history["loss"][0]
     assert np.isfinite(state.texture).all()
 

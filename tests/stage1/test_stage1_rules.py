@@ -12,16 +12,16 @@ from exmesh_graph.geometry.subdivide import subdivide
 from exmesh_graph.optim import texture_step
 from exmesh_graph.stage1.init import initial_state
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.regularise import Bilaplacian
 from exmesh_graph.stage1.render import draw, surface_of
-from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
 from exmesh_graph.targets import GAIN_LIMITS, fit_gain, prepare_targets
 from exmesh_graph.types import DepthMaps
 
 STILL = RefineSettings(
-    iterations=1, vertex_lr=0.0, texture_lr=0.0, ssim_weight=0.0, silhouette_weight=0.0, smoothness=Bilaplacian(0.0),
-    fill_unseen=False,
-)  # fmt: skip
+    iterations=1, vertex_lr=0.0, texture_lr=0.0, ssim_weight=0.0, silhouette_weight=0.0, fill_unseen=False
+)
+
+PLAIN = Bilaplacian(weight=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -46,21 +46,20 @@ def test_a_run_cut_in_two_is_the_same_run(views):
         texture_decay=0.01,
         vertex_lr=0.0,
         fill_unseen=False,
-        smoothness=Bilaplacian(0.0),
     )
     start = fresh_state(ball(), fill=0.5)
-    whole, _ = refine(start, views, settings, seed=3)
-    half, _ = refine(start, views, replace(settings, iterations=11), seed=3)
-    both, _ = refine(half, views, replace(settings, iterations=11), seed=3)
+    whole, _ = refine(start, views, settings, smoothness=PLAIN, seed=3)
+    half, _ = refine(start, views, settings.replaced(iterations=11), smoothness=PLAIN, seed=3)
+    both, _ = refine(half, views, settings.replaced(iterations=11), smoothness=PLAIN, seed=3)
     assert np.array_equal(both.texture, whole.texture)
     assert np.array_equal(both.gradient_ema, whole.gradient_ema)
     assert (both.iteration, both.texture_steps) == (22, 22)
     # vertices: areas and mean edge are taken anew with each call, so nearly the same
-    moving = replace(settings, vertex_lr=0.01, texture_lr=0.0, smoothness=Bilaplacian(0.3))
+    moving = settings.replaced(vertex_lr=0.01, texture_lr=0.0)
     start = fresh_state(ball(radius=0.57))
     whole, _ = refine(start, views, moving, seed=3)
-    half, _ = refine(start, views, replace(moving, iterations=11), seed=3)
-    both, _ = refine(half, views, replace(moving, iterations=11), seed=3)
+    half, _ = refine(start, views, moving.replaced(iterations=11), seed=3)
+    both, _ = refine(half, views, moving.replaced(iterations=11), seed=3)
     moved = np.abs(whole.vertices - half.vertices).max()
     assert moved > 1e-4
     assert np.abs(both.vertices - whole.vertices).max() < 0.1 * moved
@@ -73,7 +72,7 @@ def test_gradient_average_is_equation_1(views):
     for before in (0.0, 1.0):
         for beta in (0.95, 0.5):
             state = replace(start, gradient_ema=np.full_like(start.gradient_ema, before))
-            out, _ = refine(state, views, replace(STILL, silhouette_weight=5.0, gradient_decay=beta))
+            out, _ = refine(state, views, STILL.replaced(silhouette_weight=5.0, gradient_decay=beta), smoothness=PLAIN)
             result[before, beta] = out.gradient_ema
     norm = result[0.0, 0.5] / 0.5
     assert norm.max() > 0
@@ -85,10 +84,10 @@ def test_after_a_split_vertices_move_on_as_before():
     """Moments per area and steps per edge length: four faces for one change neither pace nor loss."""
     views = photographs(ball(), size=96)
     settings = RefineSettings(
-        iterations=40, total_iterations=4000, vertex_lr=0.01, texture_lr=0.0, smoothness=Bilaplacian(0.0),
-        uv_gradient=False, ssim_weight=0.0, fill_unseen=False,
+        iterations=40, total_iterations=4000, vertex_lr=0.01, texture_lr=0.0, uv_gradient=False, ssim_weight=0.0,
+        fill_unseen=False,
     )  # fmt: skip
-    state, history = refine(fresh_state(ball(radius=0.5)), views, settings)
+    state, history = refine(fresh_state(ball(radius=0.5)), views, settings, smoothness=PLAIN)
     done = subdivide(state.vertices, state.faces, state.uvs, state.uv_faces)
     finer = replace(
         state, vertices=done.vertices, faces=done.faces, uvs=done.uvs, uv_faces=done.uv_faces,
@@ -98,7 +97,7 @@ def test_after_a_split_vertices_move_on_as_before():
     old = len(state.vertices)
     steps = []
     for start in (state, finer):
-        after, more = refine(start, views, replace(settings, iterations=16))
+        after, more = refine(start, views, settings.replaced(iterations=16), smoothness=PLAIN)
         steps.append(np.linalg.norm(after.vertices[:old] - start.vertices[:old], axis=1))
         assert more["loss"][0] < 1.1 * history["loss"][-1]
     ratio = np.median(steps[1]) / np.median(steps[0])
@@ -122,7 +121,7 @@ def test_scaling_the_scene_scales_the_result(views):
 def test_d_ssim_counts_for_the_whole_image(views):
     one = pick(views, 2)
     start = fresh_state(ball(radius=0.57))
-    _, history = refine(start, one, replace(STILL, ssim_weight=1.0))
+    _, history = refine(start, one, STILL.replaced(ssim_weight=1.0), smoothness=PLAIN)
     targets = prepare_targets(one)
     with torch.no_grad():
         picture = draw(surface_of(start), targets.intrinsics[0], targets.world_to_camera[0], one.height, one.width)
@@ -154,11 +153,11 @@ def test_depth_is_compared_inside_the_mask_where_it_is_known(views):
     prior[rng.random(prior.shape) < 0.3] = 0
     flat = replace(one, images=one.images * (half_masked > 0)[..., None], alpha=half_masked)
     depths = DepthMaps(one.names, prior[None].astype(np.float32))
-    _, without = refine(start, flat, STILL)
-    _, history = refine(start, flat, replace(STILL, depth_weight=10.0), depths=depths)
+    _, without = refine(start, flat, STILL, smoothness=PLAIN)
+    _, history = refine(start, flat, STILL.replaced(depth_weight=10.0), smoothness=PLAIN, depths=depths)
     assert history["loss"][0] == pytest.approx(without["loss"][0], abs=1e-3)
     wrong = DepthMaps(one.names, (7 - prior[None]).astype(np.float32))
-    _, against = refine(start, flat, replace(STILL, depth_weight=10.0), depths=wrong)
+    _, against = refine(start, flat, STILL.replaced(depth_weight=10.0), smoothness=PLAIN, depths=wrong)
     assert against["loss"][0] > without["loss"][0] + 1
 
 
@@ -171,9 +170,9 @@ def test_smaller_targets_take_the_depth_at_the_middle_of_their_pixels(views):
 def test_gains_together_cannot_brighten_the_texture():
     """All photographs equally dark: no factor is left that would explain it."""
     dark = photographs(ball(), exposure=[0.7] * 8)
-    settings = replace(STILL, iterations=16)
-    _, plain = refine(fresh_state(ball()), dark, settings)
-    _, gained = refine(fresh_state(ball()), dark, replace(settings, gains=True))
+    settings = STILL.replaced(iterations=16)
+    _, plain = refine(fresh_state(ball()), dark, settings, smoothness=PLAIN)
+    _, gained = refine(fresh_state(ball()), dark, settings.replaced(gains=True), smoothness=PLAIN)
     assert gained["psnr"][-1] == pytest.approx(plain["psnr"][-1], abs=0.2)
 
 

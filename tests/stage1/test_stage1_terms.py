@@ -11,14 +11,15 @@ from exmesh_graph import losses
 from exmesh_graph.errors import DataError
 from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.regularise import Bilaplacian, Laplacian, deviation, smoother
+from exmesh_graph.stage1.regularise import deviation, smoother
 from exmesh_graph.stage1.render import draw, surface_of
-from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.settings import Bilaplacian, Laplacian, RefineSettings
 from exmesh_graph.stage1.terms import Terms
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import DepthMaps
 
-EVERYTHING = RefineSettings(depth_weight=1.0, deviation_weight=1.0, silhouette_weight=1.0, smoothness=Laplacian(1.0))
+EVERYTHING = RefineSettings(depth_weight=1.0, deviation_weight=1.0, silhouette_weight=1.0)
+PLAIN = Bilaplacian(weight=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def tilted(views) -> DepthMaps:
     return DepthMaps(views.names, depth)
 
 
-def terms_of(views, settings, depths=None, region=None, scale=1.0, view=1):
+def terms_of(views, settings, depths=None, region=None, scale=1.0, view=1, smoothness=None):
     """(terms by name, gradient of each in the vertices) of one view of a ball that is slightly too small."""
     carrier = ball(radius=0.57)
     rng = np.random.default_rng(0)
@@ -43,7 +44,7 @@ def terms_of(views, settings, depths=None, region=None, scale=1.0, view=1):
     surface = surface_of(replace(carrier, vertices=(scale * carrier.vertices).astype(np.float32)))
     surface.vertices.requires_grad_()
     targets = prepare_targets(scaled, depths=depths, region=region)
-    made = Terms(surface, targets, settings)
+    made = Terms(surface, targets, settings, smoothness or Laplacian(weight=1.0))
     if made.reference is not None:
         made.reference += scale * 0.01 * torch.from_numpy(rng.normal(0, 1, carrier.vertices.shape).astype("f"))
     picture = draw(surface, targets.intrinsics[view], targets.world_to_camera[view], targets.height, targets.width)
@@ -72,16 +73,15 @@ def test_no_term_depends_on_the_scenes_scale(views):
 def test_weights_multiply_their_terms(views):
     depths = tilted(views)
     base, _ = terms_of(views, EVERYTHING, depths)
-    twice = replace(EVERYTHING, depth_weight=2, deviation_weight=2, silhouette_weight=2, smoothness=Laplacian(2.0))
-    terms, _ = terms_of(views, twice, depths)
+    twice = EVERYTHING.replaced(depth_weight=2, deviation_weight=2, silhouette_weight=2)
+    terms, _ = terms_of(views, twice, depths, smoothness=Laplacian(weight=2.0))
     for name in ("silhouette", "depth", "smoothness", "deviation"):
         assert terms[name] == pytest.approx(2 * base[name], rel=1e-5)
-    half, _ = terms_of(views, replace(EVERYTHING, ssim_weight=0.4), depths)
+    half, _ = terms_of(views, EVERYTHING.replaced(ssim_weight=0.4), depths)
     assert half["l1"] == pytest.approx(0.75 * base["l1"], rel=1e-5)
     assert half["d_ssim"] == pytest.approx(2 * base["d_ssim"], rel=1e-5)
-    none = replace(EVERYTHING, ssim_weight=0, depth_weight=0, deviation_weight=0, silhouette_weight=0,
-                   smoothness=Bilaplacian(0.0))  # fmt: skip
-    assert set(terms_of(views, none, depths)[0]) == {"l1"}
+    none = EVERYTHING.replaced(ssim_weight=0, depth_weight=0, deviation_weight=0, silhouette_weight=0)
+    assert set(terms_of(views, none, depths, smoothness=PLAIN)[0]) == {"l1"}
 
 
 def test_gradients_in_float64():
@@ -130,31 +130,31 @@ def test_outside_the_region_nothing_counts(views):
     region = ball(radius=0.4)
     inside = prepare_targets(plain, region=region).inside
     assert 0.1 < float(inside.float().mean()) < 0.4
-    settings = RefineSettings(coverage_weight=0.0, smoothness=Bilaplacian(0.0))
-    base, _ = terms_of(plain, settings, region=region)
+    settings = RefineSettings(coverage_weight=0.0)
+    base, _ = terms_of(plain, settings, region=region, smoothness=PLAIN)
     noisy = plain.images.copy()
     # SSIM windows reach five pixels into the region, so it is left out here
     noisy[~inside.numpy()] = 0.9
-    settings = replace(settings, ssim_weight=0.0)
-    base, slopes = terms_of(plain, settings, region=region)
-    terms, gradients = terms_of(replace(plain, images=noisy), settings, region=region)
+    settings = settings.replaced(ssim_weight=0.0)
+    base, slopes = terms_of(plain, settings, region=region, smoothness=PLAIN)
+    terms, gradients = terms_of(replace(plain, images=noisy), settings, region=region, smoothness=PLAIN)
     assert terms["l1"] == pytest.approx(base["l1"], rel=1e-5)
     assert torch.allclose(gradients["l1"], slopes["l1"], atol=1e-7)
 
 
 def test_coverage_pulls_the_surface_over_the_region(views):
-    settings = RefineSettings(coverage_weight=2.0, smoothness=Bilaplacian(0.0), ssim_weight=0)
+    settings = RefineSettings(coverage_weight=2.0, ssim_weight=0)
     region = ball(radius=0.7)
-    terms, gradients = terms_of(unmasked(views), settings, region=region)
+    terms, gradients = terms_of(unmasked(views), settings, region=region, smoothness=PLAIN)
     targets = prepare_targets(unmasked(views), region=region)
-    small, _ = terms_of(unmasked(views), replace(settings, coverage_weight=0.0), region=region)
+    small, _ = terms_of(unmasked(views), settings.replaced(coverage_weight=0.0), region=region, smoothness=PLAIN)
     assert "coverage" not in small
     ring = 0.7**2 - 0.57**2  # of the two discs, to the order of perspective
     share = float(targets.inside[1].float().mean()) * ring / 0.7**2
     assert terms["coverage"] == pytest.approx(2 * share, rel=0.15)
     outward = -(gradients["coverage"] * torch.from_numpy(ball().vertices)).sum()
     assert float(outward) > 0
-    covered, _ = terms_of(unmasked(views), settings, region=ball(radius=0.4))
+    covered, _ = terms_of(unmasked(views), settings, region=ball(radius=0.4), smoothness=PLAIN)
     assert covered["coverage"] == pytest.approx(0, abs=1e-4)
 
 
@@ -162,9 +162,10 @@ def test_a_ball_without_masks_keeps_its_size_only_with_a_region():
     """A grey ball before a grey wall: by colour alone it may as well vanish."""
     views = unmasked(photographs(ball(), count=6), wall=0.2)
     start = fresh_state(ball(radius=0.6), fill=0.2)
-    settings = RefineSettings(iterations=60, vertex_lr=0.03, texture_lr=0.0, smoothness=Bilaplacian(0.05))
-    kept, _ = refine(start, views, settings, region=ball(radius=0.6))
-    lost, _ = refine(start, views, settings)
+    settings = RefineSettings(iterations=60, vertex_lr=0.03, texture_lr=0.0)
+    smoothness = Bilaplacian(weight=0.05)
+    kept, _ = refine(start, views, settings, smoothness=smoothness, region=ball(radius=0.6))
+    lost, _ = refine(start, views, settings, smoothness=smoothness)
     sizes = [np.linalg.norm(state.vertices, axis=1).mean() for state in (kept, lost)]
     assert sizes[0] > 0.585
     assert sizes[1] < sizes[0] - 0.02
