@@ -17,7 +17,8 @@ from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import Packs, load_packs
 from exmesh_graph.graph.declare.ports import Port, Signature, signature, type_name
 from exmesh_graph.graph.language.check import Bound, check_part
-from exmesh_graph.graph.language.expand import Broken, Graph, Link, NodeSpec
+from exmesh_graph.graph.language.expand import Graph, NodeSpec
+from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, fail, nearest
 from exmesh_graph.graph.run import contracts

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.graph.language.check import check_part
-from exmesh_graph.graph.language.expand import Broken, Graph, Link, NodeSpec
+from exmesh_graph.graph.language.expand import Graph, NodeSpec
+from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems
 
