@@ -26,7 +26,7 @@ from exmesh_graph.api.scope import Node, Scope, child
 from exmesh_graph.api.values import Parameter, Place, Wire, here, plain
 from exmesh_graph.graph.declare.packs import Packs, load_packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
-from exmesh_graph.graph.language import spec
+from exmesh_graph.graph.language.extends import over_base
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml
 from exmesh_graph.graph.problems import Problems, Where
@@ -59,7 +59,7 @@ class Graph(Scope):
         if "extends" in self.tree:
             problems, only = Problems(), Map(self.tree.where)
             only.put("extends", self.tree["extends"], self.tree.lines["extends"])
-            self._extended = spec.over_base(only, self.file, [], problems)
+            self._extended = over_base(only, self.file, problems)
             problems.raise_if_any()
 
     @classmethod
@@ -159,7 +159,7 @@ class Graph(Scope):
     def merged(self) -> Map:
         """The graph over what it extends, as the checks take it."""
         problems = Problems()
-        merged = spec.over_base(self.tree, self.file, [], problems)
+        merged = over_base(self.tree, self.file, problems)
         problems.raise_if_any()
         return merged
 

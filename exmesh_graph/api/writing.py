@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.language.spec import load_merged
+from exmesh_graph.graph.language.extends import load_merged
 from exmesh_graph.graph.language.yamlfile import Map, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems
 
@@ -140,7 +140,7 @@ class _Mover:
         holder = entry if "graph" in entry else base
         file = holder.lines["graph"].base / str(holder["graph"])
         try:
-            params = load_merged(file.resolve(), [], Problems()).get("params")
+            params = load_merged(file.resolve(), Problems()).get("params")
         except GraphErrors:
             return set()
         items = params.items() if isinstance(params, Map) else ()
