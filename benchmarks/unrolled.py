@@ -138,7 +138,7 @@ def loop(graph: Any, folder: Path) -> tuple[float, str]:
 
 
 def _value(graph: Any, store: Any, node: str, port: str) -> Any:
-    from exmesh_graph.graph.cache.store import artifact_types
+    from exmesh_graph.graph.declare.ports import artifact_types
     from exmesh_graph.graph.run.plan import plan
 
     step = next(step for step in plan(graph, store, reasons=False) if step.name == node)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import enum
-import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -55,57 +52,28 @@ RayAddress = Annotated[
 def checked_graph(
     graph: Path, sets: list[str] | None, variant: str | None = None, store: Path | None = None
 ) -> tuple[Checked, Packs]:
-    """A graph file, or one of its variants, checked against the installed packs.
+    """A graph file, or one of its variants, checked against the session's packs."""
+    from exmesh_graph.graph.session import current_session
 
-    Where the store is there already, long files that were parsed before are not parsed again.
-    """
-    from exmesh_graph.graph.declare.packs import load_packs
-    from exmesh_graph.graph.language.check import check_file
-
-    packs = load_packs()
-    with _remembering(store):
-        if not variant:
-            return check_file(graph, sets or [], packs), packs
-        from exmesh_graph.graph.variants import check_variant
-
-        return check_variant(graph, sets or [], packs, variant), packs
+    checked = current_session().check(graph, sets or [], variant, store)
+    return checked, checked.packs
 
 
 def checked_variants(
     graph: Path, sets: list[str] | None, store: Path | None = None, **options: Any
 ) -> tuple[list[CheckedVariant], Packs]:
     """A graph file and all variants that it declares, checked; `options` are those of `check_variants`."""
-    from exmesh_graph.graph.declare.packs import load_packs
-    from exmesh_graph.graph.variants import check_variants
+    from exmesh_graph.graph.declare.packs import current
+    from exmesh_graph.graph.session import current_session
 
-    packs = load_packs()
-    with _remembering(store):
-        return check_variants(graph, sets or [], packs, **options), packs
-
-
-@contextlib.contextmanager
-def _remembering(store: Path | None) -> Iterator[None]:
-    """Read files through the store's memory of parsed files, where there is a store."""
-    from exmesh_graph.graph.files import Memo
-    from exmesh_graph.graph.language import parsed, yamlfile
-
-    root = store_folder(store)
-    memo = Memo(root / "graphs.json", root / "work")
-    yamlfile.reader = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
-    yield
-    memo.save()
+    return current_session().check_variants(graph, sets or [], store, **options), current()
 
 
 def open_store(folder: Path | None, shared: str | None = None) -> Store:
     """The store that --store, $EXMESH_STORE or the working folder names."""
-    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.session import current_session
 
-    return Store(store_folder(folder), shared or os.environ.get("EXMESH_SHARED"))
-
-
-def store_folder(given: Path | None) -> Path:
-    """--store, $EXMESH_STORE or .exmesh."""
-    return (given or Path(os.environ.get("EXMESH_STORE") or ".exmesh")).absolute()
+    return current_session().open_store(folder, shared)
 
 
 def show_notes(store: Store) -> None:

@@ -12,8 +12,9 @@ import typer
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.progress import view
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.cache.store import Store, artifact_types
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.run.backends import Backend
 from exmesh_graph.graph.run.rundir import RunFolder

@@ -50,14 +50,14 @@ _TEST = '''"""Tests of the node {type}."""
 import numpy as np
 import pytest
 
-from exmesh_graph.graph.declare.node import REGISTRY
+from exmesh_graph.graph import load_packs
 from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.testing import FakeContext, mesh
 from {package}.{module} import {Class}Params, {function}
 
 
 def test_ports_and_parameters():
-    ports = signature(REGISTRY["{type}"])
+    ports = signature(load_packs().types["{type}"])
     assert list(ports.inputs) == ["mesh"]
     assert list(ports.outputs) == ["mesh"]
     with pytest.raises(ValueError, match="less than or equal"):

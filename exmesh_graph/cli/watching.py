@@ -80,15 +80,16 @@ def replay(
 
     from exmesh_graph.api.progress import Plain
     from exmesh_graph.graph.cache.store import Store
-    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.declare.packs import Packs
     from exmesh_graph.graph.run.job import BROKEN, DONE, Job, execute, rekeyed
     from exmesh_graph.graph.run.memory import Memory
 
-    load_packs()
     faulthandler.enable(2)
     job = Job.from_json(_job_in(file))
     opened = Store(store or Path(job.store))
-    job = rekeyed(job, opened)
+    packs = Packs(job.packs or None).load()
+    with packs:
+        job = rekeyed(job, opened)
     view = Plain({job.name: job.type})
 
     def emit(event: Mapping[str, Any]) -> None:
@@ -99,7 +100,8 @@ def replay(
 
     emit({"event": "run_started", "nodes": [job.name]})
     emit({"event": "node_started", "node": job.name})
-    outcome = execute(job, opened, Memory(), emit)
+    with packs:
+        outcome = execute(job, opened, Memory(), emit)
     if outcome.state == BROKEN:
         wire = job.wires[outcome.info["port"]]
         raise ExmeshError(

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.cache import fingerprint as fp
+from exmesh_graph.graph.declare.packs import current
 
 Exmesh = Callable[..., Any]
 GRAPH = 'nodes: {a: {type: toy.const}, s: {type: toy.sign, number: "@a.number"}}\noutputs: {s: "@s.number"}\n'
@@ -19,13 +20,12 @@ GRAPH = 'nodes: {a: {type: toy.const}, s: {type: toy.sign, number: "@a.number"}}
 @pytest.fixture
 def helper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
     """`helper(old, new)` edits a copy of the helper module of `toy.sign`, seen by the next command."""
-    copy, real = tmp_path / "helpers.py", fp._find
+    copy, real = tmp_path / "helpers.py", fp._source_file
     shutil.copy(Path(__file__).parent.parent / "graph" / "toy" / "toy_pack" / "helpers.py", copy)
-    monkeypatch.setattr(fp, "_find", lambda name: copy if name == "toy_pack.helpers" else real(name))
+    monkeypatch.setattr(fp, "_source_file", lambda name: copy if name == "toy_pack.helpers" else real(name))
 
     def forget() -> None:
-        fp._fingerprint.cache_clear()
-        fp._module.cache_clear()
+        current().parts.pop(fp.Sources, None)
 
     def edit(old: str, new: str) -> None:
         text = copy.read_text()

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.cache.store import Store, artifact_types
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs, load_packs
+from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.rundir import RunFolder

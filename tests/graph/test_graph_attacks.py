@@ -14,8 +14,8 @@ import pytest
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.keys import key_of, preimage_of
-from exmesh_graph.graph.cache.store import artifact_types
-from exmesh_graph.graph.declare.node import register
+from exmesh_graph.graph.declare.packs import declare
+from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.job import execute, job_of
 from exmesh_graph.graph.run.memory import Memory
@@ -168,7 +168,7 @@ def test_a_type_of_two_packs_is_refused_though_the_functions_share_a_name(bench:
 
     const.__qualname__, const.__module__ = known.function.__qualname__, "other_pack.nodes"
     with pytest.raises(ValueError, match=r"registered twice: toy_pack\.nodes\.const, other_pack\.nodes\.const"):
-        register(replace(known, function=const))
+        declare(replace(known, function=const))
 
 
 def test_an_artifact_name_of_two_packs_is_refused_though_the_classes_share_theirs(packs: Any) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from exmesh_graph.graph.cache import fingerprint as fp
 from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo
 
 FILES = {
@@ -75,9 +76,10 @@ def pack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Path
         (root / name).write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    def take(function: str = "first", code: tuple[str, ...] = ()) -> str:
-        for cache in (fp._fingerprint, fp._module, fp._find):
-            cache.cache_clear()
+    def take(function: str = "first", code: tuple[str, ...] = (), memo: Memo | None = None) -> str:
+        current().parts.pop(fp.Sources, None)
+        if memo is not None:
+            fp.remember_in(memo)
         fake = lambda: None  # noqa: E731
         fake.__module__, fake.__name__ = "fp_pack.nodes", function
         return fp.fingerprint(NodeDef("t", fake, "1", code=code)).digest
@@ -85,8 +87,7 @@ def pack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Path
     importlib.invalidate_caches()
     yield root, take
     sys.modules.pop("fp_pack", None)
-    for cache in (fp._fingerprint, fp._module, fp._find):
-        cache.cache_clear()
+    current().parts.pop(fp.Sources, None)
 
 
 def edit(root: Path, name: str, old: str, new: str) -> None:
@@ -197,10 +198,8 @@ def test_every_library_module_that_a_node_imports_counts(packs: Any) -> None:
     """A walk over the imports of each built-in node's module finds nothing that its nodes' fingerprints all miss."""
     import ast
 
-    from exmesh_graph.graph.declare.node import REGISTRY
-
     covered: dict[str, set[str]] = {}
-    for definition in list(REGISTRY.values()):
+    for definition in list(current().types.values()):
         module = definition.function.__module__
         if module.startswith("exmesh_nodes."):
             covered.setdefault(module, set()).update(fp.fingerprint(definition).modules)
@@ -212,16 +211,14 @@ def test_every_library_module_that_a_node_imports_counts(packs: Any) -> None:
             for item in ast.walk(tree)
             if isinstance(item, ast.ImportFrom) and (item.module or "").startswith("exmesh_graph.")
         }
-        wanted = {name for name in wanted if fp._module(name).exports is None}
+        wanted = {name for name in wanted if current().part(fp.Sources).module(name).exports is None}
         assert {name for name in wanted if not name.startswith(fp.IGNORED)} <= found, module
 
 
 def test_types_package_is_followed_by_name(packs: Any) -> None:
     from toy_pack import nodes
 
-    from exmesh_graph.graph.declare.node import REGISTRY
-
-    parts = fp.fingerprint(REGISTRY["toy.sign"]).parts
+    parts = fp.fingerprint(current().types["toy.sign"]).parts
     assert nodes.sign.__module__ + ":sign" in parts
     assert "toy_pack.helpers" in parts
     assert "exmesh_graph.types.artifact" in parts
@@ -239,17 +236,14 @@ def test_types_package_is_followed_by_name(packs: Any) -> None:
         ("nodes.py", "LIMIT = 3", "LIMIT = 4"),
     ],
 )
-def test_the_memo_never_hides_an_edit(
-    pack: tuple[Path, Take], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, old: str, new: str
-) -> None:
+def test_the_memo_never_hides_an_edit(pack: tuple[Path, Take], tmp_path: Path, name: str, old: str, new: str) -> None:
     """A helper of a helper is edited, its times and size kept: the remembered facts of the old bytes do not count."""
     root, take = pack
     plain = take()
 
     def remembered() -> str:
         memo = Memo(tmp_path / "code.json", tmp_path / "work")
-        monkeypatch.setattr(fp, "_memo", memo)
-        digest = take()
+        digest = take(memo=memo)
         memo.save()
         return digest
 
@@ -259,7 +253,6 @@ def test_the_memo_never_hides_an_edit(
     os.utime(root / name, ns=(times.st_atime_ns, times.st_mtime_ns))
     changed = remembered()
     assert changed != plain
-    monkeypatch.setattr(fp, "_memo", None)
     assert take() == changed
     edit(root, name, new, old)
     assert remembered() == plain
@@ -270,27 +263,21 @@ def test_with_the_memo_nothing_is_parsed(
 ) -> None:
     _, take = pack
     memo = Memo(tmp_path / "code.json", tmp_path / "work")
-    monkeypatch.setattr(fp, "_memo", memo)
-    before = take()
+    before = take(memo=memo)
     memo.save()
-    monkeypatch.setattr(fp, "_memo", Memo(tmp_path / "code.json", tmp_path / "work"))
     monkeypatch.setattr(fp.ast, "parse", lambda *_: pytest.fail("parsed again"))
-    assert take() == before
+    assert take(memo=Memo(tmp_path / "code.json", tmp_path / "work")) == before
 
 
-def test_a_spoilt_memo_is_not_believed(
-    pack: tuple[Path, Take], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_spoilt_memo_is_not_believed(pack: tuple[Path, Take], tmp_path: Path) -> None:
     _, take = pack
     path = tmp_path / "code.json"
     memo = Memo(path, tmp_path / "work")
-    monkeypatch.setattr(fp, "_memo", memo)
-    before = take()
+    before = take(memo=memo)
     memo.save()
     text = path.read_text()
     path.write_text(text[:100] + text[100:].replace("a", "b"))
-    monkeypatch.setattr(fp, "_memo", Memo(path, tmp_path / "work"))
-    assert take() == before
+    assert take(memo=Memo(path, tmp_path / "work")) == before
 
 
 SLY = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo
 from exmesh_graph.graph.language import parsed, yamlfile
 from exmesh_graph.graph.language.parsed import remembered
@@ -28,7 +29,7 @@ nodes:
 def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(parsed, "SHORT", 0)
     yield
-    yamlfile.reader = parse_yaml
+    current().part(yamlfile.Reader).read = parse_yaml
 
 
 def told(value: Any) -> Any:
@@ -92,7 +93,7 @@ def test_load_yaml_uses_it(tmp_path: Path) -> None:
     path = tmp_path / "g.yaml"
     path.write_text(TEXT)
     memo = memo_in(tmp_path)
-    yamlfile.reader = remembered(memo, parse_yaml)
+    current().part(yamlfile.Reader).read = remembered(memo, parse_yaml)
     first = load_yaml(path)
-    yamlfile.reader = remembered(memo, refuse)
+    current().part(yamlfile.Reader).read = remembered(memo, refuse)
     assert told(load_yaml(path)) == told(first)

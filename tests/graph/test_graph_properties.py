@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.keys import canonical, key_of, preimage_of
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.node import REGISTRY, NodeDef
+from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Run
@@ -192,7 +192,7 @@ def check_edits(bench: Any, tmp: Path, data: st.DataObject) -> None:
 
 def define(bench: Any, definition: NodeDef) -> None:
     """Let a node type mean something else from now on."""
-    REGISTRY[definition.type] = bench.packs.types[definition.type] = definition
+    bench.packs.types[definition.type] = definition
 
 
 def check_one(bench: Any, nodes: Nodes, code: bool, used: Path, empty: Path) -> None:

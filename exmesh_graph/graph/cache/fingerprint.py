@@ -43,6 +43,7 @@ from exmesh_graph.graph.cache.syntax import (
     used_by,
 )
 from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo
 
 OWN = "exmesh_graph"
@@ -59,91 +60,133 @@ class Fingerprint:
 
 
 def fingerprint(definition: NodeDef) -> Fingerprint:
-    """The code fingerprint of a node type, as its source files were when this process first looked."""
-    return _fingerprint(definition.function.__module__, definition.function.__name__, definition.code)
+    """The code fingerprint of a node type, as its source files were when the current session first looked."""
+    return current().part(Sources).fingerprint(definition)
 
 
 def remember_in(memo: Memo) -> None:
-    """Look up and keep in `memo` what the text of modules says."""
-    global _memo
-    _memo = memo
+    """Let the current session look up and keep in `memo` what the text of modules says."""
+    current().part(Sources).memo = memo
 
 
 def sources_changed(definition: NodeDef) -> list[str]:
     """Modules of the fingerprint whose code was edited since: what ran may not be what was fingerprinted."""
-    return [name for name in fingerprint(definition).modules if _edited(_module(name))]
+    sources = current().part(Sources)
+    return [name for name in sources.fingerprint(definition).modules if _edited(sources.module(name))]
 
 
 def outside_imports(definition: NodeDef) -> set[str]:
     """Top names of what a node type's code imports from neither the project nor the standard library."""
-    modules = [_module(name) for name in fingerprint(definition).modules]
+    sources = current().part(Sources)
+    modules = [sources.module(name) for name in sources.fingerprint(definition).modules]
     own = {OWN, *(module.name.partition(".")[0] for module in modules)}
     return {name.partition(".")[0] for module in modules for name, _ in module.imports} - own - sys.stdlib_module_names
 
 
-_memo: Memo | None = None
+class Sources:
+    """The source text of modules as a session first found it, and the fingerprints of node types made of it."""
 
+    def __init__(self) -> None:
+        self.memo: Memo | None = None
+        self.modules: dict[str, _Module] = {}
+        self.paths: dict[str, Path | None] = {}
+        self.fingerprints: dict[tuple[str, str, tuple[str, ...]], Fingerprint] = {}
 
-@functools.cache
-def _fingerprint(module: str, function: str, code: tuple[str, ...]) -> Fingerprint:
-    tops = frozenset({OWN, module.partition(".")[0]})
-    part, imports = _module(module).slice(function)
-    parts = {f"{module}:{function}": part}
-    for name in code:
-        if _find(name) is None:
-            raise GraphError(f"code={name!r} of the node {function} in {module} is no module")
-        imports.append((name, None))
-    tops |= {name.partition(".")[0] for name in code}
-    for name in _closure(imports, tops):
-        parts[name] = _module(name).digest
-    parts = dict(sorted(parts.items()))
-    digest = _sha("\n".join(f"{name} {part}" for name, part in parts.items()))
-    return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts})))
+    def fingerprint(self, definition: NodeDef) -> Fingerprint:
+        """That of a node or component type. Raises GraphError where its source cannot be found."""
+        key = definition.function.__module__, definition.function.__name__, definition.code
+        if key not in self.fingerprints:
+            self.fingerprints[key] = self._fingerprint(*key)
+        return self.fingerprints[key]
 
+    def module(self, name: str) -> _Module:
+        """The text of a module. Raises GraphError where there is none."""
+        if name not in self.modules:
+            self.modules[name] = self._read(name)
+        return self.modules[name]
 
-def _closure(imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
-    """The project modules reachable from `imports`."""
-    seen: set[Import] = set()
-    done: set[str] = set()
-    todo = list(imports)
-    while todo:
-        item = todo.pop()
-        if item in seen:
-            continue
-        seen.add(item)
-        name, attribute = item
-        if name.partition(".")[0] not in tops or _ignored(name):
-            continue
-        if attribute and _find(f"{name}.{attribute}") is not None:
-            todo.append((f"{name}.{attribute}", None))
-            todo += [(name, ""), *_same_name(name, attribute)]
-            continue
-        if "." in name:
-            todo.append((name.rpartition(".")[0], ""))
-        module = _module(name)
-        if module.exports is not None and attribute is not None:
-            if attribute in module.exports:
-                todo.append(module.exports[attribute])
-            if attribute == "" or attribute in module.exports:
+    def find(self, name: str) -> Path | None:
+        """The source file of a module, found without importing it; None when there is none."""
+        if name not in self.paths:
+            self.paths[name] = _source_file(name)
+        return self.paths[name]
+
+    def fact(self, module: _Module, name: str, find: Callable[[], Any]) -> Any:
+        """What the memo holds under `name` for a module of exactly these bytes, else what `find` finds out."""
+        facts = {} if self.memo is None else self.memo.known.get(module.key, {})
+        if name not in facts:
+            facts = {**facts, name: find()}
+            if self.memo is not None:
+                self.memo.put(module.key, facts)
+        return facts[name]
+
+    def _fingerprint(self, module: str, function: str, code: tuple[str, ...]) -> Fingerprint:
+        tops = frozenset({OWN, module.partition(".")[0]})
+        part, imports = self.module(module).slice(function)
+        parts = {f"{module}:{function}": part}
+        for name in code:
+            if self.find(name) is None:
+                raise GraphError(f"code={name!r} of the node {function} in {module} is no module")
+            imports.append((name, None))
+        tops |= {name.partition(".")[0] for name in code}
+        for name in self._closure(imports, tops):
+            parts[name] = self.module(name).digest
+        parts = dict(sorted(parts.items()))
+        digest = _sha("\n".join(f"{name} {part}" for name, part in parts.items()))
+        return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts})))
+
+    def _closure(self, imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
+        """The project modules reachable from `imports`."""
+        seen: set[Import] = set()
+        done: set[str] = set()
+        todo = list(imports)
+        while todo:
+            item = todo.pop()
+            if item in seen:
                 continue
-        if name not in done:
-            done.add(name)
-            yield name
-            todo += module.imports
+            seen.add(item)
+            name, attribute = item
+            if name.partition(".")[0] not in tops or _ignored(name):
+                continue
+            if attribute and self.find(f"{name}.{attribute}") is not None:
+                todo.append((f"{name}.{attribute}", None))
+                todo += [(name, ""), *self._same_name(name, attribute)]
+                continue
+            if "." in name:
+                todo.append((name.rpartition(".")[0], ""))
+            module = self.module(name)
+            if module.exports is not None and attribute is not None:
+                if attribute in module.exports:
+                    todo.append(module.exports[attribute])
+                if attribute == "" or attribute in module.exports:
+                    continue
+            if name not in done:
+                done.add(name)
+                yield name
+                todo += module.imports
+
+    def _same_name(self, package: str, attribute: str) -> list[Import]:
+        """Where a package takes a name from that is the name of one of its modules as well."""
+        exports = self.module(package).exports if self.find(package) else None
+        return [exports[attribute]] if exports and attribute in exports else []
+
+    def _read(self, name: str) -> _Module:
+        path = self.find(name)
+        if path is None:
+            raise GraphError(f"the source of the module {name} cannot be found", fix="install it as plain .py files")
+        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+        stamp, data = _stamp(path), path.read_bytes()
+        stale = _drop_stale_bytecode(path, data) and name in sys.modules
+        return _Module(self.fact, name, data, package, path, stamp, stale)
 
 
 def _ignored(name: str) -> bool:
     return any(name == i or name.startswith(i + ".") for i in IGNORED)
 
 
-def _same_name(package: str, attribute: str) -> list[Import]:
-    """Where a package takes a name from that is the name of one of its modules as well."""
-    exports = _module(package).exports if _find(package) else None
-    return [exports[attribute]] if exports and attribute in exports else []
-
-
 @dataclass(frozen=True)
 class _Module:
+    fact: Callable[[_Module, str, Callable[[], Any]], Any]
     name: str
     data: bytes
     package: str
@@ -159,27 +202,18 @@ class _Module:
     def key(self) -> str:
         return hashlib.sha256(f"{_reader()} {self.package} {self.name}\n".encode() + self.data).hexdigest()
 
-    def fact(self, name: str, find: Callable[[], Any]) -> Any:
-        """What the memo holds under `name` for a module of exactly these bytes, else what `find` finds out."""
-        facts = {} if _memo is None else _memo.known.get(self.key, {})
-        if name not in facts:
-            facts = {**facts, name: find()}
-            if _memo is not None:
-                _memo.put(self.key, facts)
-        return facts[name]
-
     @functools.cached_property
     def imports(self) -> list[Import]:
-        return _pairs(self.fact("imports", lambda: list(imports_in(self.tree, self.package))))
+        return _pairs(self.fact(self, "imports", lambda: list(imports_in(self.tree, self.package))))
 
     @functools.cached_property
     def digest(self) -> str:
-        return str(self.fact("digest", lambda: _sha(normalised(self.tree))))
+        return str(self.fact(self, "digest", lambda: _sha(normalised(self.tree))))
 
     @functools.cached_property
     def exports(self) -> dict[str, Import] | None:
         """{name: where it comes from} of a module that only re-exports, None for any other."""
-        found = self.fact("exports", lambda: _exports(self.tree, self.package))
+        found = self.fact(self, "exports", lambda: _exports(self.tree, self.package))
         return None if found is None else {name: (item[0], item[1]) for name, item in found.items()}
 
     def slice(self, function: str) -> tuple[str, list[Import]]:
@@ -189,7 +223,7 @@ class _Module:
             text, imports = _Slice(self).of(function)
             return _sha(text), imports
 
-        digest, imports = self.fact("slice " + function, find)
+        digest, imports = self.fact(self, "slice " + function, find)
         return digest, _pairs(imports)
 
 
@@ -220,17 +254,6 @@ def _reader() -> str:
     """What a remembered fact depends on beside the bytes: this very reader, and the grammar."""
     own = b"".join(path.read_bytes() for path in (Path(__file__), Path(syntax.__file__)))
     return f"{hashlib.sha256(own).hexdigest()} {sys.version_info[:2]}"
-
-
-@functools.cache
-def _module(name: str) -> _Module:
-    path = _find(name)
-    if path is None:
-        raise GraphError(f"the source of the module {name} cannot be found", fix="install it as plain .py files")
-    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    stamp, data = _stamp(path), path.read_bytes()
-    stale = _drop_stale_bytecode(path, data) and name in sys.modules
-    return _Module(stamp=stamp, name=name, data=data, package=package, path=path, stale=stale)
 
 
 def _edited(module: _Module) -> bool:
@@ -270,9 +293,7 @@ def _stamp(path: Path) -> tuple[int, ...] | None:
     return status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size
 
 
-@functools.cache
-def _find(name: str) -> Path | None:
-    """The source file of a module, found without importing it; None when there is none."""
+def _source_file(name: str) -> Path | None:
     top, _, rest = name.partition(".")
     roots: list[str] = []
     if top in sys.modules:

@@ -372,19 +372,3 @@ def artifact_digest(type_name: str, table: Mapping[str, Any]) -> str:
     """sha256 over type name and sorted (file name, size, sha256 of its bytes)."""
     rows = [[name, size, digest] for name, (size, digest) in sorted(table.items())]
     return digest_of(["exmesh.artifact", type_name, rows])
-
-
-def artifact_types() -> dict[str, type[Artifact]]:
-    """{type name: class} of every artifact class that was imported."""
-    found: dict[str, type[Artifact]] = {}
-    todo: list[type[Artifact]] = [Artifact]
-    while todo:
-        kind = todo.pop()
-        if "type_name" in vars(kind) and kind is not Artifact:
-            other = found.get(kind.type_name, kind)
-            if (other.__module__, other.__qualname__) != (kind.__module__, kind.__qualname__):
-                owners = f"{other.__module__} and {kind.__module__}"
-                raise StoreError(f"two artifact classes are called {kind.type_name!r}, in {owners}")
-            found[kind.type_name] = kind
-        todo += kind.__subclasses__()
-    return found

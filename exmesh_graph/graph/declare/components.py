@@ -1,53 +1,23 @@
-"""Components: small specs that plug into a solver node, such as a loss, an appearance or a light-transport model.
+"""Components of a graph: small specs that plug into a solver node, such as a loss, an appearance or a light transport.
 
-    class Loss(Component):
-        \"\"\"Base of what a port of type Loss takes.\"\"\"
-
-    @component("loss.smooth", version="1")
-    class Smooth(Loss):
-        \"\"\"One line for `exmesh nodes`.\"\"\"
-
-        weight: float = param(0.1, ge=0, doc="...")
-        inner: Loss | None = None              # components nest
-
-        def value(self, x): ...
-
-    @node("stage9.fit", version="1")
-    def fit(ctx: Context, carrier: Carrier, loss: Loss, *, p: FitParams) -> FitOut: ...
-
-In a graph a component is an entry like a node's, linked without a port: `loss: "@smooth"`. It never runs and has no
-artifacts: the node receives the validated object; type, code, version and parameters are part of the node's key.
+A component is declared as a class (see `node`). In a graph it is an entry like a node's, linked without a port:
+`loss: "@smooth"`. It never runs and has no artifacts: the node receives the validated object; type, code, version and
+parameters are part of the node's key.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.declare.node import REGISTRY, NodeDef, register
+from exmesh_graph.graph.declare.node import Component, NodeDef
+from exmesh_graph.graph.declare.packs import current
+from exmesh_graph.graph.declare.ports import component_ports
 from exmesh_graph.graph.problems import Where
-from exmesh_graph.params import Params
 
 MAX_NESTING = 32
-C = TypeVar("C", bound="type[Component]")
-
-
-class Component(Params):
-    """Base of all components: a frozen model whose fields are parameters and nested components."""
-
-
-def component(
-    type: str, *, version: str, libraries: tuple[str, ...] = (), code: tuple[str, ...] = ()
-) -> Callable[[C], C]:
-    """Register a class as the component `type`; the words mean what they mean for `node`."""
-
-    def add(cls: C) -> C:
-        register(NodeDef(type, cls, version, libraries=libraries, code=code))
-        return cls
-
-    return add
 
 
 @dataclass(frozen=True)
@@ -67,7 +37,7 @@ class BoundComponent:
 
     def params(self, mode: str = "json") -> dict[str, Any]:
         """The parameters without the nested components."""
-        return self.value.model_dump(mode=mode, exclude=component_fields(self.value))
+        return self.value.model_dump(mode=mode, exclude=set(component_ports(type(self.value))))
 
     def describe(self) -> dict[str, Any]:
         """Plain JSON-like data from which `rebuild` makes the same component elsewhere, and which people can read."""
@@ -79,25 +49,18 @@ class BoundComponent:
         return [self, *(inner for plug in self.nested.values() for inner in plug.all())]
 
 
-def component_fields(value: Component) -> set[str]:
-    """Names of the fields that hold components, or None where a component may be."""
-    from exmesh_graph.graph.declare.ports import component_ports
-
-    return set(component_ports(type(value)))
-
-
 def rebuild(name: str, told: Mapping[str, Any], where: Where) -> BoundComponent:
     """The component that `describe` told of; the node packs must be loaded."""
     nested = {field: rebuild(f"{name}.{field}", inner, where) for field, inner in told["components"].items()}
-    definition = REGISTRY[told["type"]]
+    definition = current().types[told["type"]]
     fields = {field: plug.value for field, plug in nested.items()}
     assert isinstance(definition.function, type)
     assert issubclass(definition.function, Component)
     value = definition.function.model_validate({**told["params"], **fields})
-    found = BoundComponent(name, definition, value, nested, where)
-    if found.params() != told["params"]:
-        raise validated_otherwise(definition.type, found.params(), told["params"], where)
-    return found
+    made = BoundComponent(name, definition, value, nested, where)
+    if made.params() != told["params"]:
+        raise validated_otherwise(definition.type, made.params(), told["params"], where)
+    return made
 
 
 def validated_otherwise(kind: str, now: Mapping[str, Any], keyed: Mapping[str, Any], where: Where) -> GraphError:

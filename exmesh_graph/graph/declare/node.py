@@ -1,4 +1,5 @@
-"""Declaring a node: a function, its ports from the annotations, its parameters from one frozen model.
+"""Declaring nodes and components. A node is a function, its ports from the annotations, its parameters from one frozen
+model:
 
     class HullParams(Params):
         resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Grid points along the longest side.")
@@ -12,6 +13,23 @@
 
 Input ports are the positional parameters after `ctx` (a default of None makes one optional); output ports are the
 fields of the NamedTuple that the function returns. Heavy imports belong inside the function.
+
+A component is a small spec that plugs into a node, such as a loss: a class whose fields are parameters.
+
+    class Loss(Component):
+        \"\"\"Base of what a port of type Loss takes.\"\"\"
+
+    @component("loss.smooth", version="1")
+    class Smooth(Loss):
+        \"\"\"One line for `exmesh nodes`.\"\"\"
+
+        weight: float = param(0.1, ge=0, doc="...")
+        inner: Loss | None = None              # components nest
+
+        def value(self, x): ...
+
+    @node("stage9.fit", version="1")
+    def fit(ctx: Context, carrier: Carrier, loss: Loss, *, p: FitParams) -> FitOut: ...
 """
 
 from __future__ import annotations
@@ -21,7 +39,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
+from exmesh_graph.graph.declare.packs import declare
+from exmesh_graph.params import Params
+
 F = TypeVar("F", bound=Callable[..., Any])
+C = TypeVar("C", bound="type[Component]")
 
 
 @dataclass(frozen=True)
@@ -98,8 +120,10 @@ class NodeDef:
     resources: Mapping[str, float] = field(default_factory=dict)
     resumable: bool = False
 
-
-REGISTRY: dict[str, NodeDef] = {}
+    @property
+    def origin(self) -> str:
+        """Module and name of the function or class."""
+        return f"{self.function.__module__}.{self.function.__qualname__}"
 
 
 def node(
@@ -130,8 +154,24 @@ def node(
         raise ValueError(f"node type {type!r}: resources are numbers >= 0, not {dict(taken)!r}")
 
     def add(function: F) -> F:
-        register(NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable))
+        declare(NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable))
         return function
+
+    return add
+
+
+class Component(Params):
+    """Base of all components: a frozen model whose fields are parameters and nested components."""
+
+
+def component(
+    type: str, *, version: str, libraries: tuple[str, ...] = (), code: tuple[str, ...] = ()
+) -> Callable[[C], C]:
+    """Register a class as the component `type`; the words mean what they mean for `node`."""
+
+    def add(cls: C) -> C:
+        declare(NodeDef(type, cls, version, libraries=libraries, code=code))
+        return cls
 
     return add
 
@@ -146,15 +186,3 @@ def wanted_of(definition: NodeDef, most: Mapping[str, float]) -> dict[str, float
             wanted[name[:-1]] = min(count, most[name[:-1]])
     cpus = most.get("cpu", 1.0)
     return {**wanted, "cpu": min(wanted["cpu"] or cpus, cpus)}
-
-
-def register(definition: NodeDef) -> None:
-    """Add a type to the registry; one name stands for one function or class."""
-    known = REGISTRY.get(definition.type)
-    if known is not None and _origin(known) != _origin(definition):
-        raise ValueError(f"the type {definition.type!r} is registered twice: {_origin(known)}, {_origin(definition)}")
-    REGISTRY[definition.type] = definition
-
-
-def _origin(definition: NodeDef) -> str:
-    return f"{definition.function.__module__}.{definition.function.__qualname__}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import pathlib
@@ -9,13 +10,15 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
-from exmesh_graph.graph.declare.components import Component
-from exmesh_graph.graph.declare.node import Facets, NodeDef
+from exmesh_graph.errors import StoreError
+from exmesh_graph.graph.declare.node import Component, Facets, NodeDef
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.params import Auto, Params
 from exmesh_graph.types import Artifact
 
+B = TypeVar("B")
 RESERVED = ("type", "graph", "seed", "doc", "every", "at", "repeat", "carry", "next", "nodes")
 
 
@@ -122,14 +125,46 @@ def link_form(port: Port) -> str:
 
 
 def types_by_name() -> dict[str, type]:
-    """All wire types and component classes that loaded modules define, by the name that messages give them."""
-    found: dict[str, type] = {}
-    todo: list[type] = [Artifact, Component]
-    while todo:
-        kind = todo.pop()
-        found.setdefault(type_name(kind), kind)
-        todo += kind.__subclasses__()
-    return found
+    """The wire types and component classes that the current session knows, by the name that messages give them."""
+    components = {kind.__name__: kind for kind in reversed(_subclasses(Component))}
+    return {**components, Artifact.type_name: Artifact, **artifact_types()}
+
+
+def artifact_types() -> dict[str, type[Artifact]]:
+    """{type name: class} of the imported wire types. A class that was defined again counts as it is now.
+
+    Raises StoreError when two classes have one name; those of packs that only other sessions use do not count.
+    """
+    known: dict[str, dict[str, type[Artifact]]] = {}
+    for kind in _subclasses(Artifact)[1:]:
+        if "type_name" in vars(kind):
+            known.setdefault(kind.type_name, {})[f"{kind.__module__}.{kind.__qualname__}"] = kind
+    for name, kinds in known.items():
+        if len(kinds) > 1:
+            known[name] = {origin: kind for origin, kind in kinds.items() if not _foreign(kind)}
+        if len(known[name]) > 1:
+            owners = " and ".join(kind.__module__ for kind in known[name].values())
+            raise StoreError(f"two artifact classes are called {name!r}, in {owners}")
+    return {name: kind for name, kinds in known.items() for kind in kinds.values()}
+
+
+def _foreign(kind: type[Artifact]) -> bool:
+    """Whether only packs of other sessions know a class."""
+    if not current().leaves_out(kind.__module__):
+        return False
+    with contextlib.suppress(TypeError, NameError):
+        ports = [port for d in current().types.values() for port in _ports(signature(d))]
+        return all(kind not in port.types for port in ports)
+    return True
+
+
+def _ports(found: Signature) -> list[Port]:
+    return [*found.inputs.values(), *found.outputs.values()]
+
+
+def _subclasses(base: type[B]) -> list[type[B]]:
+    """`base` and all classes below it, bases first, in the order of their definition."""
+    return [base, *(inner for kind in base.__subclasses__() for inner in _subclasses(kind))]
 
 
 @functools.cache

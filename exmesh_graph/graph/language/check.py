@@ -12,9 +12,9 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
-from exmesh_graph.graph.declare.components import MAX_NESTING, BoundComponent, Component
-from exmesh_graph.graph.declare.node import NodeDef
-from exmesh_graph.graph.declare.packs import Packs, library_version
+from exmesh_graph.graph.declare.components import MAX_NESTING, BoundComponent
+from exmesh_graph.graph.declare.node import Component, NodeDef
+from exmesh_graph.graph.declare.packs import Packs, current, library_version
 from exmesh_graph.graph.declare.ports import RESERVED, Signature, link_form, signature
 from exmesh_graph.graph.language.expand import Graph, NodeSpec, expand
 from exmesh_graph.graph.language.links import Broken, Link
@@ -65,6 +65,7 @@ class Checked:
     variant: str = ""
     components: Mapping[str, BoundComponent] = field(default_factory=dict)
     declared: Mapping[str, Declared] = field(default_factory=dict)
+    packs: Packs = field(default_factory=current, repr=False, compare=False)
 
     def resolved(self) -> dict[str, Any]:
         """The graph as plain JSON-like data, for the run record."""
@@ -104,7 +105,8 @@ def check_file(path: Path, overrides: Iterable[str], packs: Packs) -> Checked:
 
 def check(graph: Graph, packs: Packs, problems: Problems | None = None) -> Checked:
     """Check an expanded graph against the installed node types."""
-    return _Check(graph, packs, Problems() if problems is None else problems).run()
+    with packs:
+        return _Check(graph, packs, Problems() if problems is None else problems).run()
 
 
 def check_part(
@@ -156,7 +158,7 @@ class _Check:
         self.problems.raise_if_any()
         return Checked(
             self.graph.name, self.graph.file, self.nodes, outputs, self.graph.params, components=self.components,
-            declared=self.graph.declared,
+            declared=self.graph.declared, packs=self.packs,
         )  # fmt: skip
 
     def _type(self, spec: NodeSpec) -> None:

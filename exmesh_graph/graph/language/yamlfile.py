@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.problems import Where, fail, nearest
 
 MAX_VALUES = 100_000
@@ -48,6 +49,13 @@ class Map(dict[Any, Any]):
         return other
 
 
+class Reader:
+    """How a session reads texts: with `parse_yaml`, or with what `parsed.remembered` made of it."""
+
+    def __init__(self) -> None:
+        self.read: Callable[[str, Path | None], Any] = parse_yaml
+
+
 def load_yaml(path: Path) -> Map:
     """Read the graph file `path`. Raises GraphErrors for anything that is not one plain YAML 1.2 mapping."""
     where = Where(path, 1)
@@ -63,7 +71,7 @@ def load_yaml(path: Path) -> Map:
         fail("file", where, "no such graph file", nearest=files_like(path))
     except (OSError, UnicodeDecodeError) as error:
         fail("file", where, f"cannot read the graph file: {error}")
-    value = reader(text, path)
+    value = current().part(Reader).read(text, path)
     if not isinstance(value, Map):
         fail("yaml", where, "a graph file is a mapping", expected="name:, nodes:, ...")
     return value
@@ -208,7 +216,3 @@ def _real(text: str) -> float:
     if plain.endswith(".inf"):
         return -math.inf if plain.startswith("-") else math.inf
     return math.nan if plain == ".nan" else float(plain)
-
-
-reader: Callable[[str, Path | None], Any] = parse_yaml
-"""How `load_yaml` reads a text; `parsed.remembered` makes one with a memory."""

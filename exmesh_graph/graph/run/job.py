@@ -20,10 +20,10 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, GraphError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in, sources_changed
 from exmesh_graph.graph.cache.keys import key_of
-from exmesh_graph.graph.cache.store import NOTHING, Store, Stored, artifact_types
+from exmesh_graph.graph.cache.store import NOTHING, Store, Stored
 from exmesh_graph.graph.declare.components import rebuild, validated_otherwise
-from exmesh_graph.graph.declare.node import REGISTRY
-from exmesh_graph.graph.declare.ports import signature
+from exmesh_graph.graph.declare.packs import current
+from exmesh_graph.graph.declare.ports import artifact_types, signature
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.machine import machine_facts, peak_memory, reset_peak_memory
@@ -47,7 +47,8 @@ class Job:
     inputs: {port: [type, digest]}; components: {port: BoundComponent.describe()};
     wires: {port: "node.port"} for messages; promised: facets that need no measuring;
     code: the fingerprints that the planner saw; threads and devices: CPU threads and GPU numbers granted; log: the file
-    for what the node prints; checkpoint_every: seconds, 0 for each step.
+    for what the node prints; checkpoint_every: seconds, 0 for each step; packs: the session's, for a process that
+    has none yet (none: the installed ones).
     """
 
     name: str
@@ -69,6 +70,7 @@ class Job:
     devices: tuple[int, ...] = ()
     log: str = ""
     checkpoint_every: float = 30.0
+    packs: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
@@ -76,9 +78,9 @@ class Job:
 
     def bound(self) -> Bound:
         """The node, its parameters validated again. Raises GraphError where no pack defines the type."""
-        if self.type not in REGISTRY:
+        definition = current().types.get(self.type)
+        if definition is None:
             raise GraphError(f"there is no node type {self.type!r}", where=self.name, fix="exmesh nodes lists all")
-        definition = REGISTRY[self.type]
         found = signature(definition)
         links = {port: Link(*wire.rpartition(".")[::2]) for port, wire in self.wires.items()}
         paths = {name: Path(path) for name, path in self.sources.items()}
@@ -95,13 +97,14 @@ class Job:
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Job:
-        return cls(**{**raw, "where": tuple(raw["where"]), "devices": tuple(raw["devices"])})
+        tuples = {name: tuple(raw[name]) for name in ("where", "devices", "packs") if name in raw}
+        return cls(**{**raw, **tuples})
 
 
 def job_of(
     bound: Bound, nodes: Mapping[str, Bound], preimage: Mapping[str, Any], store: Store, **more: Any
 ) -> Job:  # fmt: skip
-    """The job of a node whose inputs are all known. `more`: graph, run, threads, devices, log."""
+    """The job of a node whose inputs are all known. `more`: graph, run, threads, devices, log, packs."""
     file = bound.where.file
     return Job(
         bound.name,

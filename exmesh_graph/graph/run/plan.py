@@ -30,6 +30,13 @@ class Step:
 
 def plan(graph: Checked, store: Store, targets: set[str] | None = None, reasons: bool = True) -> list[Step]:
     """The steps of a run, in order. Nothing is computed; below a node that must run, keys are unknown."""
+    with graph.packs:
+        steps = _steps(graph, store, targets, reasons)
+    store.save()
+    return steps
+
+
+def _steps(graph: Checked, store: Store, targets: set[str] | None, reasons: bool) -> list[Step]:
     steps: list[Step] = []
     outputs: dict[str, Mapping[str, Stored]] = {}
     for name, bound in graph.nodes.items():
@@ -51,7 +58,6 @@ def plan(graph: Checked, store: Store, targets: set[str] | None = None, reasons:
             steps.append(Step(name, HIT, _remark(action, key, store), key, preimage, action))
         else:
             steps.append(Step(name, RUN, _reason(bound, preimage, store) if reasons else "", key, preimage))
-    store.save()
     return steps
 
 

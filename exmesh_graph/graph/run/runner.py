@@ -94,6 +94,7 @@ class Run:
         self.failures: list[Mapping[str, Any]] = []
         self.cause: BaseException | None = None
         self.pool: Pool | None = None
+        self.packs = tuple(graph.packs.modules())
         self.remaining: Mapping[str, float] = {}
         self.saved, self.save_cost = 0.0, 0.0
         self.rows: dict[str, dict[str, Any]] = {
@@ -110,6 +111,10 @@ class Run:
 
     def run(self) -> dict[str, Any]:
         """Run everything; returns the record. Raises NodeFailed or KeyboardInterrupt, with the record written."""
+        with self.graph.packs:
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
         started = time.perf_counter()
         self.store.sweep()
         self.store.note_runs(self.folder.path.parent)
@@ -254,7 +259,7 @@ class Run:
         job = job_of(
             self.nodes[name], self.graph.nodes, preimage, self.store, graph=self.graph.name, run=self.folder.id,
             threads=max(1, int(wanted["cpu"])), devices=devices, log=str(log_file(self.folder.path, name)),
-            checkpoint_every=self.checkpoint_every,
+            checkpoint_every=self.checkpoint_every, packs=self.packs,
         )  # fmt: skip
         self.rows[name]["state"] = RUNNING
         self.running[name] = job, time.perf_counter()

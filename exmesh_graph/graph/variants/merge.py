@@ -56,7 +56,7 @@ def merge(graphs: Iterable[tuple[str, Checked]], name: str = "") -> Merged:
         members.append(Member(label, names))
         components.update({n if index == 0 else f"{label}:{n}": plug for n, plug in graph.components.items()})
     first = pairs[0][1]
-    whole = Checked(name or first.name, first.file, nodes, {}, first.params, components=components)
+    whole = Checked(name or first.name, first.file, nodes, {}, first.params, components=components, packs=first.packs)
     return Merged(whole, tuple(members))
 
 

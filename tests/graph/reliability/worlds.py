@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.cli.running import backend_of
-from exmesh_graph.graph.cache.store import Store, artifact_types
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import load_packs
+from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Run

@@ -84,7 +84,9 @@ def test_missing_libraries_name_their_nodes(tmp_path: Path, packs: Packs, monkey
 
 def test_broken_packs_and_system_libraries(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "SYSTEM", {"libnothere.so.1": "nothere"})
-    shown = found(tmp_path, Packs({}, {"pack.module": "SyntaxError: x"}))
+    broken = Packs()
+    broken.broken["pack.module"] = "SyntaxError: x"
+    shown = found(tmp_path, broken)
     assert shown["node pack"].state == shown["node types"].state == FAIL
     assert "apt-get install nothere" in str(shown["libnothere.so.1"])
 

@@ -23,7 +23,8 @@ from typing import Any, TextIO
 from exmesh_graph.errors import ExmeshError, GraphError, MissingLibraryError
 from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.node import REGISTRY, wanted_of
+from exmesh_graph.graph.declare.node import wanted_of
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.job import STOPPED, Emit, Job, Outcome, failure
 
@@ -122,7 +123,7 @@ class RayCluster:
         job = placed.job
         machines = self._machines()
         most = {name: max(m.get(name, 0.0) for m in machines) for name in {name for m in machines for name in m}}
-        wanted = wanted_of(REGISTRY[job.type], most)
+        wanted = wanted_of(current().types[job.type], most)
         known = {name: count for name, count in wanted.items() if name in _NAMES or any(name in m for m in machines)}
         if not any(all(machine.get(n, 0.0) >= c for n, c in known.items()) for machine in machines):
             words = ", ".join(f"{name}={count:g}" for name, count in known.items())

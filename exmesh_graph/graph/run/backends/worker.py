@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.run.job import STOPPED, Job, Outcome, execute
 from exmesh_graph.graph.run.memory import Memory
 
@@ -37,17 +38,15 @@ class _Worker:
         self.idle_output = os.dup(2)
         self.memory = Memory(budget)
         self.stores: dict[str, Store] = {}
+        self.sessions: dict[tuple[str, ...], Packs] = {}
         self.queue: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self.busy = False
 
     def work(self) -> None:
-        from exmesh_graph.graph.declare.packs import load_packs
-
         faulthandler.enable(2, all_threads=False)
         signal.signal(signal.SIGINT, self._interrupt)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])  # a Ray worker starts us blocked
         threading.Thread(target=self._read, daemon=True).start()
-        load_packs()
         while True:
             command = self.queue.get()
             for digest in command.get("forget", ()):
@@ -61,13 +60,20 @@ class _Worker:
             try:
                 self.busy = True
                 _limit_threads(job.threads)
-                return execute(job, store, self.memory, self._send)
+                with self._session(job.packs):
+                    return execute(job, store, self.memory, self._send)
             except KeyboardInterrupt:
                 self.busy = False
                 self._send({})  # ends a line that was cut off
                 return Outcome(job.name, STOPPED)
             finally:
                 self.busy = False
+
+    def _session(self, names: tuple[str, ...]) -> Packs:
+        """That of the run that sent a job: the same packs."""
+        if names not in self.sessions:
+            self.sessions[names] = Packs(names or None).load()
+        return self.sessions[names]
 
     def _interrupt(self, number: int, frame: Any) -> None:
         if self.busy:

@@ -1,0 +1,133 @@
+"""A session: the node packs, caches and store that a caller works with. No two sessions of a process touch each other.
+
+    session = Session(packs=["my_pack"])      # without `packs`: the installed ones
+    graph = session.check("graph.yaml")
+    with session:                             # `@node` in here declares a type of this session alone
+        ...
+
+The default session stands behind the decorators, the commands and the functions of `exmesh_graph`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Self
+
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.packs import DEFAULT, Packs, current
+from exmesh_graph.graph.files import Memo
+from exmesh_graph.graph.language import check, expand, parsed, yamlfile
+from exmesh_graph.graph.language.spec import Tree
+from exmesh_graph.graph.problems import Problems
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.declare.node import NodeDef
+    from exmesh_graph.graph.variants import CheckedVariant
+
+
+class Session:
+    """Packs by name (modules or packages of modules; None: the installed ones), and all that is known of them."""
+
+    def __init__(self, packs: Iterable[str | ModuleType] | None = None) -> None:
+        names = None if packs is None else [p.__name__ if isinstance(p, ModuleType) else p for p in packs]
+        self._packs = Packs(names)
+        self._packs.parts[Session] = self
+        self._store: Store | None = None
+
+    def __enter__(self) -> Self:
+        """Make this session the current one of the thread."""
+        self._packs.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._packs.__exit__()
+
+    def packs(self) -> Packs:
+        """Its packs, loaded: `types`, and `broken` ones with the reason."""
+        return self._packs.load()
+
+    @property
+    def types(self) -> Mapping[str, NodeDef]:
+        """{type: definition} of all node and component types."""
+        return self.packs().types
+
+    def check(
+        self,
+        graph: str | Path | Tree,
+        overrides: Iterable[str] = (),
+        variant: str | None = None,
+        store: str | Path | None = None,
+    ) -> check.Checked:
+        """A graph file, one of its variants, or a tree made in Python, checked. Raises GraphErrors with all faults.
+
+        `overrides` are texts as `--set` takes them. Long files that were read with this store before are not parsed
+        again.
+        """
+        packs = self.packs()
+        if isinstance(graph, Tree):
+            problems = Problems()
+            with packs:
+                return check.check(expand.expand(graph, problems), packs, problems)
+        with self._reading(store):
+            if not variant:
+                return check.check_file(Path(graph), overrides, packs)
+            from exmesh_graph.graph.variants import check_variant
+
+            return check_variant(Path(graph), overrides, packs, variant)
+
+    def check_variants(
+        self, graph: str | Path, overrides: Iterable[str] = (), store: str | Path | None = None, **options: Any
+    ) -> list[CheckedVariant]:
+        """A graph file and all variants that it declares, checked; `options` are those of `check_variants`."""
+        from exmesh_graph.graph.variants import check_variants
+
+        packs = self.packs()
+        with self._reading(store):
+            return check_variants(Path(graph), overrides, packs, **options)
+
+    def open_store(self, folder: str | Path | None = None, shared: str | None = None) -> Store:
+        """The store in `folder`, $EXMESH_STORE or ./.exmesh, before a tier that machines share ($EXMESH_SHARED)."""
+        self._store = Store(store_folder(folder), shared or os.environ.get("EXMESH_SHARED"))
+        return self._store
+
+    @property
+    def store(self) -> Store:
+        """The store that was opened last, or the default one."""
+        return self._store or self.open_store()
+
+    @contextlib.contextmanager
+    def _reading(self, store: str | Path | None) -> Iterator[None]:
+        """Read graph files in this session, through the store's memory of parsed ones where there is a store."""
+        root = store_folder(store)
+        memo, reader = Memo(root / "graphs.json", root / "work"), self._packs.part(yamlfile.Reader)
+        reader.read = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
+        with self:
+            yield
+        memo.save()
+
+
+def current_session() -> Session:
+    """The session of this thread: that of the innermost `with session:`, else the default one."""
+    return _session_of(current())
+
+
+def default_session() -> Session:
+    """The session of the installed packs, which declarations and commands use where no other is current."""
+    return _session_of(DEFAULT)
+
+
+def store_folder(given: str | Path | None = None) -> Path:
+    """`given`, $EXMESH_STORE or ./.exmesh."""
+    return Path(given or os.environ.get("EXMESH_STORE") or ".exmesh").absolute()
+
+
+def _session_of(packs: Packs) -> Session:
+    if Session not in packs.parts:
+        session = Session()
+        session._packs = packs
+        packs.parts.setdefault(Session, session)
+    return packs.parts[Session]  # type: ignore[no-any-return]
