@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.values import Place, here, plain
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.declare.packs import Packs, load_packs
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.problems import GraphErrors, Problems, nearest
+from exmesh_graph.graph.session import current_session
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -31,22 +32,9 @@ def checked_graph(
     graph: Source, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
 ) -> Checked:
     """A graph, or one of its variants, without faults; else GraphErrors tells all of them."""
-    from exmesh_graph.graph.language.check import check, check_file
-    from exmesh_graph.graph.language.expand import expand
-    from exmesh_graph.graph.language.spec import tree_of
-    from exmesh_graph.graph.variants import check_variant
-
     place, sets = here(), texts_of(set, params)
-    packs = load_packs()
-    with _placed(place, graph), remembering(store):
-        if isinstance(graph, Graph):
-            top = graph.merged()
-            if variant:
-                return check_variant(graph.file, sets, packs, variant, top=top)
-            problems = Problems()
-            return check(expand(tree_of(top, graph.file, sets, problems), problems), packs, problems)
-        path = Path(graph)
-        return check_variant(path, sets, packs, variant) if variant else check_file(path, sets, packs)
+    with _placed(place, graph):
+        return current_session().check(_path(graph), sets, variant, store, top=_merged(graph))
 
 
 def checked_variants(
@@ -54,44 +42,28 @@ def checked_variants(
     repeats: bool = True, **params: Any,
 ) -> list[CheckedVariant]:  # fmt: skip
     """A graph and all variants that it declares, checked."""
-    from exmesh_graph.graph.variants import check_variants
-
     place, sets = here(), texts_of(set, params)
-    packs = load_packs()
-    with _placed(place, graph), remembering(store):
-        top = graph.merged() if isinstance(graph, Graph) else None
-        path = graph.file if isinstance(graph, Graph) else Path(graph)
-        return check_variants(path, sets, packs, only, repeats=repeats, top=top)
+    with _placed(place, graph):
+        top = _merged(graph)
+        return current_session().check_variants(_path(graph), sets, store, only=only, repeats=repeats, top=top)
 
 
 def packs() -> Packs:
     """The node types at hand, and the modules that cannot be imported."""
-    return load_packs()
+    return current_session().packs()
 
 
 def open_store(folder: Folder = None, shared: str | None = None) -> Store:
     """The store in `folder`, by default $EXMESH_STORE or ./.exmesh."""
-    from exmesh_graph.graph.cache.store import Store
-
-    return Store(store_folder(folder), shared or os.environ.get("EXMESH_SHARED"))
+    return current_session().open_store(folder, shared)
 
 
-def store_folder(given: Folder) -> Path:
-    """The folder of a store: as given, $EXMESH_STORE or .exmesh."""
-    return Path(given or os.environ.get("EXMESH_STORE") or ".exmesh").absolute()
+def _path(graph: Source) -> Path:
+    return graph.file if isinstance(graph, Graph) else Path(graph)
 
 
-@contextlib.contextmanager
-def remembering(store: Folder) -> Iterator[None]:
-    """Read graph files through the store's memory of parsed ones, where the store is there already."""
-    from exmesh_graph.graph.files import Memo
-    from exmesh_graph.graph.language import parsed, yamlfile
-
-    root = store_folder(store)
-    memo = Memo(root / "graphs.json", root / "work")
-    yamlfile.reader = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
-    yield
-    memo.save()
+def _merged(graph: Source) -> Any:
+    return graph.merged() if isinstance(graph, Graph) else None
 
 
 def named(checked: Checked, names: Iterable[str] | None) -> list[str]:

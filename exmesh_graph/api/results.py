@@ -200,7 +200,7 @@ class Run(Mapping[str, NodeRun]):
 
 def load_artifact(store: Store, digest: str, what: str = "") -> Any:
     """An artifact of a store. Raises StoreError."""
-    from exmesh_graph.graph.cache.store import artifact_types
+    from exmesh_graph.graph.declare.ports import artifact_types
 
     again = "run the graph again: what is missing is made anew"
     where = f"{what} in {store.root}" if what else str(store.root)

@@ -20,13 +20,14 @@ from typing import TYPE_CHECKING, Any, Self
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import DEFAULT, Packs, current
 from exmesh_graph.graph.files import Memo
-from exmesh_graph.graph.language import check, expand, parsed, yamlfile
-from exmesh_graph.graph.language.spec import Tree
+from exmesh_graph.graph.language import check, expand, parsed, spec, yamlfile
 from exmesh_graph.graph.problems import Problems
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef
     from exmesh_graph.graph.variants import CheckedVariant
+
+Folder = str | os.PathLike[str] | None
 
 
 class Session:
@@ -57,39 +58,39 @@ class Session:
 
     def check(
         self,
-        graph: str | Path | Tree,
+        graph: str | os.PathLike[str],
         overrides: Iterable[str] = (),
         variant: str | None = None,
-        store: str | Path | None = None,
+        store: Folder = None,
+        top: yamlfile.Map | None = None,
     ) -> check.Checked:
-        """A graph file, one of its variants, or a tree made in Python, checked. Raises GraphErrors with all faults.
+        """A graph file, or one of its variants, checked. Raises GraphErrors with all faults.
 
-        `overrides` are texts as `--set` takes them. Long files that were read with this store before are not parsed
-        again.
+        `overrides` are texts as `--set` takes them; `top` is the merged mapping of a graph that is no file. Long files
+        that were read with this store before are not parsed again.
         """
-        packs = self.packs()
-        if isinstance(graph, Tree):
-            problems = Problems()
-            with packs:
-                return check.check(expand.expand(graph, problems), packs, problems)
-        with self._reading(store):
-            if not variant:
-                return check.check_file(Path(graph), overrides, packs)
-            from exmesh_graph.graph.variants import check_variant
+        packs, path = self.packs(), Path(graph)
+        with self.reading(store):
+            if variant:
+                from exmesh_graph.graph.variants import check_variant
 
-            return check_variant(Path(graph), overrides, packs, variant)
+                return check_variant(path, overrides, packs, variant, top=top)
+            if top is None:
+                return check.check_file(path, overrides, packs)
+            problems = Problems()
+            return check.check(expand.expand(spec.tree_of(top, path, overrides, problems), problems), packs, problems)
 
     def check_variants(
-        self, graph: str | Path, overrides: Iterable[str] = (), store: str | Path | None = None, **options: Any
+        self, graph: str | os.PathLike[str], overrides: Iterable[str] = (), store: Folder = None, **options: Any
     ) -> list[CheckedVariant]:
         """A graph file and all variants that it declares, checked; `options` are those of `check_variants`."""
         from exmesh_graph.graph.variants import check_variants
 
         packs = self.packs()
-        with self._reading(store):
+        with self.reading(store):
             return check_variants(Path(graph), overrides, packs, **options)
 
-    def open_store(self, folder: str | Path | None = None, shared: str | None = None) -> Store:
+    def open_store(self, folder: Folder = None, shared: str | None = None) -> Store:
         """The store in `folder`, $EXMESH_STORE or ./.exmesh, before a tier that machines share ($EXMESH_SHARED)."""
         self._store = Store(store_folder(folder), shared or os.environ.get("EXMESH_SHARED"))
         return self._store
@@ -100,7 +101,7 @@ class Session:
         return self._store or self.open_store()
 
     @contextlib.contextmanager
-    def _reading(self, store: str | Path | None) -> Iterator[None]:
+    def reading(self, store: Folder) -> Iterator[None]:
         """Read graph files in this session, through the store's memory of parsed ones where there is a store."""
         root = store_folder(store)
         memo, reader = Memo(root / "graphs.json", root / "work"), self._packs.part(yamlfile.Reader)
@@ -120,7 +121,7 @@ def default_session() -> Session:
     return _session_of(DEFAULT)
 
 
-def store_folder(given: str | Path | None = None) -> Path:
+def store_folder(given: Folder = None) -> Path:
     """`given`, $EXMESH_STORE or ./.exmesh."""
     return Path(given or os.environ.get("EXMESH_STORE") or ".exmesh").absolute()
 
