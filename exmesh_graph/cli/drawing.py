@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,8 @@ import typer
 from exmesh_graph.cli.options import checked_graph
 from exmesh_graph.cli.show import read_run
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.language.check import Bound, Checked
-from exmesh_graph.graph.run.plan import HIT, RUN, plan
 from exmesh_graph.graph.variants import identities
 from exmesh_graph.graph.variants.compare import (
-    ADDED,
     CHANGED,
     REMOVED,
     Difference,
@@ -28,10 +24,8 @@ from exmesh_graph.graph.variants.compare import (
 )
 from exmesh_graph.report.graph_page import FORMATS, render, write
 from exmesh_graph.report.graph_picture import Box, Picture
-from exmesh_graph.report.lineage import edges_between, fold_edges, fold_loops, fold_name
-
-_ORDER = ("failed", "interrupted", "running", "blocked", "waiting", REMOVED, ADDED, CHANGED, "rerun", RUN, "done",
-          "unknown", HIT)  # fmt: skip
+from exmesh_graph.report.graph_states import fold_boxes, plugged_components, wire_lines
+from exmesh_graph.report.lineage import fold_edges, fold_loops
 
 
 def check_output(path: Path | None) -> None:
@@ -47,93 +41,6 @@ def put_out(picture: Picture, path: Path | None) -> None:
     else:
         write(picture, path)
         typer.echo(str(path))
-
-
-def picture_of_graph(graph: Checked, store: Store, rounds: bool) -> Picture:
-    """A graph as a plan sees it: what is in the store, what would run; times and sizes of earlier results."""
-    steps = {step.name: step for step in plan(graph, store, reasons=False)}
-    boxes = []
-    for name, bound in graph.nodes.items():
-        step = steps[name]
-        info = step.action.info if step.action else {}
-        size = sum(stored.bytes for stored in step.action.outputs.values()) if step.action else 0
-        boxes.append(Box(name, bound.definition.type, step.state, float(info.get("seconds", 0.0)) or None, 1, size,
-                         hover=_ports(bound)))  # fmt: skip
-    edges = [(link.node, name) for name, bound in graph.nodes.items() for link in bound.inputs.values()]
-    plugs, wires = _plugged(graph.resolved(), graph.nodes)
-    return _picture([*plugs, *boxes], [*wires, *edges], graph.name, rounds)
-
-
-def picture_of_run(record: Mapping[str, Any], rounds: bool) -> Picture:
-    """A run as it ended, or as it is now."""
-    resolved = (record.get("resolved") or {}).get("nodes") or {}
-    boxes = [
-        Box(row["name"], row["type"], row["state"], float(row.get("seconds") or 0.0) or None, 1,
-            sum(int(out.get("bytes") or 0) for out in (row.get("outputs") or {}).values()),
-            hover=_wires(resolved.get(row["name"], {}), row.get("outputs") or {}))
-        for row in record["nodes"]
-    ]  # fmt: skip
-    plugs, wires = _plugged(record.get("resolved") or {}, {box.name for box in boxes})
-    title = str(record.get("id") or record.get("graph"))
-    return _picture([*plugs, *boxes], [*wires, *edges_between(record)], title, rounds)
-
-
-def _plugged(resolved: Mapping[str, Any], drawn: Iterable[str]) -> tuple[list[Box], list[tuple[str, str]]]:
-    """A box for each component that is plugged into a drawn node, and the wires to these nodes."""
-    told = resolved.get("components") or {}
-    nodes = resolved.get("nodes") or {}
-    wires = [
-        (str(link).removeprefix("@"), name)
-        for name in drawn
-        for link in (nodes.get(name, {}).get("components") or {}).values()
-    ]
-    boxes = [
-        Box(name, told[name]["type"], note="component", hover=_wires(told[name], {}))
-        for name in dict.fromkeys(source for source, _ in wires)
-    ]
-    return boxes, wires
-
-
-def _picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], title: str, rounds: bool) -> Picture:
-    if rounds:
-        return Picture(boxes, edges, title=title)
-    return Picture(_fold(boxes), fold_edges(edges), fold_loops(edges), title=title)
-
-
-def _fold(boxes: Iterable[Box]) -> list[Box]:
-    """One box for all rounds of a node."""
-    groups: dict[str, list[Box]] = {}
-    for box in boxes:
-        groups.setdefault(fold_name(box.name), []).append(box)
-    folded = []
-    for name, members in groups.items():
-        states = [box.state for box in members]
-        state = next((state for state in _ORDER if state in states), states[0])
-        moved = sum(state in (ADDED, REMOVED) for state in states)
-        spent = sum(box.seconds or 0.0 for box in members) or None
-        notes = list(dict.fromkeys(box.note for box in members if box.note))
-        if 0 < moved < len(members):  # some of its rounds, not the node
-            notes.append(f"{moved} round{'s' if moved > 1 else ''} {state}")
-            state = CHANGED
-        kinds = " / ".join(dict.fromkeys(box.type for box in members))
-        folded.append(Box(name, kinds, state, spent, len(members), sum(box.bytes for box in members),
-                          notes[0] if notes else "", members[-1].hover))  # fmt: skip
-    return folded
-
-
-def _ports(bound: Bound) -> tuple[str, ...]:
-    """What a node's hover text says: wires in, ports out, parameters that differ from their defaults."""
-    lines = [f"in   {port}: {bound.signature.inputs[port]}  from {link}" for port, link in bound.inputs.items()]
-    lines += [f"in   {port}: @{plug.name}  {plug.definition.type}" for port, plug in bound.components.items()]
-    lines += [f"out  {port.name}: {port}" for port in bound.signature.outputs.values()]
-    set_here = sorted(bound.params.model_fields_set)
-    return (*lines, *(f"{name} = {getattr(bound.params, name)}" for name in set_here))
-
-
-def _wires(entry: Mapping[str, Any], outputs: Mapping[str, Any]) -> tuple[str, ...]:
-    lines = [f"in   {port}  from {link}" for port, link in (entry.get("inputs") or {}).items()]
-    lines += [f"out  {port}: {stored.get('type')}" for port, stored in outputs.items()]
-    return (*lines, *(f"{name} = {value}" for name, value in (entry.get("params") or {}).items()))
 
 
 class Side:
@@ -209,8 +116,8 @@ def picture_of_difference(old: Side, new: Side, rounds: bool) -> Picture:
             first = f"{words[0].partition(' from ')[0]} rewired" if " from @" in words[0] else words[0]
             note = first if len(first) <= 40 else first[:39] + "…"
             note += f" +{len(words) - 1}" if words[1:] else ""
-        boxes.append(Box(name, entry["type"], state, note=note, hover=(*words, *_wires(entry, {}))))
-    plugs, plugged = _plugged(new.resolved, new.resolved["nodes"])
+        boxes.append(Box(name, entry["type"], state, note=note, hover=(*words, *wire_lines(entry, {}))))
+    plugs, plugged = plugged_components(new.resolved, new.resolved["nodes"])
     boxes = [*plugs, *boxes]
     wires = [(a, b) for graph in (new.resolved, old.resolved) for a, b in _edges(graph, found.renamed)] + plugged
     title = f"{old.name} → {new.name}"
@@ -222,7 +129,7 @@ def picture_of_difference(old: Side, new: Side, rounds: bool) -> Picture:
             states.setdefault(folded, set()).add(found.wires.get(wire, ""))
     edge_states = {wire: next(iter(found)) for wire, found in states.items() if len(found) == 1}
     loops = [loop for loop in fold_loops(wires) if edge_states.get(loop) != REMOVED]
-    return Picture(_fold(boxes), fold_edges(wires), loops, edge_states, title)
+    return Picture(fold_boxes(boxes), fold_edges(wires), loops, edge_states, title)
 
 
 def _edges(graph: Mapping[str, Any], renamed: Mapping[str, str]) -> list[tuple[str, str]]:
