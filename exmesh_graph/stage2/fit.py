@@ -1,26 +1,28 @@
 """Stage II: base colour, roughness (metallic) and environment on the frozen carrier, eq. 14 to 24.
 
-Every step renders one training view (stage2.model) under its light model (stage2.light), compares it in linear light
-(stage2.terms) and moves the texels and the environment by Adam. Maps are sigmoids, the environment a softplus, of free
+Every step renders one training view (stage2.decomposition) under its light model (stage2.light), compares it in linear
+light (stage2.objective) and moves the texels and the environment by Adam. Maps are sigmoids, the environment a softplus, of free
 parameters.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
+from exmesh_graph.gpu.torch_setup import torch_threads
 from exmesh_graph.optim import Adam
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.guard import Guard
-from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.objective import indirect_strength, view_psnr, weighted_terms
 from exmesh_graph.stage2.result import finished_asset
-from exmesh_graph.stage2.sampled import SampledSettings
-from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.stage2.terms import indirect_strength, view_psnr, weighted_terms
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Asset, Carrier, Transport, Views
+
+if TYPE_CHECKING:
+    from exmesh_graph.shading.settings import MonteCarloSettings
 
 Progress = Callable[[int, int, dict[str, float]], None]
 Checkpoint = Callable[[int, dict[str, Any]], None]
@@ -30,8 +32,8 @@ Resumed = tuple[int, Mapping[str, Any]]
 def fit(
     carrier: Carrier,
     views: Views,
-    transport: Transport | SampledSettings,
-    settings: FitSettings | None = None,
+    transport: Transport | MonteCarloSettings,
+    settings: DecompositionSettings | None = None,
     *,
     seed: int = 0,
     device: str = "cpu",
@@ -40,7 +42,6 @@ def fit(
     resumed: Resumed | None = None,
     warn: Callable[[str], None] | None = None,
     log: Callable[[str], None] | None = None,
-    budget: float = math.inf,
     start: Asset | None = None,
 ) -> tuple[Asset, dict[str, list[float]]]:
     """Decompose the carrier's appearance into materials and light.
@@ -51,13 +52,30 @@ def fit(
     Returns the asset and curves over iterations (`iteration`, `loss`, `image`, `psnr`: sRGB over the view's pixels).
     A call that was cut off goes on with the same arguments and `resumed`, what `checkpoint(step, state)` was last
     given, and ends with the same bytes.
-    A view or step that is not finite is left out or taken back, and said by `warn` (stage2.guard). The views' buffers
-    take at most `budget` bytes; the result does not depend on it.
+    A view or step that is not finite is left out or taken back, and said by `warn` (stage2.guard).
     Raises GeometryError when `transport` or `start` belongs to another mesh, DataError when no pixel sees the mesh and
     NumericsError, naming step, view and term, when the guard cannot keep the fit finite.
     """
-    settings = settings or FitSettings()
-    model = Model(carrier, views, transport, settings, device, budget, seed, start)
+    settings = settings or DecompositionSettings()
+    with torch_threads(settings.threads):
+        model = Decomposition(carrier, views, transport, settings, device, seed, start)
+        curves = _optimise(model, seed, progress, checkpoint, resumed, warn)
+        if model.exposure is not None and log:
+            gains = (f"{name} {float(model.exposure.gain(k)):.3f}" for k, name in enumerate(views.names))
+            log(f"exposure found: {', '.join(gains)}")
+        return finished_asset(carrier, model), curves
+
+
+def _optimise(
+    model: Decomposition,
+    seed: int,
+    progress: Progress | None,
+    checkpoint: Checkpoint | None,
+    resumed: Resumed | None,
+    warn: Callable[[str], None] | None,
+) -> dict[str, list[float]]:
+    """All steps; the common factor ends folded into maps and environment. Returns the curves."""
+    settings = model.settings
     generator = torch.Generator().manual_seed(seed)
     optimiser = Adam(
         [model.maps.parameter, model.environment, model.factor.parameter],
@@ -109,13 +127,10 @@ def fit(
         if checkpoint is not None:
             checkpoint(step + 1, {**_changing(model, optimiser, generator, guard), "curves": curves, "order": order})
     model.settle_factor()
-    if model.exposure is not None and log:
-        gains = (f"{name} {float(model.exposure.gain(k)):.3f}" for k, name in enumerate(views.names))
-        log(f"exposure found: {', '.join(gains)}")
-    return finished_asset(carrier, model), curves
+    return curves
 
 
-def _changing(model: Model, optimiser: Adam, generator: torch.Generator, guard: Guard) -> dict[str, Any]:
+def _changing(model: Decomposition, optimiser: Adam, generator: torch.Generator, guard: Guard) -> dict[str, Any]:
     """All that steps change: with the arguments of `fit` it determines what follows."""
     return {
         "optimiser": optimiser.state(),
@@ -126,7 +141,7 @@ def _changing(model: Model, optimiser: Adam, generator: torch.Generator, guard: 
     }
 
 
-def _restore(model: Model, optimiser: Adam, generator: torch.Generator, guard: Guard, kept: Mapping[str, Any]) -> None:
+def _restore(model: Decomposition, optimiser: Adam, generator: torch.Generator, guard: Guard, kept: Mapping[str, Any]) -> None:
     optimiser.restore(kept["optimiser"])
     generator.set_state(kept["generator"])
     model.light.restore(model.buffers.held, kept["light"])

@@ -16,8 +16,8 @@ import torch
 
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.optim import Adam
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.gbuffer import ViewBuffer
-from exmesh_graph.stage2.model import Model
 
 Terms = dict[str, torch.Tensor]
 
@@ -39,7 +39,7 @@ class Guard:
 
     def __init__(
         self,
-        model: Model,
+        model: Decomposition,
         optimiser: Adam,
         evaluate: Callable[[ViewBuffer, int], Terms],
         warn: Callable[[str], None] | None = None,

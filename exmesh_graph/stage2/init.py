@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import srgb_to_linear
-from exmesh_graph.shading.envmap import parameter_of
+from exmesh_graph.stage2.settings import StartSettings
 from exmesh_graph.types import Asset, Carrier
 
 #: The logit's usable range: a texel that starts at exactly 0 or 1 could never leave it. A start that was fitted before
@@ -40,26 +40,19 @@ def initial_base_color(texture: np.ndarray, size: int, source: str) -> torch.Ten
     return srgb_to_linear(resize_texture(texture, size).clamp(0, 1))
 
 
-def initial_environment(height: int, level: float = 1.0, device: torch.device | str = "cpu") -> torch.Tensor:
-    """Parameters of a uniform white environment of radiance `level`; under 1, base colour equals appearance."""
-    return parameter_of(torch.full((height, 2 * height, 3), level, device=device))
-
-
-def neutral_asset(
-    carrier: Carrier, base_color: str = "texture", roughness: float = 0.5, metallic: float = 0.0, size: int = 0
-) -> Asset:
+def neutral_asset(carrier: Carrier, settings: StartSettings | None = None, size: int = 0) -> Asset:
     """Where a fit starts that knows no better: one roughness, one metallic, white light of radiance 1.
 
-    base_color  "texture" (Stage I's, linearised, kept `MARGIN` away from 0 and 1) or "gray"
-    metallic    kept `MARGIN` below 1; 0: no map
-    size        side of the maps in texels; 0: the texture's
+    Base colour is kept `MARGIN` away from 0 and 1, metallic `MARGIN` below 1; metallic 0 is no map.
+    size  side of the maps in texels; 0: the texture's
     """
-    size = size or carrier.texture.shape[0]
-    color = initial_base_color(carrier.texture, size, base_color).clamp(MARGIN, 1 - MARGIN)
+    settings = settings or StartSettings()
+    size, metallic = size or carrier.texture.shape[0], settings.metallic
+    color = initial_base_color(carrier.texture, size, settings.base_color).clamp(MARGIN, 1 - MARGIN)
     return Asset(
         **{field.name: getattr(carrier, field.name) for field in fields(Carrier)},
         base_color=color.numpy(),
-        roughness=np.full((size, size), roughness, np.float32),
+        roughness=np.full((size, size), settings.roughness, np.float32),
         seen=np.zeros((size, size), bool),
         environment=np.ones((8, 16, 3), np.float32),
         metallic=np.full((size, size), min(metallic, 1 - MARGIN), np.float32) if metallic > 0 else None,

@@ -9,8 +9,8 @@ import torch
 
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.stage2.init import NARROW_MARGIN, logit, resize_texture
-from exmesh_graph.stage2.normal_map import slopes_of
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.surface import slopes_of
 from exmesh_graph.types import Asset
 
 #: How far past 1 the sigmoid of roughness reaches, as a share of its span. A sigmoid that ends at 1 would need an
@@ -46,7 +46,7 @@ class Material:
 
     @property
     def slopes(self) -> torch.Tensor | None:
-        """[N, 2], of the normal map (stage2.normal_map); None: the smooth normals."""
+        """[N, 2], of the normal map (stage2.surface); None: the smooth normals."""
         return self.table[:, -2:] if self.has_normal else None
 
 
@@ -58,7 +58,7 @@ class MaterialMaps:
                two slopes over `SLOPE`)
     """
 
-    def __init__(self, start: Asset, texels: torch.Tensor, size: int, settings: FitSettings) -> None:
+    def __init__(self, start: Asset, texels: torch.Tensor, size: int, settings: DecompositionSettings) -> None:
         self.texels, self.size, self.settings = texels, size, settings
         device = texels.device
 

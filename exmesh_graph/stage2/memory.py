@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.stage2.gbuffer import SSIM_BYTES
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Carrier, Transport, Views
 
 #: A view's buffer: indices int64, weights float32, target, pairs, the precomputed light's part without its factor.
@@ -51,13 +51,13 @@ class MemoryPlan:
 
 
 def plan_memory(
-    carrier: Carrier, views: Views, transport: Transport | None, settings: FitSettings, budget: float, before: int = 0
+    carrier: Carrier, views: Views, transport: Transport | None, settings: DecompositionSettings, before: int = 0
 ) -> MemoryPlan:
     """The plan of a fit; `transport` None where light is sampled in every step."""
     pixels = [int((alpha >= settings.min_coverage).sum()) for alpha in views.alpha]
     box = [_box_area(alpha >= settings.min_coverage) for alpha in views.alpha]
     sizes = [PIXEL_BYTES * n + FACTOR_BYTES * n + SSIM_BYTES * b for n, b in zip(pixels, box, strict=True)]
-    held = int((np.cumsum(sizes) <= budget).sum())
+    held = int((np.cumsum(sizes) <= settings.memory_gib * 2**30).sum())
     largest = max(pixels, default=0)
     size = settings.texture_size or carrier.texture.shape[0]
     texels = min(size * size, 4 * sum(pixels))

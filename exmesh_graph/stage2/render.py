@@ -25,10 +25,16 @@ from exmesh_graph.shading.transport import (
     with_bounces,
 )
 from exmesh_graph.shading.vector_irradiance import VectorTransport
-from exmesh_graph.stage2.normal_map import TangentFrames, bent, bent_irradiance, slopes_of
-from exmesh_graph.stage2.reflect import traced_specular
-from exmesh_graph.stage2.sunlight import narrow_lobes, sun_radiance
-from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.stage2.light.traced import narrow_lobes, sun_radiance, traced_specular
+from exmesh_graph.stage2.surface import (
+    CarrierGeometry,
+    SurfaceSamples,
+    TangentFrames,
+    bent_irradiance,
+    mapped_surface,
+    slopes_of,
+    texel_footprint,
+)
 from exmesh_graph.types import Asset, Transport
 
 #: Lattice points and directions of the transport that `render_views` traces when it is given none.
@@ -137,8 +143,7 @@ class _Scene:
             origins = tensor_of(lattice_origins(light, asset.vertices, asset.faces, self.tracer.radius)).to(device)
             normal, flat = tensor_of(light.normals).to(device), self.geometry.face_normals[face]
             transfer = sun_transfer(self.suns, origins, normal, flat, self.tracer)
-            lit = operators.with_columns(transfer)
-            self.irradiance = lit.irradiance(torch.cat([binned, self.flux]), f_d)
+            self.irradiance = operators.with_columns(transfer).irradiance(torch.cat([binned, self.flux]), f_d)
             self.direct_sun = transfer @ self.flux
             self.extra = Pyramid(tensor_of(_even((radiance - rest).cpu().numpy())).to(device))
         self.vector = None
@@ -161,9 +166,7 @@ class _Scene:
 
     def mapped(self, surface: SurfaceSamples, material: torch.Tensor) -> SurfaceSamples:
         """`surface` under the asset's normal map, if it has one."""
-        if self.frames is None:
-            return surface
-        return bent(surface, self.frames.at(self.geometry, surface.face, surface.bary), material[:, -2:])
+        return mapped_surface(surface, self.geometry, self.frames, None if self.frames is None else material[:, -2:])
 
     def f_d(self, material: torch.Tensor) -> torch.Tensor:
         return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)

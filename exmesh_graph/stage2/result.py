@@ -1,4 +1,7 @@
-"""From the fitted parameters to an asset: whole maps, the texels that pixels speak for, the environment."""
+"""From the fitted parameters to an asset: whole maps, the texels that pixels speak for, the environment.
+
+Texels that no training view saw are filled smoothly over the surface, then spread past the charts' borders.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,11 @@ import numpy as np
 import torch
 
 from exmesh_graph.shading import envmap
-from exmesh_graph.stage2.fill import complete_maps
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.normal_map import normals_of
-from exmesh_graph.stage2.stream import Evidence
+from exmesh_graph.stage2.decomposition import Decomposition
+from exmesh_graph.stage2.gbuffer import Evidence
+from exmesh_graph.stage2.surface import normals_of
 from exmesh_graph.types import Asset, Carrier
+from exmesh_graph.uv.raster import rasterize_atlas
 
 #: Bilinear weight over all pixels of all views from which a texel counts as seen: one pixel's worth, or this share of
 #: the median texel's where maps are finer than pixels. Adam moves a texel that the corner of one footprint touches as
@@ -28,8 +31,8 @@ def texel_confidence(evidence: Evidence) -> torch.Tensor:
 
 
 @torch.no_grad()
-def finished_asset(carrier: Carrier, model: Model) -> Asset:
-    """The asset of the model's current parameters; texels that no view tells of are filled (stage2.fill)."""
+def finished_asset(carrier: Carrier, model: Decomposition) -> Asset:
+    """The asset of the model's current parameters; texels that no view tells of are filled."""
     texels, size = model.maps.texels, model.maps.size
     evidence = model.buffers.evidence.weight
     seen_rows = evidence >= min(SEEN_WEIGHT, SEEN_SHARE * float(evidence[evidence > 0].median()))
@@ -59,3 +62,46 @@ def finished_asset(carrier: Carrier, model: Model) -> Asset:
         confidence=confidence_image,
         environment=envmap.radiance_of(model.environment).cpu().numpy(),
     )
+
+
+#: Enough to reach past the rim of what is seen, whose texels were only looked at from the side.
+NEIGHBOURS = 48
+CHUNK = 1 << 16
+
+
+def complete_maps(
+    maps: np.ndarray, seen: np.ndarray, carrier: Carrier, confidence: np.ndarray | None = None
+) -> np.ndarray:
+    """`maps` [R, R, C] with every texel outside `seen` bool [R, R] filled, float32.
+
+    On a chart: the mean of the nearest seen texels *in space* (not in the atlas, where charts that touch need not be
+    neighbours), weighted by inverse distance and squared `confidence` [R, R]. Off the charts: the nearest filled texel
+    of the atlas.
+    """
+    from scipy.ndimage import distance_transform_edt
+    from scipy.spatial import cKDTree
+
+    size = maps.shape[0]
+    filled = maps.astype(np.float32).copy()
+    face, bary = rasterize_atlas(carrier.uvs, carrier.uv_faces, size)
+    covered = face >= 0
+    corners = carrier.vertices[carrier.faces[face.clip(0)]]
+    position = np.einsum("hwc,hwcx->hwx", bary, corners)
+    known, wanted = seen & covered, covered & ~seen
+    if known.any() and wanted.any():
+        tree = cKDTree(position[known])
+        count = min(NEIGHBOURS, int(known.sum()))
+        trust = np.ones(int(known.sum())) if confidence is None else np.maximum(confidence[known], 1e-3) ** 2
+        source, places, means = filled[known], position[wanted], []
+        for start in range(0, len(places), CHUNK):
+            distance, index = (column.reshape(-1, count) for column in tree.query(places[start : start + CHUNK], k=count))
+            nearest = np.maximum(distance[:, :1], 1e-12)
+            weight = trust[index] / np.maximum(distance, nearest)
+            weight /= weight.sum(axis=1, keepdims=True)
+            means.append(np.einsum("nk,nkc->nc", weight, source[index]))
+        filled[wanted] = np.concatenate(means)
+    done = covered | seen if known.any() else seen
+    if done.any() and not done.all():
+        row, column = distance_transform_edt(~done, return_distances=False, return_indices=True)
+        filled = filled[row, column]
+    return filled

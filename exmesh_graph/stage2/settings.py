@@ -1,51 +1,60 @@
-"""Settings of the Stage II fit. Defaults are the paper's Table 1 where it gives a value."""
+"""Settings of Stage II: where a fit starts, and the fit. Defaults are the paper's Table 1 where it gives a value."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from exmesh_graph.params import Auto, Params, param
 
 
-@dataclass(frozen=True)
-class FitSettings:
-    """What `fit` may be told.
+class StartSettings(Params):
+    """Where a fit starts that knows no better (stage2.init)."""
 
-    texture_size      side of the maps in texels; 0 keeps the Stage I texture's
-    environment_height  rows of the recovered map, half its columns
-    iterations        Adam steps, one training view each
-    material_rate, environment_rate  learning rates; `rate_decay` is the ratio of the last to the first
-    factor_rate       learning rate of the factor that base colour and light share (stage2.common_factor); 0 = left out
-    log_weight, ssim_weight  lambda_log, lambda_ssim of eq. 21
-    material_weight, environment_weight, chroma_weight  lambda_mat, lambda_env, lambda_chroma^0 of eq. 22
-    indirect_weight, indirect_ramp  lambda_ind's target and the iterations it takes to reach it
-    metallic          fit a metallic map (starts at 0)
-    normal_map        fit a tangent-space normal map (starts flat)
-    corrections       how often rays measure what the split sum leaves out; 0 = never
-    correction_samples  rays per pixel each time
-    min_coverage      mask alpha from which a pixel takes part
-    roughness_min     lower end of the roughness map
-    keep_light        fit the maps alone, under the start's environment
-    exposure          fit one gain per view (stage2.exposure)
-    """
+    base_color: Literal["texture", "gray"] = param(
+        "texture", doc="The Stage I texture, linearised (the paper), or mid-gray: better for short fits."
+    )
+    roughness: float = param(0.5, gt=0, lt=1, doc="Neutral roughness.")
+    metallic: float = param(0.0, ge=0, le=1, doc="Metallic; above 0 only for fits with metallic: true.")
 
-    texture_size: int = 0
-    environment_height: int = 256
-    iterations: int = 10_000
-    material_rate: float = 2.5e-3
-    environment_rate: float = 1.5e-2
-    factor_rate: float = 3e-3
-    rate_decay: float = 0.1
-    log_weight: float = 1.0
-    ssim_weight: float = 0.2
-    material_weight: float = 0.1
-    environment_weight: float = 0.1
-    chroma_weight: float = 0.1
-    indirect_weight: float = 1.0
-    indirect_ramp: int = 1000
-    metallic: bool = False
-    normal_map: bool = False
-    corrections: int = 4
-    correction_samples: int = 16
-    min_coverage: float = 0.99
-    roughness_min: float = 0.08
-    exposure: bool = False
-    keep_light: bool = False
+
+class DecompositionSettings(Params):
+    """What the fit may be told (stage2.fit)."""
+
+    texture_size: Annotated[int, Field(ge=0, le=8192), Auto("needs")] = param(
+        0, unit="texels", doc="Side of the maps; 0 keeps the Stage I texture's."
+    )
+    environment_height: Annotated[int, Field(ge=8, le=1024), Auto("needs")] = param(
+        256, unit="texels", doc="Rows of the recovered environment; twice as many columns."
+    )
+    iterations: int = param(10_000, ge=1, doc="Adam steps of one training view each.")
+    material_rate: float = param(2.5e-3, gt=0, doc="Learning rate of the maps (logits).")
+    environment_rate: float = param(1.5e-2, gt=0, doc="Learning rate of the environment (softplus parameters).")
+    factor_rate: float = param(
+        3e-3,
+        ge=0,
+        doc="Learning rate of the common factor of base colour and light (logarithm); 0 = left to the texels.",
+    )
+    rate_decay: float = param(0.1, gt=0, le=1, doc="Last learning rate over the first; exponential in between.")
+    log_weight: float = param(1.0, ge=0, doc="lambda_log of eq. 21.")
+    ssim_weight: float = param(0.2, ge=0, doc="lambda_ssim of eq. 21; 0 leaves the D-SSIM term out.")
+    material_weight: float = param(0.1, ge=0, doc="lambda_mat: screen-space total variation of the maps.")
+    environment_weight: float = param(0.1, ge=0, doc="lambda_env: total variation of the environment.")
+    chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
+    indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
+    indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")
+    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, from `start`'s or 0.")
+    normal_map: bool = param(
+        False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
+    )
+    corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
+    correction_samples: int = param(16, ge=1, le=1024, unit="rays", doc="Rays per pixel each time.")
+    min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
+    roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
+    keep_light: bool = param(False, doc="Keep the environment of `start`, a known light, and fit the maps alone.")
+    exposure: bool = param(False, doc="Fit one gain per view, for photographs of varying exposure.")
+    memory_gib: float = param(
+        4.0, ge=0, tuning=True, unit="GiB", doc="Memory that the views' buffers may take; the rest are made anew."
+    )
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")

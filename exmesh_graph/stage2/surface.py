@@ -1,13 +1,23 @@
-"""Surface samples of a frozen carrier: everything shading needs that does not depend on material or light."""
+"""Surface samples of a frozen carrier: what shading needs that depends on no light, and normals under a normal map.
+
+A normal map is fitted as slopes (s, t): n' ~ s T + t B + N, in the frame of geometry.tangents, interpolated over the
+face and not normalised before use (MikkTSpace). z stays above 0 for any slope.
+
+Diffuse light under the bent normal, exact to first order (Ramamoorthi and Hanrahan's gradient of irradiance without the
+change of horizon): with the vector irradiance F(p) = sum_k V_k L_k w_k over the directions above the smooth horizon,
+E(n') = max(E(n) + (n' - n) . F, 0), equal to E(n) where the map is flat.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 
 from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
+from exmesh_graph.geometry.tangents import corner_tangents
 from exmesh_graph.types import Carrier
 
 #: A smooth normal may turn away from the camera near a silhouette; shading then sees it at this cosine.
@@ -78,6 +88,71 @@ def texel_footprint(uv: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Te
     index = torch.stack([top * size + left, top * size + right, bottom * size + left, bottom * size + right], 1)
     weight = torch.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], 1)
     return index, weight
+
+
+class TangentFrames:
+    """A carrier's tangents per face corner [F, 3, 3] and the handedness of its faces [F]."""
+
+    def __init__(self, carrier: Carrier, device: torch.device | str = "cpu") -> None:
+        tangent, sign = corner_tangents(carrier.vertices, carrier.faces, carrier.uvs, carrier.uv_faces)
+        self.tangent, self.sign = torch.from_numpy(tangent).to(device), torch.from_numpy(sign).to(device)
+
+    def at(
+        self, geometry: CarrierGeometry, face: torch.Tensor, bary: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Tangent, bitangent and normal [N, 3] at `face` int64 [N], `bary` [N, 3]; interpolated, not unit."""
+        normal = (geometry.vertex_normals[geometry.faces[face]] * bary[..., None]).sum(1)
+        tangent = (self.tangent[face] * bary[..., None]).sum(1)
+        return tangent, self.sign[face][:, None] * torch.linalg.cross(normal, tangent, dim=-1), normal
+
+
+def bent(surface: SurfaceSamples, frame: tuple[torch.Tensor, ...], slopes: torch.Tensor) -> SurfaceSamples:
+    """`surface` with its normal, reflected direction and n_v under the map's `slopes` [N, 2]; differentiable.
+
+    A normal turned away from the camera is bent back to a grazing one, as smooth normals are.
+    """
+    tangent, bitangent, normal = frame
+    mapped = F.normalize(slopes[:, :1] * tangent + slopes[:, 1:] * bitangent + normal, dim=-1)
+    n_v = (mapped * surface.view).sum(-1)
+    short = (GRAZING - n_v).clamp_min(0)
+    mapped = F.normalize(mapped + short[:, None] * surface.view, dim=-1)
+    n_v = (mapped * surface.view).sum(-1).clamp(1e-3, 1)
+    reflected = F.normalize(2 * n_v[:, None] * mapped - surface.view, dim=-1)
+    # longitude has no derivative at the poles: a direction there is taken as one next to it
+    beside = torch.tensor([1e-3, 1.0, 0.0]).to(reflected) * torch.sign(reflected[:, 1:2])
+    reflected = torch.where(reflected[:, 1:2].abs() > 1 - 1e-6, beside, reflected)
+    return replace(surface, normal=mapped, reflected=reflected, n_v=n_v)
+
+
+def mapped_surface(
+    surface: SurfaceSamples, geometry: CarrierGeometry, frames: TangentFrames | None, slopes: torch.Tensor | None
+) -> SurfaceSamples:
+    """`surface` under the `slopes` [N, 2] of a normal map; as it is where there is no map (None).
+
+    Equation: 11.
+    """
+    if frames is None or slopes is None:
+        return surface
+    return bent(surface, frames.at(geometry, surface.face, surface.bary), slopes)
+
+
+def bent_irradiance(
+    irradiance: torch.Tensor, vector: torch.Tensor, smooth: torch.Tensor, mapped: torch.Tensor
+) -> torch.Tensor:
+    """E(n') [N, 3] from E(n) `irradiance` [N, 3], the vector irradiance [N, 9] (x, y, z of rgb), n and n' [N, 3]."""
+    turned = ((mapped - smooth)[:, :, None] * vector.reshape(-1, 3, 3)).sum(1)
+    return (irradiance + turned).clamp_min(0)
+
+
+def slopes_of(normal: np.ndarray) -> np.ndarray:
+    """Slopes float32 [..., 2] of unit tangent-space normals [..., 3], z > 0 (floored at 0.05)."""
+    return (normal[..., :2] / np.maximum(normal[..., 2:], 0.05)).astype(np.float32)
+
+
+def normals_of(slopes: np.ndarray) -> np.ndarray:
+    """Unit tangent-space normals float32 [..., 3] of slopes [..., 2]."""
+    upright = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
+    return (upright / np.linalg.norm(upright, axis=-1, keepdims=True)).astype(np.float32)
 
 
 def _mix(corners: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:

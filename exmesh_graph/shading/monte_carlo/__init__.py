@@ -1,9 +1,7 @@
 """Monte Carlo light of a frozen mesh: the paper's estimators of direct and one-bounce light (eq. 12 to 20)."""
 
 from exmesh_graph.shading.monte_carlo.estimator import (
-    PAPER,
     Drawn,
-    LightSettings,
     MonteCarloLight,
     SampleCache,
     independent_gradient,
@@ -14,12 +12,10 @@ from exmesh_graph.shading.monte_carlo.shade import shade, shade_reference
 from exmesh_graph.shading.monte_carlo.upsample import Coarse, coarse_points
 
 __all__ = [
-    "PAPER",
     "Coarse",
     "Drawn",
     "LightPool",
     "LightSamples",
-    "LightSettings",
     "Material",
     "MeshSurface",
     "MonteCarloLight",

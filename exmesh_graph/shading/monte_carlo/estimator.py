@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -23,33 +24,12 @@ from exmesh_graph.shading.monte_carlo.bounce import (
     secondary_pool,
 )
 from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface
-from exmesh_graph.shading.monte_carlo.samples import LightPool, LightSamples, Sampler, draw_light, make_pool
+from exmesh_graph.shading.monte_carlo.samples import LightPool, LightSamples, draw_light, make_pool
 from exmesh_graph.shading.monte_carlo.shade import shade
 from exmesh_graph.shading.monte_carlo.upsample import Coarse
 
-
-@dataclass(frozen=True)
-class LightSettings:
-    """Sample counts and choices; the defaults lie on the lower hull of error against seconds (docs/monte_carlo.md).
-
-    sampler             where the direct samples go: environment (the paper's), brdf, mis or cosine
-    direct_samples      N_d
-    secondary_rays      N_b; 0 leaves the bounce out
-    secondary_samples   N_s, environment samples at each hit
-    secondary_material  whether hits read their own material; else the primary point's stands in
-    memory_mib          limit of the working memory of tracing (the samples themselves: 4 to 16 bytes each on top)
-    """
-
-    sampler: Sampler = "mis"
-    direct_samples: int = 64
-    secondary_rays: int = 16
-    secondary_samples: int = 4
-    secondary_material: bool = True
-    memory_mib: float = 64.0
-
-
-#: The paper's counts, of its hyper-parameter table.
-PAPER = LightSettings("environment", 8, 16, 4)
+if TYPE_CHECKING:
+    from exmesh_graph.shading.settings import MonteCarloSettings
 
 
 @dataclass(frozen=True)
@@ -62,10 +42,16 @@ class Drawn:
 
 
 class MonteCarloLight:
-    """Direct and one-bounce light of points on `surface`, whose rays are answered by `tracer`."""
+    """Direct and one-bounce light of points on `surface`, whose rays are answered by `tracer`.
 
-    def __init__(self, surface: Surface, tracer: RayTracer, settings: LightSettings | None = None) -> None:
-        self.surface, self.tracer, self.settings = surface, tracer, settings or LightSettings()
+    settings    shading.settings.MonteCarloSettings, or any object that has its attributes
+    memory_mib  limit of the working memory of tracing (the samples themselves: 4 to 16 bytes each on top)
+    """
+
+    def __init__(
+        self, surface: Surface, tracer: RayTracer, settings: MonteCarloSettings, memory_mib: float = 64.0
+    ) -> None:
+        self.surface, self.tracer, self.settings, self.memory_mib = surface, tracer, settings, memory_mib
 
     @torch.no_grad()
     def draw(
@@ -87,10 +73,10 @@ class MonteCarloLight:
         s = self.settings
         # the streams of one estimate: far apart, so that seeds 0, 1, 2... of a caller do not meet each other's
         first = 8 * seed
-        pool = make_pool(sampler, s.sampler, s.direct_samples, first)
-        direct = draw_light(points, material, pool, self.tracer, s.memory_mib, turning)
+        pool = make_pool(sampler, s.technique, s.samples, first)
+        direct = draw_light(points, material, pool, self.tracer, self.memory_mib, turning)
         hits = None
-        if query is not None and s.secondary_rays:
+        if query is not None and s.bounces:
             hits = draw_bounce(
                 points if coarse is None else points[coarse.rows],
                 self.surface,
@@ -100,7 +86,7 @@ class MonteCarloLight:
                 s.secondary_rays,
                 self._hit_pool(pool, sampler, first + 2),
                 first + 4,
-                s.memory_mib,
+                self.memory_mib,
             )
         return Drawn(direct, hits, coarse)
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from exmesh_graph.losses import linear_to_srgb
 from exmesh_graph.shading import envmap
+from exmesh_graph.stage2.objective import encode_srgb
 from exmesh_graph.stage2.probe.compare import Gain, paired_gain
 from exmesh_graph.stage2.probe.short import ShortFit
 
-#: Quarter turns of the found sky stand for the other light; runs of neighbouring points are the clusters.
+#: Quarter turns of the fitted sky stand for the other light; runs of neighbouring points are the clusters.
 TURNS, CLUSTERS = (1, 2, 3), 16
 
 
@@ -54,7 +54,7 @@ def baked_light(fit: ShortFit, bounces: int, held_error: float) -> Baked:
     for turn in TURNS:
         other = torch.roll(environment, turn * environment.shape[1] // (len(TURNS) + 1), dims=1)
         direct, full = _irradiance(fit, other, diffuse, bounces)
-        error = (_display(diffuse * full) - _display(taken_up * scale * direct)) ** 2
+        error = (encode_srgb(diffuse * full) - encode_srgb(taken_up * scale * direct)) ** 2
         wrong.append((error.mean(1) * weight).double().numpy())
     cluster = np.arange(len(weight)) * CLUSTERS // len(weight)
     shown = np.bincount(cluster, weights=weight.double().numpy(), minlength=CLUSTERS)
@@ -71,11 +71,7 @@ def _irradiance(
     return fit.irradiance(binned, diffuse, bounces - 1), fit.irradiance(binned, diffuse, bounces)
 
 
-def _median_ratio(true: torch.Tensor, found: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """The factor per channel that scores take out of base colour: the median of true / found where pictures look."""
+def _median_ratio(true: torch.Tensor, fitted: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """The factor per channel that scores take out of base colour: the median of true / fitted where pictures look."""
     used = weight > 0
-    return (true[used] / found[used].clamp_min(1e-6)).median(dim=0).values if bool(used.any()) else torch.ones(3)
-
-
-def _display(linear: torch.Tensor) -> torch.Tensor:
-    return linear_to_srgb(linear.clamp(0, 1))
+    return (true[used] / fitted[used].clamp_min(1e-6)).median(dim=0).values if bool(used.any()) else torch.ones(3)

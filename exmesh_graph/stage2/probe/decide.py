@@ -52,8 +52,8 @@ def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape:
         evidence["held_out_error"] = held.error
     best = first.gain
     count = 0
-    for number, (found, cost) in enumerate(zip(findings, costs, strict=True), start=1):
-        gain = found.gain
+    for number, (finding, cost) in enumerate(zip(findings, costs, strict=True), start=1):
+        gain = finding.gain
         if number == 1 and pays(held, cost) and held.gain > gain.gain:
             gain = best = held  # where base colour cannot take the light up, the photographs themselves tell
         if number > 1:

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from exmesh_graph.losses import linear_to_srgb
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.monte_carlo import Sampler
+from exmesh_graph.shading.settings import MonteCarloSettings
+from exmesh_graph.stage2.light.sampled import SampledLight
+from exmesh_graph.stage2.objective import encode_srgb
 from exmesh_graph.stage2.probe.compare import Gain, paired_gain, tiles_of
 from exmesh_graph.stage2.probe.short import CLUSTERS, ShortFit
-from exmesh_graph.stage2.sampled import SampledLight, SampledSettings
 
 #: The paper's samples per pixel, and the views to look at.
 SAMPLES, VIEWS = 8, 2
@@ -29,7 +30,7 @@ def sampling_gain(fit: ShortFit, technique: Sampler, seed: int) -> Gain:
 def _noise(fit: ShortFit, technique: Sampler, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Half the squared difference of two independent estimates (display values) and pixels, summed over clusters."""
     model = fit.model
-    settings = SampledSettings(technique=technique, samples=SAMPLES, bounces=0)
+    settings = MonteCarloSettings(technique=technique, samples=SAMPLES, bounces=0)
     light = SampledLight(settings, model.geometry, fit.light.tracer, seed)
     values, environment = model.maps.values(), envmap.radiance_of(model.environment)
     errors, counts = [], []
@@ -37,9 +38,7 @@ def _noise(fit: ShortFit, technique: Sampler, seed: int) -> tuple[np.ndarray, np
         seen = replace(buffer, light=light.view(buffer.samples(model.geometry), buffer.pixel, fit.size[1], number))
         material = model.maps.read(values, buffer.texel, buffer.texel_weight)
         pair = [
-            linear_to_srgb(
-                light.radiance(seen, material, light.prepare(model.maps, values, environment, 0.0, step)).clamp(0, 1)
-            )
+            encode_srgb(light.radiance(seen, material, light.prepare(model.maps, values, environment, 0.0, step)))
             for step in (2 * number, 2 * number + 1)
         ]
         wrong = ((pair[0] - pair[1]) ** 2).mean(1) / 2

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.stage2.probe.baked import baked_light
 from exmesh_graph.stage2.probe.compare import Gain, paired_gain
 from exmesh_graph.stage2.probe.decide import (
@@ -33,8 +34,8 @@ BASE_STEPS, STEPS, RATE = 150, 60, 0.3
 TEXELS, LEAST_TEXELS, CONVEX, MOST_BOUNCES, SKIES = 128, 16, 1e-3, 3, (64, 128)
 #: Mean squared error (40 dB) below which no relit picture comes: the least that baked light is weighed against.
 BEST_ERROR = 1e-4
-#: Points and directions of transport.direct by default: what the counted cost of a step refers to.
-FULL_POINTS, FULL_DIRECTIONS = 12_000, 128
+#: The light transport that the counted cost of a step refers to: transport.direct's by default.
+FULL = TransportSettings()
 
 
 @dataclass(frozen=True)
@@ -153,15 +154,15 @@ class _Probe:
         return self._compared(candidate.name, Part(candidate.settings), draw=1)
 
     def _environment(self, reference: ShortFit) -> None:
-        found = []
+        tried_gains = []
         for rows in SKIES:
             tried = self._compared("environment_height", Part({"environment_height": rows}), draw=1)
             cost = replace(self.work, height=rows).total() / replace(self.work, height=rows // 2).total()
-            found.append((rows, with_noise(self._gain(reference, tried), self.placebo), cost))
-            if not pays(*found[-1][1:]):
+            tried_gains.append((rows, with_noise(self._gain(reference, tried), self.placebo), cost))
+            if not pays(*tried_gains[-1][1:]):
                 break
             reference = tried
-        self.decisions["environment_height"] = decide_environment(found, SKIES[0] // 2)
+        self.decisions["environment_height"] = decide_environment(tried_gains, SKIES[0] // 2)
 
     def _texture(self) -> Work:
         """Decide on the atlas; the counted work of a step at the sizes of a whole fit."""
@@ -169,13 +170,13 @@ class _Probe:
         mean = sum(len(buffer.pixel) for buffer in self.fit.fitted) / self.sample.fitted * factor**2
         budget = texel_budget(self.carrier, self.fit.footprints() / factor**2, mean * len(self.views))
         self.decisions["texture_size"] = decide_texture(budget)
-        finer = FULL_POINTS * FULL_DIRECTIONS / (len(light.points) * len(light.directions))
+        finer = FULL.points * FULL.directions / (len(light.points) * len(light.directions))
         assert light.gather_point is not None
         return Work(
             pixels=mean,
             texels=mean * len(self.views) / max(budget.pixels_per_texel, 1e-6),
-            points=FULL_POINTS,
-            directions=FULL_DIRECTIONS,
+            points=FULL.points,
+            directions=FULL.directions,
             entries=len(light.gather_point) * finer,
             height=SKIES[0] // 2,
         )

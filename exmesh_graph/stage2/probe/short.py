@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import copy
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.losses import linear_to_srgb
 from exmesh_graph.optim import Adam
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.maps import MaterialMaps
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.precomputed import PrecomputedLight
+from exmesh_graph.stage2.objective import encode_srgb, weighted_terms
 from exmesh_graph.stage2.probe.compare import tiles_of
 from exmesh_graph.stage2.probe.sample import Sample
-from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.stage2.terms import weighted_terms
+from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Carrier, Transport
 
 #: Surface points and directions of the probe's light transport.
@@ -31,7 +30,7 @@ LAST_RATE = 0.05
 #: Tiles along a held-out picture's side: the clusters of the paired comparison.
 CLUSTERS = 4
 #: The short schedule of docs/stage2.md on coarse maps. Interreflection is switched by `bounces`, not by its weight.
-SHORT = FitSettings(
+SHORT = DecompositionSettings(
     environment_height=32,
     material_rate=0.3,
     environment_rate=0.6,
@@ -61,9 +60,9 @@ class ShortFit:
         traced = trace_transport(carrier.vertices, carrier.faces, DIRECTIONS, subdivision)
         self.transport: Transport = with_bounces(traced, 1)
         self.seed = seed
-        self.start = neutral_asset(carrier, "gray", size=8)
-        settings = replace(SHORT, texture_size=texture_size)
-        self.model = Model(carrier, sample.views, self.transport, settings, "cpu", start=self.start)
+        self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8)
+        settings = SHORT.replaced(texture_size=texture_size)
+        self.model = Decomposition(carrier, sample.views, self.transport, settings, "cpu", start=self.start)
         buffers = list(self.model.buffers)
         self.model.start()  # of the held-out pixels it uses their mean brightness, for the first sky
         used = [row for row in range(sample.fitted) if len(buffers[row].pixel)]
@@ -82,7 +81,7 @@ class ShortFit:
         """A copy that also models `part`."""
         twin, model = copy.copy(self), copy.copy(self.model)
         twin.model = model
-        settings = replace(model.settings, **part.settings)
+        settings = model.settings.replaced(**part.settings)
         before, model.settings = model.maps, settings
         with torch.no_grad():
             model.maps = MaterialMaps(self.start, before.texels, before.size, settings)
@@ -150,11 +149,11 @@ class ShortFit:
         A cluster is a tile of a held-out view. Pixels on texels that no fitted pixel reads are left out, and so are
         channels at the top of a photograph's range.
         """
-        lit = self.model.lit(1.0, 0)
+        prepared = self.model.prepare(1.0, 0)
         errors, pixels = [], []
         for buffer, known in zip(self.held, self.known, strict=True):
-            shown, _ = self.model.shade(buffer, lit)
-            wrong = (_display(shown) - _display(buffer.target)) ** 2
+            shown, _ = self.model.shade(buffer, prepared)
+            wrong = (encode_srgb(shown) - encode_srgb(buffer.target)) ** 2
             wrong = torch.where(buffer.clipped, torch.zeros_like(wrong), wrong).mean(dim=1)[known]
             tile = tiles_of(buffer.pixel[known].numpy(), self.size[1], self.size[0], CLUSTERS)
             errors.append(np.bincount(tile, weights=wrong.double().numpy(), minlength=CLUSTERS**2))
@@ -169,13 +168,13 @@ class ShortFit:
 
     def footprints(self) -> np.ndarray:
         """Surface areas [N] that the fitted pixels cover, scene units squared."""
-        found = []
+        areas = []
         for row, buffer in enumerate(self.fitted):
             samples = buffer.samples(self.model.geometry)
             intrinsics, pose = self.cameras[0][row], self.cameras[1][row]
             depth = (samples.position.double().numpy() - pose[:3, 3]) @ pose[:3, 2]
-            found.append(depth**2 / (intrinsics[0, 0] * intrinsics[1, 1]) / samples.n_v.double().numpy())
-        return np.concatenate(found)
+            areas.append(depth**2 / (intrinsics[0, 0] * intrinsics[1, 1]) / samples.n_v.double().numpy())
+        return np.concatenate(areas)
 
     @property
     def light(self) -> PrecomputedLight:
@@ -201,7 +200,3 @@ class ShortFit:
         for fitted in self.fitted:
             evidence.index_add_(0, fitted.texel.reshape(-1), fitted.texel_weight.reshape(-1))
         return (evidence[buffer.texel] * buffer.texel_weight).sum(1) > 0.5
-
-
-def _display(linear: torch.Tensor) -> torch.Tensor:
-    return linear_to_srgb(linear.clamp(0, 1))

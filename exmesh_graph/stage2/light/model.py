@@ -1,13 +1,14 @@
 """What a light model is to the fit: from maps and environment to the radiance of a view's pixels.
 
-Two of them: `precomputed.PrecomputedLight` (transport traced once, no noise) and the Monte Carlo light of the paper.
+Two of them: `precomputed.PrecomputedLight` (transport traced once, no noise) and `sampled.SampledLight` (the Monte Carlo
+light of the paper).
 A fit calls, in this order:
 
     texels                once
-    view                  whenever a view's buffer is made: once, or again where memory is short (stage2.stream)
+    view                  whenever a view's buffer is made: once, or again where memory is short (stage2.gbuffer)
     start                 once, before the first step of a fit that is not resumed
     prepare, radiance     every step: what holds for all pixels under the current maps and environment; then one view
-    measure               now and then (FitSettings.corrections): rays that no single step could afford
+    measure               now and then (DecompositionSettings.corrections): rays that no single step could afford
     state, restore        for checkpoints: everything that start and measure changed
 """
 
@@ -18,27 +19,16 @@ from typing import Any, Protocol
 
 import torch
 
-from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.gbuffer import ViewBuffer, ViewLight
 from exmesh_graph.stage2.maps import Material, MaterialMaps
-from exmesh_graph.stage2.surface import SurfaceSamples
 
 
-class LightModel(Protocol):
+class LightModel(ViewLight, Protocol):
     """Direct and indirect light of a frozen carrier, differentiable in maps and environment.
 
-    `values` is MaterialMaps.values(), `environment` the radiance [H, W, 3], `strength` lambda_ind of eq. 20. `lit` is
-    whatever `prepare` returned for the step; `buffer.light` is whatever `view` returned for the buffer.
+    `values` is MaterialMaps.values(), `environment` the radiance [H, W, 3], `strength` lambda_ind of eq. 20. `prepared`
+    is whatever `prepare` returned for the step; `buffer.light` is whatever `view` returned for the buffer.
     """
-
-    def texels(self, size: int) -> torch.Tensor:
-        """Flat texels int64 [any] of size x size maps that the model itself reads, besides those of pixels."""
-
-    def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int, number: int) -> Any:
-        """What the model keeps of view `number`: `surface` seen by its flat `pixel`s in an image `width` wide.
-
-        Called again whenever a view's buffer had to go from memory: what `start` and `measure` found lives in the
-        model, by the view's number.
-        """
 
     def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
         """Whatever must be measured before the first step."""
@@ -48,7 +38,7 @@ class LightModel(Protocol):
     ) -> Any:
         """What all pixels share under the current maps and environment."""
 
-    def radiance(self, buffer: ViewBuffer, material: Material, lit: Any) -> torch.Tensor:
+    def radiance(self, buffer: ViewBuffer, material: Material, prepared: Any) -> torch.Tensor:
         """Radiance [N, 3] that the view's pixels send to the camera."""
 
     def measure(

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -12,26 +11,26 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import check_fits
-from exmesh_graph.stage2.common_factor import CommonFactor
-from exmesh_graph.stage2.exposure import Exposure
-from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.gains import CommonFactor, Exposure
+from exmesh_graph.stage2.gbuffer import ViewBuffer, ViewBuffers
 from exmesh_graph.stage2.init import check_start, is_uniform, neutral_asset
-from exmesh_graph.stage2.light import LightModel
+from exmesh_graph.stage2.light.model import LightModel
+from exmesh_graph.stage2.light.precomputed import PrecomputedLight
+from exmesh_graph.stage2.light.sampled import SampledLight
 from exmesh_graph.stage2.maps import Material, MaterialMaps
-from exmesh_graph.stage2.normal_map import TangentFrames
-from exmesh_graph.stage2.precomputed import PrecomputedLight
-from exmesh_graph.stage2.sampled import SampledLight, SampledSettings
-from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.stage2.stream import ViewBuffers
-from exmesh_graph.stage2.surface import CarrierGeometry
+from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.surface import CarrierGeometry, TangentFrames
 from exmesh_graph.types import Asset, Carrier, Transport, Views
+
+if TYPE_CHECKING:
+    from exmesh_graph.shading.settings import MonteCarloSettings
 
 #: Photographs of a dark room: the light's softplus parameter must still have a gradient.
 MIN_LEVEL = 0.01
 
 
 @dataclass
-class Lit:
+class Prepared:
     """Maps and environment as a step sees them: values [T, C], radiance [H, W, 3], and what the light model made."""
 
     values: torch.Tensor
@@ -39,22 +38,21 @@ class Lit:
     light: Any
 
 
-class Model:
+class Decomposition:
     """Maps, environment and light model on a carrier, and the buffers of its training views."""
 
     def __init__(
         self,
         carrier: Carrier,
         views: Views,
-        transport: Transport | SampledSettings,
-        settings: FitSettings,
+        transport: Transport | MonteCarloSettings,
+        settings: DecompositionSettings,
         device: str,
-        budget: float = math.inf,
         seed: int = 0,
         start: Asset | None = None,
     ) -> None:
-        """`budget`: bytes that the views' buffers may take (stage2.stream); `seed`: of light that is sampled;
-        `start`: the maps and the light to start from, None for `stage2.init.neutral_asset`."""
+        """`seed`: of light that is sampled; `start`: the maps and the light to start from, None for
+        `stage2.init.neutral_asset`."""
         if start is None and settings.keep_light:
             raise DataError(
                 "keep_light keeps the start's environment, but no start is given",
@@ -68,12 +66,13 @@ class Model:
         tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
         frames = TangentFrames(carrier, device) if settings.normal_map else None
         self.light: LightModel
-        if isinstance(transport, SampledSettings):
+        if not isinstance(transport, Transport):
             self.light = SampledLight(transport, self.geometry, tracer, seed, frames)
         else:
             check_fits(transport, carrier.vertices, carrier.faces)
             self.light = PrecomputedLight(transport, self.geometry, tracer, settings, frames)
         size = settings.texture_size or carrier.texture.shape[0]
+        budget = settings.memory_gib * 2**30
         self.buffers = ViewBuffers(self.geometry, self.light, views, size, settings.min_coverage, budget)
         if not any(self.buffers.pixels):
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
@@ -86,24 +85,24 @@ class Model:
         self.factor.parameter.requires_grad_(not settings.keep_light)
         self.exposure = Exposure(len(views), device) if settings.exposure else None
 
-    def lit(self, strength: float, step: int) -> Lit:
+    def prepare(self, strength: float, step: int) -> Prepared:
         """The current maps and light of a step, with lambda_ind = `strength`; differentiable.
 
-        The sky's regularisers (`Lit.environment`) have no say in the common factor.
+        The sky's regularisers (`Prepared.environment`) have no say in the common factor.
         """
         radiance = envmap.radiance_of(self.environment)
         values, environment = self.factor.share(self.maps.values(), radiance)
         light = self.light.prepare(self.maps, values, environment, strength, step)
-        return Lit(values, radiance * self.factor.parameter.detach().exp(), light)
+        return Prepared(values, radiance * self.factor.parameter.detach().exp(), light)
 
     def settle_factor(self) -> None:
         """Fold the common factor into the maps and the sky, which are whole without it afterwards."""
         self.factor.fold(self.maps.parameter, self.environment)
 
-    def shade(self, buffer: ViewBuffer, lit: Lit) -> tuple[torch.Tensor, Material]:
+    def shade(self, buffer: ViewBuffer, prepared: Prepared) -> tuple[torch.Tensor, Material]:
         """Radiance [N, 3] of a view's pixels, in its exposure, and their material."""
-        material = self.maps.read(lit.values, buffer.texel, buffer.texel_weight)
-        radiance = self.light.radiance(buffer, material, lit.light)
+        material = self.maps.read(prepared.values, buffer.texel, buffer.texel_weight)
+        radiance = self.light.radiance(buffer, material, prepared.light)
         return radiance if self.exposure is None else radiance * self.exposure.gain(buffer.number), material
 
     def start(self) -> None:
@@ -121,10 +120,10 @@ class Model:
     @torch.no_grad()
     def level_light(self) -> None:
         """Scale the uniform starting light so that the starting maps are as bright as the photographs, on average."""
-        lit = self.lit(0.0, 0)
+        prepared = self.prepare(0.0, 0)
         seen = shown = 0.0
         for buffer in self.buffers:
-            predicted, _ = self.shade(buffer, lit)
+            predicted, _ = self.shade(buffer, prepared)
             seen += float((buffer.target * buffer.coverage[:, None]).sum())
             shown += float((predicted * buffer.coverage[:, None]).sum())
         level = max(seen / max(shown, 1e-12), MIN_LEVEL)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -18,42 +18,21 @@ import torch
 from exmesh_graph.rays import RayTracer
 from exmesh_graph.shading import monte_carlo
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.monte_carlo import Coarse, LightSettings, MonteCarloLight, Points, SampleCache, coarse_points
+from exmesh_graph.shading.monte_carlo import Coarse, MonteCarloLight, Points, SampleCache, coarse_points
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.maps import Material, MaterialMaps
-from exmesh_graph.stage2.normal_map import TangentFrames, mapped_surface
-from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, TangentFrames, mapped_surface, texel_footprint
 from exmesh_graph.uv.raster import rasterize_atlas
+
+if TYPE_CHECKING:
+    from exmesh_graph.shading.settings import MonteCarloSettings
 
 #: Texels around the charts that a bilinear lookup inside them may read.
 _MARGIN = 1.5
 
 
-@dataclass(frozen=True)
-class SampledSettings:
-    """Sample counts and choices of the sampled light; the defaults are the paper's.
-
-    technique           where direct samples go: environment, brdf, mis or cosine
-    samples             N_d, direct samples per pixel
-    bounces             0: direct light only; 1: one diffuse bounce
-    secondary_rays      N_b, secondary_samples  N_s
-    half_resolution     secondary rays for one pixel of each 2 x 2 block, upsampled
-    secondary_material  hits read the maps; else the primary point's material stands in
-    kept                estimates per view whose rays are kept between two measurements; 0: fresh samples every step
-    """
-
-    technique: monte_carlo.Sampler = "environment"
-    samples: int = 8
-    bounces: int = 1
-    secondary_rays: int = 16
-    secondary_samples: int = 4
-    half_resolution: bool = True
-    secondary_material: bool = True
-    kept: int = 0
-
-
 @dataclass
-class SampledLit:
+class PreparedSamples:
     """A step's light: the environment, how to draw from it, and what secondary hits read."""
 
     maps: MaterialMaps
@@ -73,7 +52,7 @@ class SampledView:
 
 
 class SampledLight:
-    """A stage2.light.LightModel over shading.monte_carlo.
+    """A LightModel over shading.monte_carlo.
 
     Kept rays follow the maps and the environment of the last measurement, which are part of `state`; they are drawn
     when first asked for, so that a resumed fit draws them again.
@@ -81,21 +60,14 @@ class SampledLight:
 
     def __init__(
         self,
-        settings: SampledSettings,
+        settings: MonteCarloSettings,
         geometry: CarrierGeometry,
         tracer: RayTracer,
         seed: int,
         frames: TangentFrames | None = None,
     ) -> None:
         self.settings, self.geometry, self.seed, self.frames = settings, geometry, seed, frames
-        counts = LightSettings(
-            sampler=settings.technique,
-            direct_samples=settings.samples,
-            secondary_rays=settings.secondary_rays if settings.bounces else 0,
-            secondary_samples=settings.secondary_samples,
-            secondary_material=settings.secondary_material,
-        )
-        self.light = MonteCarloLight(geometry, tracer, counts)
+        self.light = MonteCarloLight(geometry, tracer, settings)
         self.frozen: tuple[torch.Tensor, torch.Tensor] | None = None
         self.caches: dict[int, SampleCache] = {}
 
@@ -114,21 +86,21 @@ class SampledLight:
 
     def prepare(
         self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
-    ) -> SampledLit:
+    ) -> PreparedSamples:
         query = self._query(maps, values) if self.settings.bounces and strength > 0 else None
-        return SampledLit(maps, environment, EnvSampler(environment), query, strength, step)
+        return PreparedSamples(maps, environment, EnvSampler(environment), query, strength, step)
 
-    def radiance(self, buffer: ViewBuffer, material: Material, lit: SampledLit) -> torch.Tensor:
+    def radiance(self, buffer: ViewBuffer, material: Material, prepared: PreparedSamples) -> torch.Tensor:
         points = self._points(buffer, material)
         here = _material(material)
         if self.frozen is None:
-            number = self.seed * 1_000_003 + lit.step
-            coarse = self._coarse(buffer.light, points, lit.step)
-            drawn = self.light.draw(points, here, lit.query, lit.sampler, number, coarse)
+            number = self.seed * 1_000_003 + prepared.step
+            coarse = self._coarse(buffer.light, points, prepared.step)
+            drawn = self.light.draw(points, here, prepared.query, prepared.sampler, number, coarse)
         else:
             cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
-            drawn = cache.get(lit.step, self._keeping(buffer, lit))
-        return self.light.shade(drawn, points, here, lit.query, lit.environment, lit.strength)
+            drawn = cache.get(prepared.step, self._keeping(buffer, prepared))
+        return self.light.shade(drawn, points, here, prepared.query, prepared.environment, prepared.strength)
 
     def measure(
         self,
@@ -151,15 +123,15 @@ class SampledLight:
         self.frozen = None if frozen is None else (frozen[0].to(device), frozen[1].to(device))
         self.caches = {}
 
-    def _keeping(self, buffer: ViewBuffer, lit: SampledLit) -> Callable[[int], monte_carlo.Drawn]:
+    def _keeping(self, buffer: ViewBuffer, prepared: PreparedSamples) -> Callable[[int], monte_carlo.Drawn]:
         """How a slot of the view's kept rays is drawn: from the frozen maps and environment, by a seed of its own."""
         assert self.frozen is not None
         values, environment = self.frozen
 
         def draw(slot: int) -> monte_carlo.Drawn:
-            read = lit.maps.read(values, buffer.texel, buffer.texel_weight)
+            read = prepared.maps.read(values, buffer.texel, buffer.texel_weight)
             points, material = self._points(buffer, read), _material(read)
-            query = None if lit.query is None else self._query(lit.maps, values)
+            query = None if prepared.query is None else self._query(prepared.maps, values)
             number = self.seed * 1_000_003 + buffer.number * self.settings.kept + slot
             coarse = self._coarse(buffer.light, points, slot)
             return self.light.draw(points, material, query, EnvSampler(environment), number, coarse, turning=True)
@@ -167,7 +139,8 @@ class SampledLight:
         return draw
 
     def _points(self, buffer: ViewBuffer, material: Material | None = None) -> Points:
-        surface = mapped_surface(buffer, self.geometry, self.frames, material)
+        slopes = None if material is None else material.slopes
+        surface = mapped_surface(buffer.samples(self.geometry), self.geometry, self.frames, slopes)
         return Points(surface.position, surface.flat, surface.normal, surface.view)
 
     def _coarse(self, view: SampledView, points: Points, step: int) -> Coarse | None:

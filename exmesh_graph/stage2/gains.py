@@ -1,9 +1,15 @@
-"""The factor that base colour and light share, as a parameter of its own per colour channel.
+"""Scalars fitted beside maps and light: the factor that base colour and light share, and one exposure per view.
 
-Base colour times s under light divided by s looks the same but for what the coat reflects (F0 = 0.04, whatever the base
+The common factor: base colour times s under light divided by s looks the same but for what the coat reflects (F0 = 0.04, whatever the base
 colour) and for interreflection. Both tell s, but hardly to Adam: every texel of maps and sky moves by the sign of its
 own noisy gradient, and the small common part of those gradients is lost. As one number for all texels it is the
-sum of them, and is found in some hundred steps (docs/stage2.md).
+sum of them, and settles within some hundred steps (docs/stage2.md).
+
+The exposures, for photographs whose brightness wanders: a view's gain is the factor that brings the rendering to its
+photograph. Where the view is visited, the gain's logarithm follows the median over the view's pixels of
+log(photograph / rendering), which no highlight moves. Gains enter divided by their median, so that together they cannot
+brighten the light and one view's wrong exposure stays its own. They rest for the first part of the fit: before the sky
+has its shape, views that look at the bright side would be taken for overexposed ones.
 """
 
 from __future__ import annotations
@@ -12,6 +18,8 @@ import math
 
 import torch
 import torch.nn.functional as F
+
+from exmesh_graph.stage2.gbuffer import ViewBuffer
 
 #: The share of texels whose base colour the factor must leave below 1, judged from so many of them.
 KEPT, JUDGED = 0.95, 2000
@@ -54,7 +62,39 @@ class CommonFactor:
         folded = torch.minimum(folded, color.clamp_min(math.log(BRIGHTEST)))
         maps[:, :3] = torch.where(folded == color, maps[:, :3], folded - torch.log(-torch.expm1(folded)))
         radiance = F.softplus(environment) * self.parameter.exp()
-        lit = radiance > 0  # a parameter so low that its radiance is 0 stays
-        radiance = torch.where(lit, radiance, torch.ones_like(radiance))
-        environment.copy_(torch.where(lit, radiance + torch.log(-torch.expm1(-radiance)), environment))
+        positive = radiance > 0  # a parameter so low that its radiance is 0 stays
+        radiance = torch.where(positive, radiance, torch.ones_like(radiance))
+        environment.copy_(torch.where(positive, radiance + torch.log(-torch.expm1(-radiance)), environment))
         self.parameter.zero_()
+
+
+#: Share of the measured change that a gain follows at each visit.
+RATE = 0.3
+#: Share of the fit's steps during which the gains stay at 1.
+REST = 0.1
+LARGEST = math.log(4.0)
+#: Pixels darker than this tell more of noise than of exposure.
+DARK = 0.01
+
+
+class Exposure:
+    """Log-gains float32 [N] of N views; `logs` is replaced at each change."""
+
+    def __init__(self, views: int, device: torch.device | str = "cpu") -> None:
+        self.logs = torch.zeros(views, device=device)
+
+    def gain(self, number: int) -> torch.Tensor:
+        """What to multiply the rendering of a view with."""
+        return (self.logs[number] - self.logs.quantile(0.5)).exp()
+
+    @torch.no_grad()
+    def follow(self, buffer: ViewBuffer, predicted: torch.Tensor, progress: float) -> None:
+        """Move the gain of a view whose rendering, gain included, is `predicted` [N, 3] at this share of the fit."""
+        if progress < REST:
+            return
+        usable = (predicted > DARK) & (buffer.target > DARK) & ~buffer.clipped
+        ratio = (buffer.target[usable] / predicted[usable]).log()
+        if len(ratio):
+            logs = self.logs.clone()
+            logs[buffer.number] = (logs[buffer.number] + RATE * ratio.median()).clamp(-LARGEST, LARGEST)
+            self.logs = logs

@@ -2,7 +2,12 @@
 
     L = f_d(x) I_n(x) + split_sum(x) c(x)          I_n: shading.transport, split_sum: shading.specular
 
-No sampling noise in value or gradient. `c` is kept per pixel (stage2.correction).
+No sampling noise in value or gradient.
+
+`c`, kept per pixel, is what the split sum leaves out. It starts as the share of the lobe that sees the sky (from the K
+rays of the light transport). Now and then it becomes traced(theta_now) / split_sum(theta_now): then the forward model
+equals the traced one at theta_now (stretched lobes, true visibility, the mesh mirrored in itself) while gradients still
+come from the cheap term. As the fit settles, so does `c`: a defect correction.
 """
 
 from __future__ import annotations
@@ -19,17 +24,26 @@ from exmesh_graph.rays import RayTracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, reflectance_table
+from exmesh_graph.shading.sampling import Pyramid
+from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, mean_visibility, reflectance_table
 from exmesh_graph.shading.transport import LightTransport
 from exmesh_graph.shading.vector_irradiance import VectorTransport
-from exmesh_graph.stage2.correction import initial_specular_scale, measured_specular_scale
 from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.light.traced import FittedSuns, HitRadiance, find_fitted_suns, traced_specular
 from exmesh_graph.stage2.maps import Material, MaterialMaps
-from exmesh_graph.stage2.normal_map import TangentFrames, bent_irradiance, mapped_surface
-from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.stage2.sunlight import FittedSuns, find_fitted_suns
-from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
+from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.surface import (
+    CarrierGeometry,
+    SurfaceSamples,
+    TangentFrames,
+    bent_irradiance,
+    mapped_surface,
+    texel_footprint,
+)
 from exmesh_graph.types import Transport
+
+#: Bounds of the factor `c`: where the split sum is nearly black the ratio means nothing.
+LARGEST = 4.0
 
 
 @dataclass
@@ -49,7 +63,7 @@ class PrecomputedView:
 
 
 @dataclass
-class PrecomputedLit:
+class PreparedTransport:
     """A step's light: prefiltered rows of the environment, irradiance [P, 3] at the lattice but for what small suns
     send directly, their flux [S, 3] (None: no suns), the vector irradiance [P, 9] (None: no normal map)."""
 
@@ -60,14 +74,14 @@ class PrecomputedLit:
 
 
 class PrecomputedLight:
-    """A stage2.light.LightModel over a types.Transport of the carrier's own mesh."""
+    """A LightModel over a types.Transport of the carrier's own mesh."""
 
     def __init__(
         self,
         transport: Transport,
         geometry: CarrierGeometry,
         tracer: RayTracer,
-        settings: FitSettings,
+        settings: DecompositionSettings,
         frames: TangentFrames | None = None,
     ) -> None:
         self.geometry, self.tracer, self.settings, self.frames = geometry, tracer, settings, frames
@@ -108,7 +122,7 @@ class PrecomputedLight:
 
     def prepare(
         self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
-    ) -> PrecomputedLit:
+    ) -> PreparedTransport:
         rest = environment if self.suns is None else self.suns.suns.without(environment)
         binned = torch.sparse.mm(self.binning, rest.reshape(-1, 3))
         diffuse = None
@@ -119,11 +133,11 @@ class PrecomputedLight:
             vector = None
             if self.vectors is not None:
                 vector = self._vector(binned, irradiance, None if diffuse is None else strength * diffuse)
-            return PrecomputedLit(self.stack.build(environment), irradiance, vector=vector)
+            return PreparedTransport(self.stack.build(environment), irradiance, vector=vector)
         flux = self.suns.suns.flux(environment)
         irradiance = self.suns.operators.irradiance(torch.cat([binned, flux]), diffuse, strength)
         irradiance = irradiance - self.suns.lattice @ flux
-        return PrecomputedLit(self.stack.build(environment), irradiance, flux)
+        return PreparedTransport(self.stack.build(environment), irradiance, flux)
 
     def _vector(self, binned: torch.Tensor, irradiance: torch.Tensor, diffuse: torch.Tensor | None) -> torch.Tensor:
         assert self.vectors is not None
@@ -133,29 +147,29 @@ class PrecomputedLight:
             return self.vectors.vector(binned, diffuse * irradiance)
         return self.vectors.vector(binned, irradiance, diffuse)
 
-    def radiance(self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit) -> torch.Tensor:
+    def radiance(self, buffer: ViewBuffer, material: Material, prepared: PreparedTransport) -> torch.Tensor:
         """Diffuse light by the transport, specular light by the split sum, scaled to what rays measured.
 
-        Equations: 11, 12.
+        Equations: 12, 20.
         """
         kept, metallic = buffer.light, material.metallic
-        irradiance = gather_rows(lit.irradiance, kept.point, kept.point_weight)
-        if self.suns is not None and lit.flux is not None:
-            irradiance = irradiance + self.suns.views[buffer.number] @ lit.flux
+        irradiance = gather_rows(prepared.irradiance, kept.point, kept.point_weight)
+        if self.suns is not None and prepared.flux is not None:
+            irradiance = irradiance + self.suns.views[buffer.number] @ prepared.flux
         mapped = None
-        if lit.vector is not None:
+        if prepared.vector is not None:
             mapped = self.surface(buffer, material)
-            vector = gather_rows(lit.vector, kept.point, kept.point_weight)
+            vector = gather_rows(prepared.vector, kept.point, kept.point_weight)
             irradiance = bent_irradiance(irradiance, vector, buffer.samples(self.geometry).normal, mapped.normal)
-        split = self.split_sum(buffer, material, lit, mapped)
+        split = self.split_sum(buffer, material, prepared, mapped)
         return brdf.diffuse(material.base_color, metallic) * irradiance + split * kept.specular_scale
 
     def surface(self, buffer: ViewBuffer, material: Material) -> SurfaceSamples:
         """The view's surface samples, under the material's normal map where one is fitted."""
-        return mapped_surface(buffer, self.geometry, self.frames, material)
+        return mapped_surface(buffer.samples(self.geometry), self.geometry, self.frames, material.slopes)
 
     def split_sum(
-        self, buffer: ViewBuffer, material: Material, lit: PrecomputedLit, mapped: SurfaceSamples | None = None
+        self, buffer: ViewBuffer, material: Material, prepared: PreparedTransport, mapped: SurfaceSamples | None = None
     ) -> torch.Tensor:
         """Unoccluded specular radiance [N, 3] of a view's pixels; `mapped`: their surface under a normal map."""
         kept, roughness = buffer.light, material.roughness
@@ -163,7 +177,7 @@ class PrecomputedLight:
         if mapped is not None:
             (env_u, env_v), n_v = envmap.uv_of(mapped.reflected), mapped.n_v
         index, weight = self.stack.locate(env_u, env_v, roughness)
-        prefiltered = gather_rows(lit.stack, index, weight)
+        prefiltered = gather_rows(prepared.stack, index, weight)
         if material.has_metallic:
             f0 = brdf.base_reflectance(material.base_color, material.metallic)
             return directional_albedo(self.table, n_v, roughness, f0) * prefiltered
@@ -190,15 +204,15 @@ class PrecomputedLight:
     ) -> None:
         if self.frames is None:  # their light is kept per pixel, for its smooth normal
             self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
-        lit = self.prepare(maps, values, environment, strength, 0)
-        arriving = lit.irradiance
-        if self.suns is not None and lit.flux is not None:
-            arriving = arriving + self.suns.lattice @ lit.flux
+        prepared = self.prepare(maps, values, environment, strength, 0)
+        arriving = prepared.irradiance
+        if self.suns is not None and prepared.flux is not None:
+            arriving = arriving + self.suns.lattice @ prepared.flux
         leaving = self.lattice_diffuse(maps, values) * arriving
         for buffer in buffers:
             if len(buffer.pixel):
                 material = maps.read(values, buffer.texel, buffer.texel_weight)
-                scale = measured_specular_scale(self, buffer, material, lit, environment, leaving, generator)
+                scale = measured_specular_scale(self, buffer, material, prepared, environment, leaving, generator)
                 self._keep(buffer, scale)
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
@@ -213,3 +227,58 @@ class PrecomputedLight:
 
     def _keep(self, buffer: ViewBuffer, scale: torch.Tensor) -> None:
         self.scale[buffer.number] = buffer.light.specular_scale = scale
+
+
+@torch.no_grad()
+def initial_specular_scale(
+    light: PrecomputedLight, buffer: ViewBuffer, roughness: float, chunk: int = 1 << 14
+) -> torch.Tensor:
+    """A view's factor [N, 3] before any measurement: the visible share of the lobe of `roughness`."""
+    visible = light.operators.visible.float()
+    directions = torch.from_numpy(light.operators.light.directions).to(visible)
+    kept, reflected = buffer.light, buffer.samples(light.geometry).reflected
+    scale = torch.ones_like(kept.specular_scale)
+    for start in range(0, len(buffer.pixel), chunk):
+        part = slice(start, start + chunk)
+        seen = (visible[kept.point[part]] * kept.point_weight[part, :, None]).sum(1)
+        share = mean_visibility(seen, directions, reflected[part], roughness)
+        scale[part] = share[:, None]
+    return scale
+
+
+@torch.no_grad()
+def measured_specular_scale(
+    light: PrecomputedLight,
+    buffer: ViewBuffer,
+    material: Material,
+    prepared: PreparedTransport,
+    environment: torch.Tensor,
+    leaving: torch.Tensor,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the diffuse radiance of the lattice points."""
+    surface = light.surface(buffer, material)
+    traced = traced_specular(
+        surface,
+        light.geometry.face_normals,
+        material.roughness,
+        brdf.base_reflectance(material.base_color, material.metallic),
+        Pyramid(environment),
+        light.tracer,
+        lattice_radiance(light.operators.light, leaving),
+        light.settings.correction_samples,
+        torch.rand(len(surface), 2, generator=generator),
+    )
+    split = light.split_sum(buffer, material, prepared, None if light.frames is None else surface)
+    return (traced / split.clamp_min(1e-6)).clamp(0, LARGEST)
+
+
+def lattice_radiance(transport: Transport, leaving: torch.Tensor) -> HitRadiance:
+    """A HitRadiance that interpolates `leaving` [P, 3] over the lattice of `transport` (a reflection blurs more)."""
+
+    def radiance(face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
+        index, weight = locate(transport.face_points, transport.subdivision, face.cpu().numpy(), bary.cpu().numpy())
+        rows = torch.from_numpy(index.astype("int64")).to(leaving.device)
+        return gather_rows(leaving, rows, torch.from_numpy(weight).to(leaving))
+
+    return radiance

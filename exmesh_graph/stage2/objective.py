@@ -1,0 +1,85 @@
+"""The objective of a step: weighted terms of one view, eq. 21 to 24."""
+
+from __future__ import annotations
+
+import torch
+
+from exmesh_graph.losses import d_ssim, linear_to_srgb, ssim_target
+from exmesh_graph.shading import envmap
+from exmesh_graph.stage2.decomposition import Decomposition
+from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.settings import DecompositionSettings
+
+
+def indirect_strength(settings: DecompositionSettings, step: int) -> float:
+    """lambda_ind of eq. 20 at `step`: linear from 0 to its target."""
+    return settings.indirect_weight * min(1.0, (step + 1) / max(settings.indirect_ramp, 1))
+
+
+def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    """The weighted terms of eq. 22 for one view, and its predicted radiance [N, 3] (detached).
+
+    Equations: 21, 22, 24.
+    """
+    settings = model.settings
+    prepared = model.prepare(indirect_strength(settings, step), step)
+    predicted, material = model.shade(buffer, prepared)
+    terms = {"image": settings.log_weight * log_l1(predicted, buffer.target, buffer.clipped, buffer.coverage)}
+    if settings.ssim_weight > 0:
+        terms["ssim"] = settings.ssim_weight * _d_ssim(predicted, buffer)
+    if settings.material_weight > 0:
+        terms["material"] = settings.material_weight * pair_variation(material.table, buffer.pairs)
+    if not prepared.environment.requires_grad:  # a known light
+        return terms, predicted.detach()
+    if settings.environment_weight > 0:
+        terms["environment"] = settings.environment_weight * envmap.total_variation(prepared.environment)
+    if settings.chroma_weight > 0:
+        weight = settings.chroma_weight * (1 - step / settings.iterations)
+        terms["chroma"] = weight * envmap.chroma(prepared.environment)
+    return terms, predicted.detach()
+
+
+def view_psnr(predicted: torch.Tensor, buffer: ViewBuffer) -> float:
+    """PSNR of a view's pixels in sRGB [dB]."""
+    error = ((encode_srgb(predicted) - encode_srgb(buffer.target)) ** 2).mean()
+    return float(-10 * torch.log10(error.clamp_min(1e-10)))
+
+
+def log_l1(predicted: torch.Tensor, target: torch.Tensor, clipped: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """Mean of |log(1 + predicted) - log(1 + target)| over pixels [N, 3], weighted by coverage [N].
+
+    Where the photograph is `clipped` at the top of its range, any prediction above the target is right.
+
+    Equation: 21.
+    """
+    residual = torch.log1p(predicted) - torch.log1p(target)
+    residual = torch.where(clipped, residual.clamp(max=0), residual)
+    return (residual.abs().mean(dim=1) * weight).sum() / weight.sum()
+
+
+def pair_variation(values: torch.Tensor, pairs: torch.Tensor) -> torch.Tensor:
+    """TV of a map projected to the screen: mean absolute step [per channel] over neighbouring pixels `pairs` [Q, 2].
+
+    Equation: 23.
+    """
+    if len(pairs) == 0:
+        return values.sum() * 0
+    return (values[pairs[:, 0]] - values[pairs[:, 1]]).abs().mean()
+
+
+def encode_srgb(linear: torch.Tensor) -> torch.Tensor:
+    """Display values of linear colours, clamped to what a file can hold."""
+    return linear_to_srgb(linear.clamp(0, 1))
+
+
+def _d_ssim(predicted: torch.Tensor, buffer: ViewBuffer) -> torch.Tensor:
+    """D-SSIM in sRGB over the box of the view's pixels, black around them."""
+    height, width = buffer.box
+    if buffer.ssim is None:
+        buffer.ssim = ssim_target(_image(encode_srgb(buffer.target), buffer.box_pixel, height, width))
+    return d_ssim(_image(encode_srgb(predicted), buffer.box_pixel, height, width), buffer.ssim)
+
+
+def _image(values: torch.Tensor, pixel: torch.Tensor, height: int, width: int) -> torch.Tensor:
+    blank = torch.zeros(height * width, 3, dtype=values.dtype, device=values.device)
+    return blank.index_copy(0, pixel, values).reshape(height, width, 3)
