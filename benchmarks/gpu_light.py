@@ -16,7 +16,6 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -29,14 +28,16 @@ from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.monte_carlo import (
-    PAPER,
     Material,
     MonteCarloLight,
     Points,
     coarse_points,
     independent_gradient,
 )
+from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.stage2.surface import texel_footprint
+
+PAPER = MonteCarloSettings()
 
 
 def main() -> None:
@@ -57,9 +58,9 @@ def relight(options: argparse.Namespace, device: str) -> list[dict]:
     rows = []
     for name, settings, bounce in (
         ("relight, direct", PAPER, False),
-        ("relight, direct, mis", replace(PAPER, sampler="mis"), False),
+        ("relight, direct, mis", PAPER.replaced(technique="mis"), False),
         ("relight, direct and one bounce", PAPER, True),
-        ("relight, direct and one bounce, mis", replace(PAPER, sampler="mis"), True),
+        ("relight, direct and one bounce, mis", PAPER.replaced(technique="mis"), True),
     ):
         light = MonteCarloLight(world.scene.surface, world.tracer, settings)
 

@@ -20,9 +20,10 @@ import torch
 
 from benchmarks import light_scene
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.monte_carlo import LightSettings, Material, MonteCarloLight
+from exmesh_graph.shading.monte_carlo import Material, MonteCarloLight
 from exmesh_graph.shading.monte_carlo.samples import LightSamples
 from exmesh_graph.shading.monte_carlo.shade import shade, shade_reference
+from exmesh_graph.shading.settings import MonteCarloSettings
 
 Way = Callable[..., torch.Tensor]
 
@@ -45,7 +46,11 @@ def main() -> None:
     scene = light_scene.build(options.size, metallic=True)
     points, sky = scene.points(), scene.sky
     material = scene.material(scene.attributes, scene.face, scene.bary)
-    light = MonteCarloLight(scene.surface, scene.tracer(1), LightSettings("mis", options.samples, 0, 0))
+    light = MonteCarloLight(
+        scene.surface,
+        scene.tracer(1),
+        MonteCarloSettings(technique="mis", samples=options.samples, bounces=0),
+    )
     best: dict[str, list[float]] = {}
     drawn = float("inf")
     for _ in range(options.repeats + 1):  # the first one compiles

@@ -38,26 +38,27 @@ from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.monte_carlo import (
-    PAPER,
     Drawn,
-    LightSettings,
     Material,
     MonteCarloLight,
     SampleCache,
     independent_gradient,
 )
+from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.shading.transport import LightTransport, trace_transport, with_bounces
 
+PAPER, DENSE = MonteCarloSettings(), MonteCarloSettings(technique="mis", samples=64)
+
 #: name -> settings, half resolution, cached slots (-1: none, and the backward pass draws its own samples)
-OURS: dict[str, tuple[LightSettings, bool, int]] = {
+OURS: dict[str, tuple[MonteCarloSettings, bool, int]] = {
     "paper (environment 8, 16 x 4, half)": (PAPER, True, 0),
-    "mis 64, 32 x 4, half": (LightSettings("mis", 64, 32, 4), True, 0),
-    "environment 32, 16 x 4, half": (LightSettings("environment", 32, 16, 4), True, 0),
-    "defaults (mis 64, 16 x 4, half)": (LightSettings(), True, 0),
-    "mis 32, 16 x 4, half": (LightSettings("mis", 32, 16, 4), True, 0),
-    "defaults, the gradient's own seed": (LightSettings(), True, -1),
+    "mis 64, 32 x 4, half": (DENSE.replaced(secondary_rays=32), True, 0),
+    "environment 32, 16 x 4, half": (PAPER.replaced(samples=32), True, 0),
+    "mis 64, 16 x 4, half": (DENSE, True, 0),
+    "mis 32, 16 x 4, half": (DENSE.replaced(samples=32), True, 0),
+    "mis 64, the gradient's own seed": (DENSE, True, -1),
     "paper, cached rays": (PAPER, True, 4),
-    "defaults, cached rays": (LightSettings(), True, 4),
+    "mis 64, cached rays": (DENSE, True, 4),
 }
 SAMPLES = (4, 16, 64)
 
@@ -126,7 +127,15 @@ def child(options: argparse.Namespace) -> dict:
     store = Path(options.work)
     if name.endswith("reference"):
         if name.startswith("ours"):
-            step = our_step(scene, options.threads, matt, weights, LightSettings("mis", 64, 32, 4), False, 0)
+            step = our_step(
+                scene,
+                options.threads,
+                matt,
+                weights,
+                DENSE.replaced(secondary_rays=32),
+                False,
+                0,
+            )
         else:
             step = mitsuba_step(scene, options.threads, matt, weights, 128, "independent")
         parts = [step(seed) for seed in range(1000, 1000 + options.reference)]
@@ -171,7 +180,7 @@ def our_step(
     threads: int,
     matt: bool,
     weights: torch.Tensor,
-    settings: LightSettings,
+    settings: MonteCarloSettings,
     half: bool,
     slots: int,
 ) -> Step:

@@ -26,8 +26,9 @@ import torch
 
 from benchmarks import light_mitsuba, light_scene
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.monte_carlo import LightSettings, Material, MonteCarloLight, shade
+from exmesh_graph.shading.monte_carlo import Material, MonteCarloLight, shade
 from exmesh_graph.shading.monte_carlo.bounce import bounce_irradiance
+from exmesh_graph.shading.settings import MonteCarloSettings
 
 
 def main() -> int:
@@ -56,7 +57,9 @@ def our_batches(scene: light_scene.Scene, options: argparse.Namespace) -> dict[s
     points, query = scene.points(), scene.query(scene.attributes)
     material = scene.material(scene.attributes, scene.face, scene.bary)
     matt = Material(material.diffuse())
-    settings = LightSettings("mis", options.direct_samples, options.secondary_rays, 4)
+    settings = MonteCarloSettings(
+        technique="mis", samples=options.direct_samples, secondary_rays=options.secondary_rays, secondary_samples=4
+    )
     light = MonteCarloLight(scene.surface, scene.tracer(options.threads), settings)
     sampler = EnvSampler(scene.sky)
     found: dict[str, list[np.ndarray]] = {"direct": [], "direct, diffuse": [], "bounce": []}

@@ -31,6 +31,7 @@ from exmesh_graph.shading.transport import choose_subdivision, trace_transport, 
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.probe.scene import probe_scene
+from exmesh_graph.stage2.settings import StartSettings
 from exmesh_graph.types import Carrier, SceneTruth, Views
 from tests.stage2 import probe_scenes
 
@@ -101,7 +102,14 @@ def compare(
             environment_height=choice["environment_height"],
             texture_size=choice["texture_size"],
         )
-        asset, _ = fit(carrier, train, light, settings, seed=options.seed, start=neutral_asset(carrier, "gray"))
+        asset, _ = fit(
+            carrier,
+            train,
+            light,
+            settings,
+            seed=options.seed,
+            start=neutral_asset(carrier, StartSettings(base_color="gray")),
+        )
         seconds = clock.lap()
         if mode == "auto":
             seconds = tuple(a + b for a, b in zip(seconds, probe_seconds, strict=True))

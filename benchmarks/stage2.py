@@ -21,7 +21,6 @@ import argparse
 import itertools
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,14 +29,15 @@ from exmesh_nodes import data, stage1, transport, uv
 
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.geometry.adjacency import angle_weighted_normals
+from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.transport import with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Carrier, Mesh, Stage1State, Views
 
 #: The quickstart's schedule: short, with the weights chosen in docs/stage2.md.
-QUICK = FitSettings(
+QUICK = DecompositionSettings(
     texture_size=512,
     environment_height=64,
     iterations=400,
@@ -83,12 +83,12 @@ def main() -> None:
     carrier = stored_carrier(options.carrier) if options.carrier else true_carrier(ctx, scene)
     print(f"{len(carrier.vertices)} vertices, {len(carrier.faces)} faces, {len(scene.train)} training views")
     began, busy = time.perf_counter(), time.process_time()
-    light = transport.direct(ctx, carrier, p=transport.DirectParams(directions=options.directions)).transport
+    light = transport.direct(ctx, carrier, p=TransportSettings(directions=options.directions)).transport
     traced = (time.perf_counter() - began, time.process_time() - busy)
     found = []
-    start = neutral_asset(carrier, options.start)
+    start = neutral_asset(carrier, StartSettings(base_color=options.start))
     for bounces, iterations in itertools.product(options.bounces, options.iterations):
-        settings = replace(QUICK, **{**dict(options.set), "iterations": iterations})
+        settings = QUICK.replaced(**{**dict(options.set), "iterations": iterations})
         began, busy = time.perf_counter(), time.process_time()
         lit = with_bounces(light, bounces) if bounces else light
         asset, curves = fit(carrier, scene.train, lit, settings, seed=options.seed, start=start)

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,20 +23,20 @@ from exmesh_nodes import data, transport
 from benchmarks.stage2 import QUICK, Quiet, true_carrier
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.optim import Adam
+from exmesh_graph.shading.settings import BounceSettings, MonteCarloSettings, TransportSettings
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.sampled import SampledSettings
-from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.stage2.terms import weighted_terms
+from exmesh_graph.stage2.objective import weighted_terms
+from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Carrier, Transport
 
 #: name -> directions and points of the precomputed light, or settings of the sampled one.
-LIGHTS: dict[str, tuple[int, int] | SampledSettings] = {
+LIGHTS: dict[str, tuple[int, int] | MonteCarloSettings] = {
     "precomputed": (128, 12_000),
-    "Monte Carlo, paper (8, 16 x 4)": SampledSettings(),
-    "Monte Carlo, mis 64, 16 x 4": SampledSettings("mis", 64),
-    "Monte Carlo, paper, 4 kept": SampledSettings(kept=4),
+    "Monte Carlo, paper (8, 16 x 4)": MonteCarloSettings(),
+    "Monte Carlo, mis 64, 16 x 4": MonteCarloSettings(technique="mis", samples=64),
+    "Monte Carlo, paper, 4 kept": MonteCarloSettings(kept=4),
 }
 
 #: What --sweep varies, one at a time: (directions, points, settings of the fit).
@@ -69,13 +68,13 @@ def main() -> None:
     if not options.sweep and not options.only:
         result["steps"] = step_times(ctx, carrier, scene, rounds=2 if options.quick else 8)
         write(options, result)
-    jobs: list[tuple[str, Any, FitSettings]] = []
+    jobs: list[tuple[str, Any, DecompositionSettings]] = []
     if options.sweep:
         for name, (directions, points, changes) in SWEEP.items():
-            jobs.append((name, (directions, points), replace(QUICK, iterations=400, **changes)))
+            jobs.append((name, (directions, points), QUICK.replaced(iterations=400, **changes)))
     else:
         lengths = [40] if options.quick else options.iterations
-        jobs = [(name, light, replace(QUICK, iterations=n)) for n in lengths for name, light in LIGHTS.items()]
+        jobs = [(name, light, QUICK.replaced(iterations=n)) for n in lengths for name, light in LIGHTS.items()]
     if options.only:
         jobs = [job for job in jobs if any(word in job[0] for word in options.only)]
     print(f"{'light':60} steps  seconds   held-out   relit  albedo  roughness MSE")
@@ -93,10 +92,10 @@ def main() -> None:
 
 def step_times(ctx: Quiet, carrier: Carrier, scene: data.BlenderOut, rounds: int, steps: int = 5) -> dict[str, float]:
     """Milliseconds of processor time per step of each light model, the least of `rounds` rounds taken in turns."""
-    settings = replace(QUICK, texture_size=512)
+    settings = QUICK.replaced(texture_size=512)
     runners = {}
     for name, light in LIGHTS.items():
-        model = Model(carrier, scene.train, made(ctx, carrier, light), settings, "cpu")
+        model = Decomposition(carrier, scene.train, made(ctx, carrier, light), settings, "cpu")
         model.start()
         model.measure(1.0, torch.Generator().manual_seed(0))
         runners[name] = (model, Adam([model.maps.parameter, model.environment], [1e-3, 1e-3]))
@@ -121,25 +120,30 @@ def step_times(ctx: Quiet, carrier: Carrier, scene: data.BlenderOut, rounds: int
     return least
 
 
-def made(ctx: Quiet, carrier: Carrier, light: tuple[int, int] | SampledSettings) -> Transport | SampledSettings:
-    if isinstance(light, SampledSettings):
+def made(ctx: Quiet, carrier: Carrier, light: tuple[int, int] | MonteCarloSettings) -> Transport | MonteCarloSettings:
+    if isinstance(light, MonteCarloSettings):
         return light
     directions, points = light
-    traced = transport.direct(ctx, carrier, p=transport.DirectParams(directions=directions, points=points)).transport
-    return transport.bounce(ctx, traced, p=transport.BounceParams()).transport
+    traced = transport.direct(ctx, carrier, p=TransportSettings(directions=directions, points=points)).transport
+    return transport.bounce(ctx, traced, p=BounceSettings()).transport
 
 
 def fitted(
     ctx: Quiet,
     carrier: Carrier,
     scene: data.BlenderOut,
-    light: tuple[int, int] | SampledSettings,
-    settings: FitSettings,
+    light: tuple[int, int] | MonteCarloSettings,
+    settings: DecompositionSettings,
 ) -> dict[str, Any]:
     """One fit: processor seconds with whatever its light traces first, scores, and the loss along the way."""
     began = time.process_time()
     asset, curves = fit(
-        carrier, scene.train, made(ctx, carrier, light), settings, seed=ctx.seed, start=neutral_asset(carrier, "gray")
+        carrier,
+        scene.train,
+        made(ctx, carrier, light),
+        settings,
+        seed=ctx.seed,
+        start=neutral_asset(carrier, StartSettings(base_color="gray")),
     )
     seconds = time.process_time() - began
     scores = score_asset(asset, scene.test, scene.truth, scene.train).values

@@ -30,7 +30,7 @@ from exmesh_graph.raster import rasterize
 from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.memory import plan_memory
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Carrier, Views
 
@@ -67,15 +67,18 @@ def child(options: argparse.Namespace) -> dict[str, object]:
     views = pictures(carrier, options.views, options.size)
     subdivision = next(n for n in range(1, 17) if len(carrier.faces) / 2 * n * n >= options.points)
     light = with_bounces(trace_transport(carrier.vertices, carrier.faces, 128, subdivision), 1)
-    settings = FitSettings(iterations=options.iterations, corrections=1, environment_height=128)
-    budget = options.child * 2**30
-    plan = plan_memory(carrier, views, light, settings, budget, memory_in_use())
+    settings = DecompositionSettings(
+        iterations=options.iterations,
+        corrections=1,
+        environment_height=128,
+        memory_gib=options.child,
+        threads=options.threads,
+    )
+    plan = plan_memory(carrier, views, light, settings, memory_in_use())
     reset_peak_memory()
     began = time.perf_counter()
     times: list[float] = []
-    asset, _ = fit(
-        carrier, views, light, settings, budget=budget, checkpoint=lambda *_: times.append(time.perf_counter())
-    )
+    asset, _ = fit(carrier, views, light, settings, checkpoint=lambda *_: times.append(time.perf_counter()))
     found = hashlib.sha256(b"".join(m.tobytes() for m in (asset.base_color, asset.roughness, asset.environment)))
     return {
         "budget": options.child,

@@ -22,7 +22,6 @@ import argparse
 import json
 import platform
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +35,10 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.evaluate.renders import Quality
 from exmesh_graph.shading import envmap
+from exmesh_graph.shading.settings import BounceSettings, TransportSettings
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.settings import StartSettings
 from exmesh_graph.stage2.surface import CarrierGeometry
 from exmesh_graph.types import Asset, Carrier, Views
 
@@ -93,10 +94,17 @@ def main() -> None:
 
 
 def ours(ctx: Quiet, carrier: Carrier, views: Views, iterations: int, options: argparse.Namespace) -> Asset:
-    light = transport.direct(ctx, carrier, p=transport.DirectParams(directions=options.directions)).transport
-    light = transport.bounce(ctx, light, p=transport.BounceParams(bounces=1)).transport
-    settings = replace(QUICK, **{**dict(options.set), "iterations": iterations})
-    return fit(carrier, views, light, settings, seed=options.seed, start=neutral_asset(carrier, "gray"))[0]
+    light = transport.direct(ctx, carrier, p=TransportSettings(directions=options.directions)).transport
+    light = transport.bounce(ctx, light, p=BounceSettings(bounces=1)).transport
+    settings = QUICK.replaced(**{**dict(options.set), "iterations": iterations})
+    return fit(
+        carrier,
+        views,
+        light,
+        settings,
+        seed=options.seed,
+        start=neutral_asset(carrier, StartSettings(base_color="gray")),
+    )[0]
 
 
 def theirs(ctx: Quiet, carrier: Carrier, views: Views, iterations: int, options: argparse.Namespace) -> Asset:

@@ -15,7 +15,6 @@ from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import (
-    PAPER,
     Material,
     MeshSurface,
     MonteCarloLight,
@@ -27,6 +26,7 @@ from exmesh_graph.shading.monte_carlo import (
     shade,
     shade_reference,
 )
+from exmesh_graph.shading.settings import MonteCarloSettings
 
 TRUTH = torch.tensor([0.6, 0.4, 0.25])
 
@@ -149,7 +149,7 @@ def closed_room() -> Reached:
     vertices, faces = icosphere(2)
     surface = MeshSurface(vertices, faces[:, ::-1].copy())
     points = _on_faces(surface, 2000)
-    light = MonteCarloLight(surface, make_ray_tracer(vertices, faces))
+    light = MonteCarloLight(surface, make_ray_tracer(vertices, faces), MonteCarloSettings(technique="mis", samples=64))
     material = Material(torch.full((2000, 3), 0.9))
 
     def query(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, Material]:
@@ -304,7 +304,7 @@ def _bowl(inward: bool):  # type: ignore[no-untyped-def]
     faces = (faces[:, ::-1] if inward else faces).astype(np.int32)
     surface = MeshSurface(vertices, faces)
     points = _on_faces(surface, 4000)
-    light = MonteCarloLight(surface, make_ray_tracer(vertices, faces), PAPER)
+    light = MonteCarloLight(surface, make_ray_tracer(vertices, faces), MonteCarloSettings())
 
     def query(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, Material]:
         return surface.face_normals[face], Material(torch.full((len(face), 3), 0.6))

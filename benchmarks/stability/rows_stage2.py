@@ -13,11 +13,12 @@ from benchmarks.stability.table import Reached, row
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.settings import StartSettings
 from exmesh_graph.types import Asset, Carrier, Transport, Views
 
 BASE = (0.6, 0.4, 0.25)
-QUICK = replace(scenes.SETTINGS, iterations=120, material_rate=0.4, corrections=2, correction_samples=8)
-LONG = replace(scenes.SETTINGS, iterations=800, material_rate=0.5, rate_decay=0.05, corrections=10, material_weight=0.1)
+QUICK = scenes.SETTINGS.replaced(iterations=120, material_rate=0.4, corrections=2, correction_samples=8)
+LONG = scenes.SETTINGS.replaced(iterations=800, material_rate=0.5, rate_decay=0.05, corrections=10, material_weight=0.1)
 
 
 @cache
@@ -29,10 +30,10 @@ def ball() -> tuple[Carrier, Transport]:
 def fitted(views: Views, light: np.ndarray | None = None, **settings: object) -> Asset:
     carrier, transport = ball()
     said: list[str] = []
-    start = neutral_asset(carrier, "gray")
+    start = neutral_asset(carrier, StartSettings(base_color="gray"))
     if light is not None:
         start, settings = replace(start, environment=light), {**settings, "keep_light": True}
-    asset, _ = fit(carrier, views, transport, replace(QUICK, **settings), start=start, warn=said.append)
+    asset, _ = fit(carrier, views, transport, QUICK.replaced(**settings), start=start, warn=said.append)
     assert not said, said
     return asset
 
@@ -42,8 +43,8 @@ def one_material(roughness: float) -> tuple[float, float]:
     """Worst error of the mean base colour (relative) and of the mean roughness under known light."""
     carrier, transport = ball()
     views = scenes.photographs(carrier, scenes.sky(), scenes.uniform(BASE, roughness))
-    start = replace(neutral_asset(carrier, "gray"), environment=scenes.sky())
-    asset, _ = fit(carrier, views, transport, replace(LONG, keep_light=True), start=start)
+    start = replace(neutral_asset(carrier, StartSettings(base_color="gray")), environment=scenes.sky())
+    asset, _ = fit(carrier, views, transport, LONG.replaced(keep_light=True), start=start)
     base, rough = asset.base_color[asset.seen], asset.roughness[asset.seen]
     return float(np.abs(base.mean(0) / BASE - 1).max()), float(np.abs(np.median(rough) - roughness))
 

@@ -18,7 +18,7 @@ from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.sampling import hammersley, sample_specular
 from exmesh_graph.shading.transport import trace_transport
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
 from exmesh_graph.testing import look_at
 from exmesh_graph.types import Asset, Carrier, Transport, Views
@@ -27,7 +27,7 @@ SIZE, TEXELS, SKY_ROWS = 40, 16, 16
 RINGS = 20
 
 #: Short noise-free fits of a scene without interreflection.
-SETTINGS = FitSettings(
+SETTINGS = DecompositionSettings(
     environment_height=SKY_ROWS,
     iterations=100,
     material_rate=0.1,

@@ -1,8 +1,8 @@
 """Stage II: base colour, roughness (metallic) and environment on the frozen carrier, eq. 14 to 24.
 
 Every step renders one training view (stage2.decomposition) under its light model (stage2.light), compares it in linear
-light (stage2.objective) and moves the texels and the environment by Adam. Maps are sigmoids, the environment a softplus, of free
-parameters.
+light (stage2.objective) and moves the texels and the environment by Adam. Maps are sigmoids, the environment a
+softplus, of free parameters.
 """
 
 from __future__ import annotations
@@ -141,7 +141,9 @@ def _changing(model: Decomposition, optimiser: Adam, generator: torch.Generator,
     }
 
 
-def _restore(model: Decomposition, optimiser: Adam, generator: torch.Generator, guard: Guard, kept: Mapping[str, Any]) -> None:
+def _restore(
+    model: Decomposition, optimiser: Adam, generator: torch.Generator, guard: Guard, kept: Mapping[str, Any]
+) -> None:
     optimiser.restore(kept["optimiser"])
     generator.set_state(kept["generator"])
     model.light.restore(model.buffers.held, kept["light"])

@@ -94,7 +94,8 @@ def complete_maps(
         trust = np.ones(int(known.sum())) if confidence is None else np.maximum(confidence[known], 1e-3) ** 2
         source, places, means = filled[known], position[wanted], []
         for start in range(0, len(places), CHUNK):
-            distance, index = (column.reshape(-1, count) for column in tree.query(places[start : start + CHUNK], k=count))
+            nearby = tree.query(places[start : start + CHUNK], k=count)
+            distance, index = (column.reshape(-1, count) for column in nearby)
             nearest = np.maximum(distance[:, :1], 1e-12)
             weight = trust[index] / np.maximum(distance, nearest)
             weight /= weight.sum(axis=1, keepdims=True)

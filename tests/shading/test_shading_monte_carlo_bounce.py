@@ -1,6 +1,7 @@
 """One bounce, half resolution, cached samples: closed forms and plain torch."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,6 @@ from exmesh_graph.rays.warp_bvh import WarpTracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import (
-    PAPER,
-    LightSettings,
     Material,
     MeshSurface,
     MonteCarloLight,
@@ -22,6 +21,7 @@ from exmesh_graph.shading.monte_carlo import (
     coarse_points,
 )
 from exmesh_graph.shading.monte_carlo.bounce import bounce_irradiance
+from exmesh_graph.shading.settings import MonteCarloSettings
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -36,7 +36,7 @@ def plain(surface, base, metallic=None):
     return query
 
 
-def scene(mesh, count, albedo, settings=PAPER, seed=0):
+def scene(mesh, count, albedo, settings=MonteCarloSettings(), seed=0):
     surface = MeshSurface(*mesh)
     points, _, _ = on_mesh(*mesh, count, seed)
     light = MonteCarloLight(surface, tracer_of(mesh), settings)
@@ -56,7 +56,9 @@ def test_bowl_under_a_constant_sky_has_the_closed_forms_bounce():
 
 def test_more_samples_at_a_hit_than_the_direct_pool_holds():
     """Two direct samples leave a pool of 1024 directions; hits that ask for more must not read past its end."""
-    light, points, m, query = scene(bowl(), 40, 0.6, LightSettings("mis", 2, 64, 3000))
+    light, points, m, query = scene(
+        bowl(), 40, 0.6, MonteCarloSettings(technique="mis", samples=2, secondary_rays=64, secondary_samples=3000)
+    )
     sky = torch.full((8, 16, 3), 2.0)
     drawn = light.draw(points, m, query, EnvSampler(sky), 0)
     assert drawn.hits is not None
@@ -64,7 +66,7 @@ def test_more_samples_at_a_hit_than_the_direct_pool_holds():
     both = light.shade(drawn, points, m, query, sky)
     direct = light.shade(drawn, points, m, None, sky)
     assert float((both - direct).mean()) == pytest.approx(0.6**2 * 2 / 4, rel=0.03)
-    light.settings = LightSettings("mis", 2, 64, 0)
+    light.settings = SimpleNamespace(**{**dict(light.settings), "secondary_samples": 0})  # anything that looks like it
     with pytest.raises(ValueError, match="0 samples"):
         light.draw(points, m, query, EnvSampler(sky), 0)
 
@@ -108,7 +110,7 @@ def test_bounce_converges_to_brute_force_quadrature():
     points, face, bary = on_mesh(*mesh, 2, seed=4)
     _, m = query(face, bary)
     exact = _nested_quadrature(points, m, surface, query, sky, tracer_of(mesh))
-    settings = LightSettings("environment", direct_samples=1, secondary_rays=2048, secondary_samples=16)
+    settings = MonteCarloSettings(technique="environment", samples=2, secondary_rays=2048, secondary_samples=16)
     light = MonteCarloLight(surface, tracer_of(mesh), settings)
     runs = []
     for seed in range(8):
@@ -165,7 +167,7 @@ def test_bounce_gradient_reaches_both_surfaces_the_sky_and_normals():
         here = Points(points.position, points.flat, normal, points.view)
         return tint[face] * bounce_irradiance(drawn.hits, here, query, sky, reference=reference)
 
-    light = MonteCarloLight(surface, tracer_of(mesh))
+    light = MonteCarloLight(surface, tracer_of(mesh), MonteCarloSettings(technique="mis", samples=64))
     query = lambda face, bary: (surface.face_normals[face], Material(tint[face]))  # noqa: E731
     drawn = light.draw(points, Material(tint[face]), query, EnvSampler(sky), 0)
     assert len(drawn.hits.row) > 50
@@ -188,7 +190,9 @@ def test_without_secondary_material_the_primary_one_stands_in():
     sky = studio()
     bounced = []
     for secondary in (True, False):
-        light = MonteCarloLight(surface, tracer_of(mesh), LightSettings(secondary_material=secondary))
+        light = MonteCarloLight(
+            surface, tracer_of(mesh), MonteCarloSettings(technique="mis", samples=64, secondary_material=secondary)
+        )
         bounced.append(light.render(points, red, green, sky, 0) - light.render(points, red, None, sky, 0))
     assert float(bounced[0].abs().max()) < 1e-6  # red sees green: nothing comes back
     assert float(bounced[1][:, 0].mean()) > 0.01
@@ -245,7 +249,7 @@ def test_half_resolution_bounce_is_close_to_full():
     points = Points(surface.at(face, bary), surface.face_normals[face], normal, normal)
     base = torch.tensor([0.8, 0.5, 0.3])
     m, query, sky = Material(base.expand(side * side, 3)), plain(surface, base), studio()
-    light = MonteCarloLight(surface, tracer, LightSettings(secondary_rays=1024))
+    light = MonteCarloLight(surface, tracer, MonteCarloSettings(technique="mis", samples=64, secondary_rays=1024))
     coarse = coarse_points(points, torch.arange(side * side), side)
     none, half, full = (
         light.render(points, m, q, sky, 0, coarse=c) for q, c in ((None, None), (query, coarse), (query, None))
@@ -280,7 +284,11 @@ def test_cached_samples_trace_nothing_and_follow_the_changing_light():
     cached = torch.stack([light.shade(cache.get(step, draw), points, m, query, later).mean() for step in range(8, 16)])
     assert light.tracer.calls == traced
     assert torch.equal(cache.get(3, draw).direct.weight, cache.get(11, draw).direct.weight)
-    many = MonteCarloLight(light.surface, light.tracer, LightSettings("mis", 256, 64, 16))
+    many = MonteCarloLight(
+        light.surface,
+        light.tracer,
+        MonteCarloSettings(technique="mis", samples=256, secondary_rays=64, secondary_samples=16),
+    )
     assert float(cached.mean()) == pytest.approx(float(many.render(points, m, query, later, 0).mean()), rel=0.03)
 
 
@@ -317,7 +325,7 @@ def test_warps_tracer_on_its_own_device_gives_embrees_light(device):
         surface = MeshSurface(*mesh, where)
         here = Points(*(t.to(where) for t in (points.position, points.flat, points.normal, points.view)))
         base = torch.tensor([0.7, 0.5, 0.2], device=where, requires_grad=True)
-        light = MonteCarloLight(surface, tracer, PAPER)
+        light = MonteCarloLight(surface, tracer, MonteCarloSettings())
         coarse = coarse_points(here, torch.arange(1500, device=where), 50)
         image = light.render(
             here, Material(base.expand(1500, 3)), plain(surface, base), sky.to(where), 1, coarse=coarse

@@ -17,11 +17,11 @@ from exmesh_graph.stage2.probe.sampling import sampling_gain
 from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
 from exmesh_graph.stage2.probe.short import ShortFit
 from exmesh_graph.stage2.render import render_transport, render_views
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from tests.stage2 import probe_scenes
 from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, photographed
 
-QUICK = FitSettings(
+QUICK = DecompositionSettings(
     texture_size=48,
     environment_height=16,
     iterations=120,
@@ -44,7 +44,7 @@ def small():
         patch.setattr(scene, "STEPS", 30)
         patch.setattr(scene, "SKIES", (32,))
         patch.setattr(short, "POINTS", 300)
-        patch.setattr(short, "SHORT", dataclasses.replace(short.SHORT, environment_height=16))
+        patch.setattr(short, "SHORT", short.SHORT.replaced(environment_height=16))
         yield
 
 
@@ -79,7 +79,7 @@ def _held_out(truth, views, bounces, test):
     carrier = carrier_of(truth)
     light = trace_transport(carrier.vertices, carrier.faces, 128, 1)
     light = with_bounces(light, bounces) if bounces else light
-    made, _ = fit(carrier, views, light, QUICK, start=neutral_asset(carrier, "gray"))
+    made, _ = fit(carrier, views, light, QUICK, start=neutral_asset(carrier, StartSettings(base_color="gray")))
     shown = render_views(
         made, *test[0], probe_scenes.SIZE, probe_scenes.SIZE, transport=render_transport(made, bounces, 128, 800)
     )

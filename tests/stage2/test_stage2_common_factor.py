@@ -1,19 +1,17 @@
 """Base colour times s under light divided by s: the factor is found, and folding it in changes nothing else."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
 
 from exmesh_graph.shading import envmap
-from exmesh_graph.stage2.common_factor import BRIGHTEST, CommonFactor
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.gains import BRIGHTEST, CommonFactor
 from exmesh_graph.stage2.maps import PAST_ONE
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 
-QUICK = FitSettings(
+QUICK = DecompositionSettings(
     texture_size=48,
     environment_height=16,
     iterations=160,
@@ -66,16 +64,16 @@ def test_folding_extremes_stays_finite(gain):
 
 def test_a_step_with_the_factor_is_a_step_with_it_folded_in(carrier, train_views, transport):
     """Same picture before and after folding (no texel is bright enough to be cut), and the loss falls along it."""
-    model = Model(carrier, train_views, transport, QUICK, "cpu")
+    model = Decomposition(carrier, train_views, transport, QUICK, "cpu")
     model.start()
     with torch.no_grad():
         model.factor.parameter.copy_(torch.tensor([0.2, -0.1, 0.0]))
-    before, _ = model.shade(model.buffers[0], model.lit(1.0, 50))
-    sky = model.lit(1.0, 50).environment
+    before, _ = model.shade(model.buffers[0], model.prepare(1.0, 50))
+    sky = model.prepare(1.0, 50).environment
     model.settle_factor()
-    after, _ = model.shade(model.buffers[0], model.lit(1.0, 50))
+    after, _ = model.shade(model.buffers[0], model.prepare(1.0, 50))
     torch.testing.assert_close(after, before, rtol=1e-4, atol=1e-6)
-    torch.testing.assert_close(model.lit(1.0, 50).environment, sky, rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(model.prepare(1.0, 50).environment, sky, rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -106,8 +104,8 @@ def test_a_wrong_start_is_brought_back(
             )
             model.environment.copy_(envmap.parameter_of(torch.from_numpy(true_asset.environment) / wrong))
 
-    monkeypatch.setattr(Model, "start", start)
-    asset, _ = fit(carrier, train_views, transport, dataclasses.replace(QUICK, factor_rate=rate), seed=3)
+    monkeypatch.setattr(Decomposition, "start", start)
+    asset, _ = fit(carrier, train_views, transport, QUICK.replaced(factor_rate=rate), seed=3)
     found = envmap.mean_radiance(torch.from_numpy(asset.environment))
     ratio = found / envmap.mean_radiance(torch.from_numpy(true_asset.environment))
     assert low < float(ratio.min()), ratio

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from exmesh_graph.stage2.correction import initial_specular_scale, lattice_radiance
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.decomposition import Decomposition
+from exmesh_graph.stage2.light.precomputed import initial_specular_scale, lattice_radiance
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import texel_footprint
 
 
 @pytest.fixture(scope="module", params=[False, True])
 def model(request, carrier, train_views, transport):
-    settings = FitSettings(iterations=2, texture_size=64, environment_height=16, metallic=request.param)
-    return Model(carrier, train_views, transport, settings, "cpu")
+    settings = DecompositionSettings(iterations=2, texture_size=64, environment_height=16, metallic=request.param)
+    return Decomposition(carrier, train_views, transport, settings, "cpu")
 
 
 def test_the_factor_starts_as_the_lobes_visible_share(model):
@@ -88,7 +88,7 @@ def test_traced_specular_is_the_same_over_warp_as_over_embree(carrier, transport
     from exmesh_graph.rays import make_ray_tracer
     from exmesh_graph.rays.warp_bvh import WarpTracer
     from exmesh_graph.shading.sampling import Pyramid
-    from exmesh_graph.stage2.reflect import traced_specular
+    from exmesh_graph.stage2.light.traced import traced_specular
     from exmesh_graph.stage2.surface import CarrierGeometry
 
     rng = np.random.default_rng(0)

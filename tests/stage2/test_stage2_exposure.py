@@ -7,16 +7,16 @@ import pytest
 import torch
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.stage2.exposure import Exposure
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.gains import Exposure
+from exmesh_graph.stage2.gbuffer import Evidence
 from exmesh_graph.stage2.init import neutral_asset
-from exmesh_graph.stage2.model import Model
 from exmesh_graph.stage2.result import texel_confidence
-from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.stage2.stream import Evidence
+from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types.state import load_state, save_state
 
-SETTINGS = FitSettings(
+SETTINGS = DecompositionSettings(
     environment_height=8, iterations=160, material_rate=0.2, environment_rate=0.3, indirect_ramp=5, corrections=1,
     correction_samples=4, ssim_weight=0.0, material_weight=0.01, environment_weight=0.005,
     exposure=True,
@@ -35,10 +35,10 @@ def test_steps_of_exposure_are_found_and_do_not_reach_the_materials(carrier, tra
     found = np.array([float(part.split()[1]) for part in line.removeprefix("exposure found: ").split(", ")])
     assert np.median(found) == pytest.approx(1, abs=1e-3)
     np.testing.assert_allclose(found, gains, rtol=0.06)
-    blind, plain = fit(carrier, _exposed(train_views, gains), transport, dataclasses.replace(SETTINGS, exposure=False))
+    blind, plain = fit(carrier, _exposed(train_views, gains), transport, SETTINGS.replaced(exposure=False))
     assert np.mean(curves["image"][-5:]) < 0.5 * np.mean(plain["image"][-5:])
     seen = asset.seen
-    even, _ = fit(carrier, train_views, transport, dataclasses.replace(SETTINGS, exposure=False))
+    even, _ = fit(carrier, train_views, transport, SETTINGS.replaced(exposure=False))
 
     def apart(other):
         ratio = other.base_color[seen] / even.base_color[seen]
@@ -56,7 +56,7 @@ def test_the_gains_are_part_of_a_checkpoint(carrier, train_views, transport, tmp
             save_state(tmp_path, state)
             raise CutOff
 
-    settings = dataclasses.replace(SETTINGS, iterations=24)
+    settings = SETTINGS.replaced(iterations=24)
     views = _exposed(train_views, [1, 1, 1.6, 1, 0.6, 1, 1.2, 1])
     whole, _ = fit(carrier, views, transport, settings)
     with pytest.raises(CutOff):
@@ -66,7 +66,7 @@ def test_the_gains_are_part_of_a_checkpoint(carrier, train_views, transport, tmp
 
 
 def test_gains_rest_at_first_and_ignore_what_is_dark_or_cut_off(carrier, train_views, transport):
-    model = Model(carrier, train_views, transport, SETTINGS, "cpu")
+    model = Decomposition(carrier, train_views, transport, SETTINGS, "cpu")
     buffer, exposure = model.buffers[0], Exposure(8)
     exposure.follow(buffer, buffer.target * 0.5, 0.01)
     assert float(exposure.gain(0)) == 1
@@ -82,10 +82,12 @@ def test_gains_rest_at_first_and_ignore_what_is_dark_or_cut_off(carrier, train_v
 
 
 def test_a_known_light_is_kept(carrier, train_views, transport, true_asset):
-    settings = dataclasses.replace(SETTINGS, environment_height=16, exposure=False, keep_light=True, iterations=60)
+    settings = SETTINGS.replaced(environment_height=16, exposure=False, keep_light=True, iterations=60)
     with pytest.raises(DataError, match="keep_light keeps the start's environment"):
-        Model(carrier, train_views, transport, settings, "cpu")
-    start = dataclasses.replace(neutral_asset(carrier, "gray"), environment=true_asset.environment)
+        Decomposition(carrier, train_views, transport, settings, "cpu")
+    start = dataclasses.replace(
+        neutral_asset(carrier, StartSettings(base_color="gray")), environment=true_asset.environment
+    )
     asset, curves = fit(carrier, train_views, transport, settings, start=start)
     np.testing.assert_allclose(asset.environment, true_asset.environment, rtol=1e-5, atol=1e-5)
     error = np.abs(asset.base_color[asset.seen] / true_asset.base_color[asset.seen] - 1)
@@ -96,7 +98,7 @@ def test_a_known_light_is_kept(carrier, train_views, transport, true_asset):
 def test_confidence_grows_with_pixels_views_and_facing_and_is_0_where_texels_were_filled(
     carrier, train_views, transport
 ):
-    asset, _ = fit(carrier, train_views, transport, dataclasses.replace(SETTINGS, iterations=2, corrections=0))
+    asset, _ = fit(carrier, train_views, transport, SETTINGS.replaced(iterations=2, corrections=0))
     assert (asset.confidence[~asset.seen] == 0).all()
     assert (asset.confidence[asset.seen] > 0).all()
     assert asset.confidence.max() < 1
@@ -107,7 +109,7 @@ def test_confidence_grows_with_pixels_views_and_facing_and_is_0_where_texels_wer
                                                                     "camera_to_world")}
         ),
         transport,
-        dataclasses.replace(SETTINGS, iterations=2, corrections=0),
+        SETTINGS.replaced(iterations=2, corrections=0),
     )  # fmt: skip
     both = asset.seen & few.seen
     assert (few.confidence[both] <= asset.confidence[both] + 1e-6).mean() > 0.95
@@ -126,7 +128,7 @@ def test_hdr_photographs_hold_highlights_that_8_bit_ones_lose(carrier, train_vie
     bright = _exposed(train_views, [2.5] * 8)
     cut = dataclasses.replace(bright, images=np.minimum(bright.images, bright.alpha[..., None]), clipped=True)
     assert (cut.images < bright.images).mean() > 0.02
-    settings = dataclasses.replace(SETTINGS, exposure=False)
+    settings = SETTINGS.replaced(exposure=False)
     skies = [fit(carrier, views, transport, settings)[0].environment for views in (bright, cut)]
     assert skies[0].max() / np.median(skies[0]) > skies[1].max() / np.median(skies[1])
     blind = dataclasses.replace(cut, clipped=False)  # an EXR that was clipped before: its top is taken for the truth

@@ -11,10 +11,10 @@ from exmesh_graph.errors import NumericsError
 from exmesh_graph.stage2 import fit as fitting
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.guard import RETURNS
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types.state import load_state, save_state
 
-SETTINGS = FitSettings(
+SETTINGS = DecompositionSettings(
     environment_height=8, iterations=40, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=1,
     correction_samples=2, ssim_weight=0.0, material_weight=0.01, environment_weight=0.01,
 )  # fmt: skip
@@ -114,7 +114,7 @@ def test_a_return_takes_the_exposures_back_too(spoil, carrier, train_views, tran
 
     spoil(once, change)
     said = []
-    fit(carrier, train_views, transport, dataclasses.replace(SETTINGS, exposure=True), warn=said.append)
+    fit(carrier, train_views, transport, SETTINGS.replaced(exposure=True), warn=said.append)
     assert len(said) == 1
     assert not bool((gains[-1] == 1.0).any())
 
@@ -142,7 +142,7 @@ def test_parameters_that_run_away_come_back_with_lower_rates(spoil, carrier, tra
 
     spoil(too_bright, lambda terms, model: terms.update(image=terms["image"] * math.inf))
     said = []
-    wild = dataclasses.replace(SETTINGS, environment_rate=3.0, iterations=60)
+    wild = SETTINGS.replaced(environment_rate=3.0, iterations=60)
     asset, _ = fit(carrier, train_views, transport, wild, warn=said.append)
     assert 1 <= len(said) <= RETURNS
     assert all("rates times" in message for message in said)
@@ -153,7 +153,7 @@ def test_a_fit_that_gets_worse_than_it_started_comes_back(spoil, carrier, train_
     spoil(lambda step, view, model: step >= 20, lambda terms, model: terms.update(image=terms["image"] * 50))
     said = []
     with pytest.raises(NumericsError, match=r"(?s)step \d+: the image term rose.*returns"):
-        fit(carrier, train_views, transport, dataclasses.replace(SETTINGS, iterations=400), warn=said.append)
+        fit(carrier, train_views, transport, SETTINGS.replaced(iterations=400), warn=said.append)
     assert len(said) == RETURNS
 
 
@@ -197,14 +197,15 @@ def test_a_guarded_fit_resumes_to_the_same_bytes_and_says_its_warnings_again(
 
 @pytest.mark.parametrize("share", [0.0, 0.4])
 def test_the_memory_budget_does_not_change_a_byte(carrier, train_views, transport, share):
-    settings = dataclasses.replace(SETTINGS, iterations=20, ssim_weight=0.2, corrections=2)
+    settings = SETTINGS.replaced(iterations=20, ssim_weight=0.2, corrections=2)
     whole, curves = fit(carrier, train_views, transport, settings)
-    from exmesh_graph.stage2.model import Model
+    from exmesh_graph.stage2.decomposition import Decomposition
 
-    total = sum(Model(carrier, train_views, transport, settings, "cpu").buffers.sizes)
-    tight = Model(carrier, train_views, transport, settings, "cpu", share * total)
-    assert len(tight.buffers.held) == int(share * len(train_views))
-    small, same = fit(carrier, train_views, transport, settings, budget=share * total)
+    total = sum(Decomposition(carrier, train_views, transport, settings, "cpu").buffers.sizes)
+    tight = settings.replaced(memory_gib=share * total / 2**30)
+    held = Decomposition(carrier, train_views, transport, tight, "cpu").buffers.held
+    assert len(held) == int(share * len(train_views))
+    small, same = fit(carrier, train_views, transport, tight)
     assert same == curves
     for name in ("base_color", "roughness", "environment", "seen"):
         assert getattr(small, name).tobytes() == getattr(whole, name).tobytes(), name

@@ -12,14 +12,14 @@ from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.sampling import sample_specular
 from exmesh_graph.shading.specular import PrefilteredStack
 from exmesh_graph.shading.transport import LightTransport, trace_transport
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.model import Model
+from exmesh_graph.stage2.objective import indirect_strength, weighted_terms
 from exmesh_graph.stage2.render import render_transport, render_views
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, texel_footprint
-from exmesh_graph.stage2.terms import indirect_strength, weighted_terms
 
-SHORT = FitSettings(
+SHORT = DecompositionSettings(
     environment_height=16,
     iterations=8,
     material_rate=0.3,
@@ -65,7 +65,7 @@ def test_black_sky_renders_black_and_black_photographs_give_a_dark_scene(
     black = np.zeros((16, 32, 3), np.float32)
     assert (render_views(true_asset, *one, 40, 40, environment=black, transport=light).images == 0).all()
     dark = dataclasses.replace(train_views, images=np.zeros_like(train_views.images))
-    asset, curves = fit(carrier, dark, transport, dataclasses.replace(SHORT, iterations=30))
+    asset, curves = fit(carrier, dark, transport, SHORT.replaced(iterations=30))
     assert _all_finite(asset)
     assert curves["image"][-1] < 0.1 * curves["image"][0]
 
@@ -103,7 +103,7 @@ def test_filtered_levels_of_a_sun_keep_its_energy():
 
 
 def test_a_sun_in_the_fitted_sky_has_finite_gradients(carrier, train_views, transport):
-    model = Model(carrier, train_views, transport, SHORT, "cpu")
+    model = Decomposition(carrier, train_views, transport, SHORT, "cpu")
     with torch.no_grad():
         model.environment.copy_(envmap.parameter_of(torch.from_numpy(_sun(16, 4, 9, sky=0.1))))
     _forward(model)
@@ -112,8 +112,8 @@ def test_a_sun_in_the_fitted_sky_has_finite_gradients(carrier, train_views, tran
 
 @pytest.mark.parametrize("logit", [-40.0, 40.0])
 def test_pure_black_and_pure_white_materials(carrier, train_views, transport, logit):
-    settings = dataclasses.replace(SHORT, metallic=True)
-    model = Model(carrier, train_views, transport, settings, "cpu")
+    settings = SHORT.replaced(metallic=True)
+    model = Decomposition(carrier, train_views, transport, settings, "cpu")
     with torch.no_grad():
         model.maps.parameter.fill_(logit)
     _, predicted = _forward(model)
@@ -164,7 +164,7 @@ def test_maps_of_one_texel(carrier, train_views, transport, size):
     index, weight = texel_footprint(torch.rand(20, 2), size)
     assert int(index.max()) < size * size
     torch.testing.assert_close(weight.sum(1), torch.ones(20))
-    asset, _ = fit(carrier, train_views, transport, dataclasses.replace(SHORT, texture_size=size))
+    asset, _ = fit(carrier, train_views, transport, SHORT.replaced(texture_size=size))
     assert asset.base_color.shape == (size, size, 3)
     assert _all_finite(asset)
 
@@ -174,8 +174,8 @@ def test_saturated_highlights_pull_no_further(carrier, train_views, transport):
     full = dataclasses.replace(
         train_views, images=np.repeat(train_views.alpha[..., None], 3, axis=3).astype(np.float32), clipped=True
     )
-    settings = dataclasses.replace(SHORT, material_weight=0, environment_weight=0, chroma_weight=0)
-    model = Model(carrier, full, transport, settings, "cpu")
+    settings = SHORT.replaced(material_weight=0, environment_weight=0, chroma_weight=0)
+    model = Decomposition(carrier, full, transport, settings, "cpu")
     assert all(bool(buffer.clipped.all()) for buffer in model.buffers)
     with torch.no_grad():
         model.environment.copy_(envmap.parameter_of(torch.full_like(model.environment, 40.0)))
@@ -184,7 +184,7 @@ def test_saturated_highlights_pull_no_further(carrier, train_views, transport):
     assert float(terms["image"]) == 0
     assert float(terms["ssim"]) == pytest.approx(0, abs=1e-6)
     assert float(model.maps.parameter.grad.abs().max()) < 1e-8
-    linear = Model(carrier, dataclasses.replace(full, clipped=False), transport, settings, "cpu")
+    linear = Decomposition(carrier, dataclasses.replace(full, clipped=False), transport, settings, "cpu")
     assert not any(bool(buffer.clipped.any()) for buffer in linear.buffers)  # an EXR has no top
 
 
@@ -193,7 +193,7 @@ def test_an_8_bit_255_is_clipped_and_254_is_not(carrier, train_views, transport)
     for value, clipped in ((code[255], True), (code[254], False)):
         images = (value * train_views.alpha[..., None] * np.ones(3)).astype(np.float32)
         views = dataclasses.replace(train_views, images=images, clipped=True)
-        buffer = Model(carrier, views, transport, SHORT, "cpu").buffers[0]
+        buffer = Decomposition(carrier, views, transport, SHORT, "cpu").buffers[0]
         assert bool((buffer.clipped == clipped).all())
 
 
@@ -201,8 +201,8 @@ def test_partly_covered_pixels_compare_straight_colours(carrier, train_views, tr
     """Photographs are premultiplied; a pixel covered by half shows half the surface's radiance."""
     half = np.where(train_views.alpha > 0.99, 0.5, 0).astype(np.float32)
     views = dataclasses.replace(train_views, images=0.3 * half[..., None] * np.ones(3, np.float32), alpha=half)
-    settings = dataclasses.replace(SHORT, min_coverage=0.4)
-    buffer = Model(carrier, views, transport, settings, "cpu").buffers[0]
+    settings = SHORT.replaced(min_coverage=0.4)
+    buffer = Decomposition(carrier, views, transport, settings, "cpu").buffers[0]
     np.testing.assert_allclose(buffer.target.numpy(), 0.3, rtol=1e-5)
     np.testing.assert_allclose(buffer.coverage.numpy(), 0.5)
 
@@ -284,8 +284,8 @@ def test_the_objective_is_equations_21_to_24(carrier, train_views, transport):
     """Every term of one step against its formula written out with numpy-like plainness."""
     from exmesh_graph.losses import d_ssim
 
-    settings = dataclasses.replace(SHORT, log_weight=0.7, ssim_weight=0.3, iterations=100, indirect_ramp=10)
-    model = Model(carrier, train_views, transport, settings, "cpu")
+    settings = SHORT.replaced(log_weight=0.7, ssim_weight=0.3, iterations=100, indirect_ramp=10)
+    model = Decomposition(carrier, train_views, transport, settings, "cpu")
     buffer, step = model.buffers[1], 25
     terms, predicted = weighted_terms(model, buffer, step)
     log = (torch.log1p(predicted) - torch.log1p(buffer.target)).abs().mean(1)
@@ -312,11 +312,11 @@ def test_the_objective_is_equations_21_to_24(carrier, train_views, transport):
 
 def test_one_step_of_light_equals_its_integral(carrier, train_views, transport):
     """The diffuse part of shade(): f_d I with f_d = a / pi, under a white sky without interreflection: a x openness."""
-    model = Model(carrier, train_views, transport, SHORT, "cpu")
+    model = Decomposition(carrier, train_views, transport, SHORT, "cpu")
     buffer = model.buffers[0]
     buffer.light.specular_scale.zero_()
     with torch.no_grad():
-        shaded, material = model.shade(buffer, model.lit(0.0, 0))
+        shaded, material = model.shade(buffer, model.prepare(0.0, 0))
     open_sky = buffer.samples(model.geometry).normal[:, 1] > 0.7  # upwards on the ball: nothing above it
     height = buffer.samples(model.geometry).position[:, 1]
     top = open_sky & (height > 0.1)
@@ -362,7 +362,7 @@ def test_a_light_transport_of_another_mesh_is_refused_and_a_flat_normal_map_chan
 
 
 def test_the_fit_looks_the_sky_up_where_the_view_is_mirrored(carrier, train_views, transport):
-    model = Model(carrier, train_views, transport, SHORT, "cpu")
+    model = Decomposition(carrier, train_views, transport, SHORT, "cpu")
     for buffer in model.buffers[:3]:
         surface = buffer.samples(model.geometry)
         view = torch.nn.functional.normalize(buffer.camera - surface.position, dim=1)

@@ -10,13 +10,13 @@ from pydantic import ValidationError
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.shading import envmap
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.testing import FakeContext
 
-SHORT = FitSettings(
+SHORT = DecompositionSettings(
     texture_size=48, environment_height=16, iterations=40, material_rate=0.1, environment_rate=0.3, factor_rate=0.06,
     ssim_weight=0.0, material_weight=0.003, environment_weight=0.001, chroma_weight=0.0, indirect_ramp=0,
     corrections=1, correction_samples=4,
@@ -27,24 +27,24 @@ def test_the_node_starts_from_the_texture_or_from_gray(carrier):
     texture = np.random.default_rng(0).uniform(0, 1, (16, 16, 3)).astype(np.float32)
     textured = dataclasses.replace(carrier, texture=texture)
     ctx = FakeContext(node="neutral")
-    asset = stage2.init(ctx, textured, p=stage2.InitParams(roughness=0.4)).asset
+    asset = stage2.init(ctx, textured, p=StartSettings(roughness=0.4)).asset
     linear = np.where(texture <= 0.04045, texture / 12.92, ((texture + 0.055) / 1.055) ** 2.4)
     np.testing.assert_allclose(asset.base_color, linear.clip(0.02, 0.98), rtol=1e-4)
     assert np.unique(asset.roughness).tolist() == [np.float32(0.4)]
     assert asset.metallic is None
     assert not asset.seen.any()
     assert np.unique(asset.environment).tolist() == [1]
-    gray = stage2.init(ctx, textured, p=stage2.InitParams(base_color="gray", metallic=0.3)).asset
+    gray = stage2.init(ctx, textured, p=StartSettings(base_color="gray", metallic=0.3)).asset
     assert np.unique(gray.base_color).tolist() == [0.5]
     assert np.unique(gray.metallic).tolist() == [np.float32(0.3)]
     with pytest.raises(ValidationError):
-        stage2.InitParams(base_color="blue")
+        StartSettings(base_color="blue")
 
 
 def test_an_unwired_start_is_the_nodes_default(carrier, train_views, transport):
     ctx = FakeContext(node="neutral")
-    start = stage2.init(ctx, carrier, p=stage2.InitParams()).asset
-    settings = dataclasses.replace(SHORT, iterations=4)
+    start = stage2.init(ctx, carrier, p=StartSettings()).asset
+    settings = SHORT.replaced(iterations=4)
     (wired, _), (bare, _) = (fit(carrier, train_views, transport, settings, start=s) for s in (start, None))
     for name in ("base_color", "roughness", "environment"):
         assert getattr(wired, name).tobytes() == getattr(bare, name).tobytes()
@@ -53,7 +53,7 @@ def test_an_unwired_start_is_the_nodes_default(carrier, train_views, transport):
 def test_a_fit_goes_on_from_an_earlier_one(carrier, train_views, transport):
     """Maps and light are taken over as they are; the first step is as good as the last was."""
     first, curves = fit(carrier, train_views, transport, SHORT, seed=1)
-    model = Model(carrier, train_views, transport, SHORT, "cpu", start=first)
+    model = Decomposition(carrier, train_views, transport, SHORT, "cpu", start=first)
     values, rows = model.maps.values().detach(), model.maps.texels
     inside = torch.from_numpy(first.seen.reshape(-1))[rows]
     for name, columns in (("base_color", values[:, :3]), ("roughness", values[:, 3:4])):
@@ -72,16 +72,17 @@ def test_starts_that_do_not_fit_are_refused(carrier, train_views, transport):
     other = dataclasses.replace(neutral_asset(carrier), uvs=carrier.uvs[:, ::-1].copy())
     with pytest.raises(GeometryError, match="another mesh or atlas"):
         fit(carrier, train_views, transport, SHORT, start=other)
-    metal = neutral_asset(carrier, metallic=0.5)
+    metal = neutral_asset(carrier, StartSettings(metallic=0.5))
     with pytest.raises(DataError, match="metallic"):
         fit(carrier, train_views, transport, SHORT, start=metal)
-    model = Model(carrier, train_views, transport, dataclasses.replace(SHORT, metallic=True), "cpu", start=metal)
+    model = Decomposition(carrier, train_views, transport, SHORT.replaced(metallic=True), "cpu", start=metal)
     torch.testing.assert_close(model.maps.values()[:, 4].detach(), torch.full((len(model.maps.texels),), 0.5))
-    assert float(neutral_asset(carrier, metallic=1.0).metallic.max()) < 0.99  # a texel at 1 could never leave it
+    pure = neutral_asset(carrier, StartSettings(metallic=1.0))
+    assert float(pure.metallic.max()) < 0.99  # a texel at 1 could never leave it
 
 
 @pytest.mark.parametrize("fitted", [0.004, 0.996])
 def test_a_fitted_metallic_is_kept(carrier, train_views, transport, fitted):
     start = dataclasses.replace(neutral_asset(carrier), metallic=np.full((16, 16), fitted, np.float32))
-    model = Model(carrier, train_views, transport, dataclasses.replace(SHORT, metallic=True), "cpu", start=start)
+    model = Decomposition(carrier, train_views, transport, SHORT.replaced(metallic=True), "cpu", start=start)
     torch.testing.assert_close(model.maps.values()[:, 4].detach(), torch.full((len(model.maps.texels),), fitted))

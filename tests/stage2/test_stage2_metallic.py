@@ -6,12 +6,12 @@ import numpy as np
 
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.render import render_transport, render_views
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Views
 from tests.stage2.conftest import SIZE
 
 N = 28  # about one texel per pixel
-SETTINGS = FitSettings(
+SETTINGS = DecompositionSettings(
     texture_size=N, environment_height=16, iterations=200, material_rate=0.2, environment_rate=0.1, factor_rate=0.02,
     ssim_weight=0.0, material_weight=0.003, environment_weight=0.001, chroma_weight=0.0, indirect_ramp=10,
     corrections=3, correction_samples=8, metallic=True,
@@ -48,6 +48,6 @@ def test_metal_and_dielectric_side_by_side(true_asset, cameras, carrier, transpo
     assert np.concatenate([metal > 0.5, other < 0.5]).mean() > 0.8
     assert metal.mean() > 0.35
     assert other.mean() < 0.05
-    without, worse = fit(carrier, views, transport, dataclasses.replace(SETTINGS, metallic=False), seed=1)
+    without, worse = fit(carrier, views, transport, SETTINGS.replaced(metallic=False), seed=1)
     assert without.metallic is None
     assert np.mean(curves["image"][-5:]) < 0.65 * np.mean(worse["image"][-5:])

@@ -1,25 +1,24 @@
 """The transport and stage2 nodes, called as the graph calls them."""
 
-import dataclasses
-
 import pytest
 from exmesh_nodes import stage2, transport
 from pydantic import ValidationError
 
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.shading.settings import BounceSettings, MonteCarloSettings, TransportSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Asset, Metrics
 
 
 def test_the_chain_of_nodes(carrier, train_views, tmp_path):
     ctx = FakeContext(node="pbr", seed=5)
-    light = transport.direct(ctx, carrier, p=transport.DirectParams(directions=64, points=1200)).transport
+    light = transport.direct(ctx, carrier, p=TransportSettings(directions=64, points=1200)).transport
     assert light.facets() == {"bounces": 0}
     assert len(light.points) >= 1200
-    lit = transport.bounce(ctx, light, p=transport.BounceParams(bounces=2)).transport
+    lit = transport.bounce(ctx, light, p=BounceSettings(bounces=2)).transport
     assert lit.facets() == {"bounces": 2}
     ctx.steps.clear()
-    p = stage2.FitParams(iterations=12, environment_height=16, corrections=1, correction_samples=2)
+    p = DecompositionSettings(iterations=12, environment_height=16, corrections=1, correction_samples=2)
     asset, history = stage2.fit(ctx, carrier, train_views, lit, p=p)
     assert isinstance(asset, Asset)
     assert ctx.steps[-1] == (12, 12)
@@ -33,17 +32,16 @@ def test_the_chain_of_nodes(carrier, train_views, tmp_path):
     assert (again.values["curves"]["iteration"]) == [0, 10, 11]
 
 
-def test_node_defaults_are_the_settings_defaults_and_the_papers_table():
-    p = stage2.FitParams()
-    settings = FitSettings()
-    for field in dataclasses.fields(FitSettings):
-        assert getattr(p, field.name) == getattr(settings, field.name), field.name
+def test_the_defaults_are_the_papers_table():
+    p = DecompositionSettings()
     assert (p.material_rate, p.environment_rate, p.ssim_weight, p.environment_height) == (2.5e-3, 1.5e-2, 0.2, 256)
     assert p.material_weight == p.environment_weight == p.chroma_weight == 0.1
     assert (p.iterations, p.indirect_weight, p.indirect_ramp) == (10_000, 1.0, 1000)
+    light = MonteCarloSettings()
+    assert (light.technique, light.samples, light.secondary_rays, light.secondary_samples) == ("environment", 8, 16, 4)
 
 
 @pytest.mark.parametrize("bad", [{"iterations": 0}, {"min_coverage": 0}, {"corrections": -1}, {"nonsense": 1}])
 def test_bad_parameters_are_refused(bad):
     with pytest.raises(ValidationError):
-        stage2.FitParams(**bad)
+        DecompositionSettings(**bad)

@@ -11,17 +11,16 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import LightTransport, trace_transport, with_bounces
 from exmesh_graph.shading.vector_irradiance import VectorTransport
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.normal_map import TangentFrames, bent, bent_irradiance, normals_of, slopes_of
+from exmesh_graph.stage2.objective import weighted_terms
 from exmesh_graph.stage2.render import render_transport, render_views
-from exmesh_graph.stage2.settings import FitSettings
-from exmesh_graph.stage2.surface import CarrierGeometry
-from exmesh_graph.stage2.terms import weighted_terms
+from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.surface import CarrierGeometry, TangentFrames, bent, bent_irradiance, normals_of, slopes_of
 from exmesh_graph.types import Views
 from tests.stage2.conftest import SIZE
 
-SETTINGS = FitSettings(
+SETTINGS = DecompositionSettings(
     texture_size=64, environment_height=16, iterations=240, material_rate=0.1, environment_rate=0.3, factor_rate=0.06,
     ssim_weight=0.0, material_weight=0.003, environment_weight=0.001, chroma_weight=0.0, indirect_ramp=10,
     corrections=2, correction_samples=8, normal_map=True,
@@ -125,8 +124,8 @@ def test_a_flat_map_changes_neither_renders_nor_the_fits_model(true_asset, camer
     np.testing.assert_allclose(mapped.images, plain.images, atol=2e-5)
     np.testing.assert_allclose(mapped.normal, plain.normal, atol=2e-5)
     losses = []
-    for settings in (SETTINGS, dataclasses.replace(SETTINGS, normal_map=False, material_weight=0.0)):
-        model = Model(carrier, train_views, transport, dataclasses.replace(settings, material_weight=0.0), "cpu")
+    for settings in (SETTINGS, SETTINGS.replaced(normal_map=False, material_weight=0.0)):
+        model = Decomposition(carrier, train_views, transport, settings.replaced(material_weight=0.0), "cpu")
         model.start()
         losses.append(float(weighted_terms(model, model.buffers[1], 100)[0]["image"].detach()))
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
@@ -151,7 +150,7 @@ def test_bumps_in_the_normal_map_alone_are_recovered(true_asset, cameras, carrie
         intrinsics=intrinsics[:8], camera_to_world=poses[:8], split="train", clipped=False,
     )  # fmt: skip
     size = 28  # about one texel per pixel
-    settings = dataclasses.replace(SETTINGS, texture_size=size, environment_rate=0.0, factor_rate=0.0)
+    settings = SETTINGS.replaced(texture_size=size, environment_rate=0.0, factor_rate=0.0)
     slopes, wanted = _slopes(size), normals_of(_slopes(size))
 
     def error(normal, seen):
@@ -166,11 +165,11 @@ def test_bumps_in_the_normal_map_alone_are_recovered(true_asset, cameras, carrie
         assert np.corrcoef(found[:, axis], slopes[asset.seen][:, axis])[0, 1] > 0.45
     np.testing.assert_allclose(np.linalg.norm(asset.normal, axis=-1), 1, atol=1e-5)
 
-    gentle = dataclasses.replace(settings, iterations=20, material_rate=0.02)
+    gentle = settings.replaced(iterations=20, material_rate=0.02)
     kept, _ = fit(carrier, views, transport, gentle, seed=2, start=true)
     assert error(kept.normal, kept.seen) < 0.2 * start
     with pytest.raises(DataError, match="normal map"):
-        fit(carrier, views, transport, dataclasses.replace(settings, normal_map=False), start=asset)
+        fit(carrier, views, transport, settings.replaced(normal_map=False), start=asset)
 
 
 def test_bounced_light_is_part_of_the_vector(carrier):

@@ -9,10 +9,10 @@ import torch
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading.sampling import Pyramid
 from exmesh_graph.shading.specular import directional_albedo, reflectance_table
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.reflect import traced_specular
+from exmesh_graph.stage2.decomposition import Decomposition
+from exmesh_graph.stage2.light.traced import traced_specular
 from exmesh_graph.stage2.render import render_transport, render_views
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, texel_footprint
 
 
@@ -112,7 +112,9 @@ def test_traced_specular_of_a_convex_body_in_a_uniform_sky_is_the_directional_al
 
 
 def test_gbuffer_matches_projection_and_keeps_neighbours_on_one_surface(carrier, train_views, transport):
-    model = Model(carrier, train_views, transport, FitSettings(texture_size=64, environment_height=16), "cpu")
+    model = Decomposition(
+        carrier, train_views, transport, DecompositionSettings(texture_size=64, environment_height=16), "cpu"
+    )
     geometry, texels, buffer = model.geometry, model.maps.texels, model.buffers[2]
     samples = buffer.samples(geometry)
     camera = train_views.world_to_camera[2]

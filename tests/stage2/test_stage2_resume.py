@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types.state import load_state, save_state
 
-SETTINGS = FitSettings(
+SETTINGS = DecompositionSettings(
     environment_height=8, iterations=20, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=3,
     correction_samples=2, metallic=True,
 )  # fmt: skip

@@ -11,24 +11,24 @@ from exmesh_nodes import transport as light_nodes
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Material, MonteCarloLight
+from exmesh_graph.shading.settings import MonteCarloSettings
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.sampled import SampledSettings
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types.state import load_state, save_state
 
-SETTINGS = FitSettings(
+SETTINGS = DecompositionSettings(
     environment_height=16, iterations=12, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=2,
     correction_samples=64, metallic=True, texture_size=64,
 )  # fmt: skip
 #: Few samples: these tests compare bytes, not light.
-FEW = SampledSettings(samples=2, secondary_rays=2, secondary_samples=1)
+FEW = MonteCarloSettings(samples=2, secondary_rays=2, secondary_samples=1)
 
 
 def _model(carrier, views, light, **changes):
     """A model with uneven maps under a sky with a bright side."""
-    model = Model(carrier, views, light, replace(SETTINGS, **changes), "cpu")
+    model = Decomposition(carrier, views, light, SETTINGS.replaced(**changes), "cpu")
     with torch.no_grad():
         texels = model.maps.texels
         u, v = (texels % 64).float() / 64, (texels // 64).float() / 64
@@ -43,11 +43,13 @@ def _model(carrier, views, light, **changes):
 def test_many_samples_converge_to_the_precomputed_light(carrier, train_views, transport, strength):
     """Two ways to the same integral: 1024 + 256 x 16 samples, and K directions with measured specular. (The latter
     also mirrors the mesh in itself, a hundredth of the light here.)"""
-    many = SampledSettings("mis", 1024, 1, 256, 16, half_resolution=False)
+    many = MonteCarloSettings(
+        technique="mis", samples=1024, bounces=1, secondary_rays=256, secondary_samples=16, half_resolution=False
+    )
     one, other = (_model(carrier, train_views, light) for light in (many, transport))
     other.measure(strength, torch.Generator().manual_seed(0))
     with torch.no_grad():
-        found, expected = (m.shade(m.buffers[1], m.lit(strength, 0))[0] for m in (one, other))
+        found, expected = (m.shade(m.buffers[1], m.prepare(strength, 0))[0] for m in (one, other))
     error = (found - expected).abs()
     assert float(error.mean() / expected.mean()) < 0.03
     assert float(error.quantile(0.95) / expected.mean()) < 0.1
@@ -55,14 +57,16 @@ def test_many_samples_converge_to_the_precomputed_light(carrier, train_views, tr
 
 
 def test_the_bounce_is_there_and_its_choices_change_it(carrier, train_views):
-    base = SampledSettings("mis", 256, 1, 64, 8, half_resolution=False)
+    base = MonteCarloSettings(
+        technique="mis", samples=256, bounces=1, secondary_rays=64, secondary_samples=8, half_resolution=False
+    )
     shades = {}
     for name, changes in {
         "one": {}, "none": {"bounces": 0}, "half": {"half_resolution": True}, "own": {"secondary_material": False},
     }.items():  # fmt: skip
-        model = _model(carrier, train_views, replace(base, **changes))
+        model = _model(carrier, train_views, base.replaced(**changes))
         with torch.no_grad():
-            shades[name] = model.shade(model.buffers[1], model.lit(1.0, 0))[0]
+            shades[name] = model.shade(model.buffers[1], model.prepare(1.0, 0))[0]
     bounce = shades["one"] - shades["none"]
     assert float(bounce.mean() / shades["one"].mean()) > 0.02
     difference = (shades["half"] - shades["one"]).abs().mean()
@@ -71,8 +75,8 @@ def test_the_bounce_is_there_and_its_choices_change_it(carrier, train_views):
 
 
 def test_gradients_reach_maps_and_sky(carrier, train_views):
-    model = _model(carrier, train_views, SampledSettings())
-    model.shade(model.buffers[1], model.lit(1.0, 0))[0].sum().backward()
+    model = _model(carrier, train_views, MonteCarloSettings())
+    model.shade(model.buffers[1], model.prepare(1.0, 0))[0].sum().backward()
     pixels = torch.unique(model.buffers[1].texel)
     gradient = model.maps.parameter.grad
     assert float((gradient[pixels].abs().sum(1) > 0).float().mean()) > 0.9
@@ -82,7 +86,7 @@ def test_gradients_reach_maps_and_sky(carrier, train_views):
     assert float((model.environment.grad.abs().sum(-1) > 0).float().mean()) > 0.5
 
 
-@pytest.mark.parametrize("light", [FEW, replace(FEW, kept=2), replace(FEW, bounces=0)])
+@pytest.mark.parametrize("light", [FEW, FEW.replaced(kept=2), FEW.replaced(bounces=0)])
 def test_a_cut_off_fit_goes_on_to_the_same_bytes(carrier, train_views, light, tmp_path):
     kept = {}
 
@@ -105,11 +109,11 @@ def test_kept_rays_are_traced_once_between_measurements(carrier, train_views, mo
     drawn = []
     draw = MonteCarloLight.draw
     monkeypatch.setattr(MonteCarloLight, "draw", lambda self, *a, **k: drawn.append(0) or draw(self, *a, **k))
-    model = _model(carrier, train_views, replace(FEW, kept=2))
+    model = _model(carrier, train_views, FEW.replaced(kept=2))
 
     def shades():
         with torch.no_grad():
-            return [model.shade(model.buffers[1], model.lit(1.0, step))[0] for step in range(4)]
+            return [model.shade(model.buffers[1], model.prepare(1.0, step))[0] for step in range(4)]
 
     shades()
     assert len(drawn) == 4  # fresh ones before the first measurement
@@ -131,28 +135,30 @@ def test_kept_rays_are_traced_once_between_measurements(carrier, train_views, mo
 
 def test_kept_rays_are_drawn_again_for_the_normals_of_the_measurement(carrier, train_views):
     """Whenever they are first asked for, in a resumed fit too, whose normal map has moved on since."""
-    settings = replace(SETTINGS, normal_map=True)
-    model, resumed = (Model(carrier, train_views, replace(FEW, kept=1), settings, "cpu", seed=3) for _ in range(2))
+    settings = SETTINGS.replaced(normal_map=True)
+    model, resumed = (
+        Decomposition(carrier, train_views, FEW.replaced(kept=1), settings, "cpu", seed=3) for _ in range(2)
+    )
     with torch.no_grad():
         model.measure(1.0, torch.Generator())
         buffer = model.buffers[1]
-        model.shade(buffer, model.lit(1.0, 0))  # drawn at the flat map
+        model.shade(buffer, model.prepare(1.0, 0))  # drawn at the flat map
         for one in (model, resumed):
             one.maps.parameter[:, -2:] = 4.0
         resumed.light.restore(resumed.buffers, model.light.state(model.buffers))
-        expected, found = (one.shade(one.buffers[1], one.lit(1.0, 1))[0] for one in (model, resumed))
+        expected, found = (one.shade(one.buffers[1], one.prepare(1.0, 1))[0] for one in (model, resumed))
     assert torch.equal(found, expected)
 
 
 @pytest.mark.parametrize("technique", ["environment", "mis"])
 def test_kept_rays_light_what_a_turned_normal_newly_faces(carrier, train_views, technique):
     """Normals turn back to the surface's own after the rays were drawn: with `turning` they see what fresh rays see."""
-    model = _model(carrier, train_views, SampledSettings(technique, 512, 0))
+    model = _model(carrier, train_views, MonteCarloSettings(technique=technique, samples=512, bounces=0))
     buffer, light = model.buffers[1], model.light
     points = light._points(buffer)
     away = torch.nn.functional.normalize(points.normal - 1.2 * torch.tensor([0.6, 0.6, 0.5]), dim=1)
     with torch.no_grad():
-        lit = model.lit(0.0, 0)
+        lit = model.prepare(0.0, 0)
         material = Material(model.maps.read(lit.values, buffer.texel, buffer.texel_weight).base_color)
         before = replace(points, normal=away)
         shaded = {}
@@ -165,9 +171,11 @@ def test_kept_rays_light_what_a_turned_normal_newly_faces(carrier, train_views, 
 
 def test_the_component_plugs_into_the_node(carrier, train_views):
     component = light_nodes.MonteCarlo(samples=2, secondary_rays=2, secondary_samples=1)
-    assert component.made() == FEW
-    assert light_nodes.MonteCarlo().made() == SampledSettings()
-    p = stage2.FitParams(iterations=3, environment_height=16, corrections=1)
+    assert dict(component) == dict(FEW)
+    assert dict(light_nodes.MonteCarlo()) == dict(MonteCarloSettings())
+    p = DecompositionSettings(iterations=3, environment_height=16, corrections=1)
     asset, _ = stage2.fit(FakeContext(seed=5), carrier, train_views, component, p=p)
-    direct, _ = fit(carrier, train_views, FEW, FitSettings(iterations=3, environment_height=16, corrections=1), seed=5)
+    direct, _ = fit(
+        carrier, train_views, FEW, DecompositionSettings(iterations=3, environment_height=16, corrections=1), seed=5
+    )
     assert asset.base_color.tobytes() == direct.base_color.tobytes()

@@ -8,11 +8,12 @@ import torch
 
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import envmap, monte_carlo
+from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.shading.suns import find_suns
-from exmesh_graph.stage2 import render, sunlight
-from exmesh_graph.stage2.model import Model
-from exmesh_graph.stage2.sampled import SampledSettings
-from exmesh_graph.stage2.settings import FitSettings
+from exmesh_graph.stage2 import render
+from exmesh_graph.stage2.decomposition import Decomposition
+from exmesh_graph.stage2.light import traced
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types.state import load_state, save_state
 
 
@@ -49,7 +50,7 @@ def _reference(scene, surface, environment):
         read = scene.read(uv)
         return normal, monte_carlo.Material(read[:, :3], read[:, 3])
 
-    settings = monte_carlo.LightSettings("mis", 1024, 64, 64)
+    settings = MonteCarloSettings(technique="mis", samples=1024, secondary_rays=64, secondary_samples=64)
     light = monte_carlo.MonteCarloLight(scene.geometry, scene.tracer, settings)
     points = monte_carlo.Points(surface.position, surface.flat, surface.normal, surface.view)
     read = scene.read(surface.uv)
@@ -96,8 +97,8 @@ def test_a_sunny_render_keeps_its_energy_and_repeats(true_asset, cameras):
 
 def _model(asset, carrier, views, light):
     """A gray object in the fit's own terms, under a sky with a sun."""
-    settings = FitSettings(environment_height=32, texture_size=64, correction_samples=32)
-    model = Model(carrier, views, light, settings, "cpu")
+    settings = DecompositionSettings(environment_height=32, texture_size=64, correction_samples=32)
+    model = Decomposition(carrier, views, light, settings, "cpu")
     with torch.no_grad():
         sky = torch.from_numpy(_sunny(asset, 0.5, 32, 6, 15).environment)
         model.environment.copy_(envmap.parameter_of(sky))
@@ -106,15 +107,24 @@ def _model(asset, carrier, views, light):
 
 def _shade(model, view=1):
     with torch.no_grad():
-        return model.shade(model.buffers[view], model.lit(1.0, 0))[0]
+        return model.shade(model.buffers[view], model.prepare(1.0, 0))[0]
 
 
 def test_the_fit_sees_a_sun_of_its_environment_where_it_is(true_asset, carrier, train_views, transport, monkeypatch):
-    expected = _shade(_model(true_asset, carrier, train_views, SampledSettings("mis", 1024, 1, 64, 64, False)))
+    expected = _shade(
+        _model(
+            true_asset,
+            carrier,
+            train_views,
+            MonteCarloSettings(
+                technique="mis", samples=1024, bounces=1, secondary_rays=64, secondary_samples=64, half_resolution=False
+            ),
+        )
+    )
     errors = {}
     for sharp in (True, False):
         if not sharp:
-            monkeypatch.setattr(sunlight, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
+            monkeypatch.setattr(traced, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
         model = _model(true_asset, carrier, train_views, transport)
         model.measure(1.0, torch.Generator().manual_seed(0))
         assert (model.light.suns is not None) == sharp

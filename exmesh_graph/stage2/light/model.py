@@ -1,7 +1,7 @@
 """What a light model is to the fit: from maps and environment to the radiance of a view's pixels.
 
-Two of them: `precomputed.PrecomputedLight` (transport traced once, no noise) and `sampled.SampledLight` (the Monte Carlo
-light of the paper).
+Two of them: `precomputed.PrecomputedLight` (transport traced once, no noise) and `sampled.SampledLight` (the paper's
+Monte Carlo light).
 A fit calls, in this order:
 
     texels                once
