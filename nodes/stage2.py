@@ -55,12 +55,13 @@ def fit(
         ctx.progress(step, total, **figures)
 
     settings = with_decisions(p, needs)
-    traced = transport if isinstance(transport, Transport) else None
+    light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
+    traced = light if isinstance(light, Transport) else None
     ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
     asset, curves = run(
         carrier,
         views,
-        traced or with_decisions(transport, needs),
+        light,
         settings,
         seed=ctx.seed,
         progress=progress,

@@ -150,7 +150,7 @@ def test_bumps_in_the_normal_map_alone_are_recovered(true_asset, cameras, carrie
         intrinsics=intrinsics[:8], camera_to_world=poses[:8], split="train", clipped=False,
     )  # fmt: skip
     size = 28  # about one texel per pixel
-    settings = SETTINGS.replaced(texture_size=size, environment_rate=0.0, factor_rate=0.0)
+    settings = SETTINGS.replaced(texture_size=size, keep_light=True)
     slopes, wanted = _slopes(size), normals_of(_slopes(size))
 
     def error(normal, seen):
