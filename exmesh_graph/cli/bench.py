@@ -147,7 +147,7 @@ def _script(name: str, options: list[str], root: Path) -> dict[str, float]:
 
 def _quickstart(sets: tuple[str, ...], root: Path) -> tuple[dict[str, float], dict[str, float]]:
     """(seconds per node of the graph, headline figures and cost) of a run from an empty store."""
-    from exmesh_graph.report.lineage import fold_name
+    from exmesh_graph.report.drawing.svg import fold_name
 
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-c", "from exmesh_graph.cli import main; main()", "run", "graphs/quickstart.yaml"]

@@ -22,10 +22,9 @@ from exmesh_graph.graph.variants.compare import (
     named_in_short,
     rerun,
 )
-from exmesh_graph.report.graph_page import FORMATS, render, write
-from exmesh_graph.report.graph_picture import Box, Picture
-from exmesh_graph.report.graph_states import fold_boxes, plugged_components, wire_lines
-from exmesh_graph.report.lineage import fold_edges, fold_loops
+from exmesh_graph.report.drawing.formats import FORMATS, render, write
+from exmesh_graph.report.drawing.states import fold_boxes, plugged_components, wire_lines
+from exmesh_graph.report.drawing.svg import Box, GraphPicture, fold_edges, fold_loops
 
 
 def check_output(path: Path | None) -> None:
@@ -34,7 +33,7 @@ def check_output(path: Path | None) -> None:
         raise GraphError(f"cannot draw {path.name}", where="command line", expected="a name in " + ", ".join(FORMATS))
 
 
-def put_out(picture: Picture, path: Path | None) -> None:
+def put_out(picture: GraphPicture, path: Path | None) -> None:
     """Write a picture, or print it as Mermaid text."""
     if path is None:
         typer.echo(render(picture, ".mmd"), nl=False)
@@ -99,7 +98,7 @@ def _plugged_words(entry: Mapping[str, Any], old: Mapping[str, Any], new: Mappin
     return found
 
 
-def picture_of_difference(old: Side, new: Side, rounds: bool) -> Picture:
+def picture_of_difference(old: Side, new: Side, rounds: bool) -> GraphPicture:
     """Both graphs in one picture: green what is added, red what is removed, amber what is changed."""
     found = difference(old, new)
     again = set(rerun(old.identities, new.identities)) if (old.run is None) == (new.run is None) else set()
@@ -122,14 +121,14 @@ def picture_of_difference(old: Side, new: Side, rounds: bool) -> Picture:
     wires = [(a, b) for graph in (new.resolved, old.resolved) for a, b in _edges(graph, found.renamed)] + plugged
     title = f"{old.name} → {new.name}"
     if rounds:
-        return Picture(boxes, list(dict.fromkeys(wires)), edge_states=found.wires, title=title)
+        return GraphPicture(boxes, list(dict.fromkeys(wires)), edge_states=found.wires, title=title)
     states: dict[tuple[str, str], set[str]] = {}
     for wire in wires:
         for folded in fold_edges([wire]) or fold_loops([wire]):
             states.setdefault(folded, set()).add(found.wires.get(wire, ""))
     edge_states = {wire: next(iter(found)) for wire, found in states.items() if len(found) == 1}
     loops = [loop for loop in fold_loops(wires) if edge_states.get(loop) != REMOVED]
-    return Picture(fold_boxes(boxes), fold_edges(wires), loops, edge_states, title)
+    return GraphPicture(fold_boxes(boxes), fold_edges(wires), loops, edge_states, title)
 
 
 def _edges(graph: Mapping[str, Any], renamed: Mapping[str, str]) -> list[tuple[str, str]]:

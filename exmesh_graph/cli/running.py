@@ -76,7 +76,8 @@ def make_report(folder: Path, record: Mapping[str, Any], store: Store) -> None:
 
 def show_benchmarks(folder: Path, record: Mapping[str, Any], store: Store) -> None:
     """Print the paper's table of every benchmark that the run scored, and write it as <table>.md into its folder."""
-    from exmesh_graph.report.published import as_markdown, as_text, collect_benchmarks, paper_table
+    from exmesh_graph.evaluate.protocols.published import as_markdown, as_text, paper_table
+    from exmesh_graph.report.collect import collect_benchmarks
 
     scored = collect_benchmarks(record, loader(store))
     for name in dict.fromkeys(entry["table"] for entry in scored):

@@ -24,10 +24,10 @@ from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, plan
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import NodeFailed, Run
 from exmesh_graph.graph.variants import CheckedVariant, Merged, merge, variant_names
-from exmesh_graph.report.sweep import sweep_table, write_sweep
-from exmesh_graph.report.sweep_charts import signed
-from exmesh_graph.report.sweep_page import label_of, text_of
-from exmesh_graph.report.sweep_pictures import sweep_pictures
+from exmesh_graph.report.sweep.files import write_sweep
+from exmesh_graph.report.sweep.pictures import sweep_pictures
+from exmesh_graph.report.sweep.table import label_of, sweep_table, text_of
+from exmesh_graph.report.text import signed
 
 BASE = "base"
 

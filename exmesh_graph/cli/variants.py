@@ -110,7 +110,7 @@ def show(
     """Draw a graph or a run; without -o as Mermaid text for Markdown files."""
     from exmesh_graph.cli.drawing import check_output, put_out
     from exmesh_graph.cli.show import read_run
-    from exmesh_graph.report.graph_states import picture_of_graph, picture_of_run
+    from exmesh_graph.report.drawing.states import picture_of_graph, picture_of_run
 
     check_output(out)
     if what.is_dir():

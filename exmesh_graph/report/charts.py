@@ -15,7 +15,7 @@ def bar_chart(rows: Sequence[tuple[str, float, str]], *, width: int = 520) -> st
     longest = max((value for _, value, _ in rows), default=0.0) or 1.0
     room = width - label_width - 76
     height = row_height * len(rows) + 8
-    parts = [_open(width, height, "seconds per node")]
+    parts = [svg_start(width, height, "seconds per node")]
     for index, (label, value, state) in enumerate(rows):
         y = 4 + index * row_height
         length = max(1.5, room * value / longest)
@@ -47,41 +47,17 @@ def line_chart(
     ys = [y for _, _, y_values in curves for y in y_values] + ([floor] if floor is not None else [])
     if not xs or not ys:
         return ""
-    on_x, on_y = (math.log10 if axis in log else float for axis in "xy")
-    x_low, x_high = on_x(min(xs)), on_x(max(xs))
-    y_low, y_high = on_y(min(ys)), on_y(max(ys))
-    x_span = (x_high - x_low) or 1.0
-    pad = 0.14 * (y_high - y_low) or 0.05 * abs(y_high) or 1.0
-    y_low, y_high = y_low - pad, y_high + pad
-    left, top, right, bottom = 56, 26, width - 16, height - 34
-
-    def place(x: float, y: float) -> tuple[float, float]:
-        return (
-            left + (right - left) * (on_x(x) - x_low) / x_span,
-            bottom - (bottom - top) * (on_y(y) - y_low) / (y_high - y_low),
-        )
-
-    x_ticks = _log_ticks(x_low, x_high) if "x" in log else _ticks(x_low, x_high)
-    y_ticks = _log_ticks(y_low, y_high) if "y" in log else _ticks(y_low, y_high)
-
-    parts = [_open(width, height, title), f'<text class="title" x="{left}" y="15">{escape(title)}</text>']
-    for y in y_ticks:
-        py = place(xs[0], y)[1]
-        parts.append(f'<line class="grid" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
-        parts.append(f'<text class="tick" x="{left - 6}" y="{py + 4:.1f}" text-anchor="end">{_short(y)}</text>')
-    for x in x_ticks:
-        px = place(x, ys[0])[0]
-        parts.append(f'<text class="tick" x="{px:.1f}" y="{bottom + 15}" text-anchor="middle">{_short(x)}</text>')
-    parts.append(f'<text class="axis" x="{right}" y="{height - 4}" text-anchor="end">{escape(x_label)}</text>')
+    axes = Axes((width, height), xs, ys, log=log, padding=(0.0, 0.14))
+    parts = [svg_start(width, height, title), *axes.drawn(title, x_label)]
     if floor is not None:
-        py = place(xs[0], floor)[1]
-        parts.append(f'<line class="floor" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
+        parts.append(axes.level(floor))
+        py = axes.place(xs[0], floor)[1]
         parts.append(
-            f'<text class="tick" x="{right}" y="{py - 4:.1f}" text-anchor="end">'
+            f'<text class="tick" x="{axes.right}" y="{py - 4:.1f}" text-anchor="end">'
             f"uninformed guess {number(float(floor))}</text>"
         )
     for index, (name, x_values, y_values) in enumerate(curves):
-        placed = [place(x, y) for x, y in zip(x_values, y_values, strict=True)]
+        placed = [axes.place(x, y) for x, y in zip(x_values, y_values, strict=True)]
         path = " ".join(f"{px:.1f},{py:.1f}" for px, py in placed)
         parts.append(f'<polyline class="curve c{index % 4}" points="{path}"><title>{escape(name)}</title></polyline>')
         if points:
@@ -95,11 +71,68 @@ def line_chart(
                 )
                 if y == floor:
                     continue  # the dashed line says it already
-                anchor = "start" if px < (left + right) / 2 else "end"
+                anchor = "start" if px < (axes.left + axes.right) / 2 else "end"
                 parts.append(
                     f'<text class="tick" x="{px:.1f}" y="{py - 8:.1f}" text-anchor="{anchor}">{number(float(y))}</text>'
                 )
     return "".join(parts) + "</svg>"
+
+
+class Axes:
+    """The frame of a chart: values to pixels, grid and ticks.
+
+    `log` names the axes with a logarithmic scale, "x", "y" or "xy"; `padding` is the room beyond the values along x and
+    y, as a share of their span; `inset` the room for labels at the left, top, right and bottom, in pixels.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int],
+        xs: Sequence[float],
+        ys: Sequence[float],
+        *,
+        log: str = "",
+        padding: tuple[float, float],
+        inset: tuple[int, int, int, int] = (56, 26, 16, 34),
+    ) -> None:
+        self.left, self.top, self.right, self.bottom = inset[0], inset[1], size[0] - inset[2], size[1] - inset[3]
+        self.size, self.log = size, log
+        self.on_x, self.on_y = (math.log10 if axis in log else float for axis in "xy")
+        self.x_low, self.x_high = _padded(self.on_x(min(xs)), self.on_x(max(xs)), padding[0])
+        self.y_low, self.y_high = _padded(self.on_y(min(ys)), self.on_y(max(ys)), padding[1])
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Pixels of a pair of values."""
+        return self._x(self.on_x(x)), self._y(self.on_y(y))
+
+    def drawn(self, title: str, x_label: str, y_label: str = "") -> list[str]:
+        """Title, grid, ticks and the names of the axes."""
+        left, right, height = self.left, self.right, self.size[1]
+        parts = [f'<text class="title" x="{left}" y="{self.top - 11}">{escape(title)}</text>']
+        for y in (_log_ticks if "y" in self.log else _ticks)(self.y_low, self.y_high):
+            py = self._y(self.on_y(y))
+            parts.append(f'<line class="grid" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
+            parts.append(f'<text class="tick" x="{left - 6}" y="{py + 4:.1f}" text-anchor="end">{_short(y)}</text>')
+        for x in (_log_ticks if "x" in self.log else _ticks)(self.x_low, self.x_high):
+            at = f'x="{self._x(self.on_x(x)):.1f}" y="{self.bottom + 15}"'
+            parts.append(f'<text class="tick" {at} text-anchor="middle">{_short(x)}</text>')
+        parts.append(f'<text class="axis" x="{right}" y="{height - 4}" text-anchor="end">{escape(x_label)}</text>')
+        if y_label:
+            parts.append(
+                f'<text class="axis" x="{right}" y="{self.top - 11}" text-anchor="end">{escape(y_label)}</text>'
+            )
+        return parts
+
+    def level(self, y: float) -> str:
+        """A dashed line across at a value."""
+        py = self._y(self.on_y(y))
+        return f'<line class="floor" x1="{self.left}" x2="{self.right}" y1="{py:.1f}" y2="{py:.1f}"/>'
+
+    def _x(self, scaled: float) -> float:
+        return self.left + (self.right - self.left) * (scaled - self.x_low) / ((self.x_high - self.x_low) or 1.0)
+
+    def _y(self, scaled: float) -> float:
+        return self.bottom - (self.bottom - self.top) * (scaled - self.y_low) / ((self.y_high - self.y_low) or 1.0)
 
 
 def thin(values: Sequence[float], at_most: int = 400) -> list[int]:
@@ -110,11 +143,17 @@ def thin(values: Sequence[float], at_most: int = 400) -> list[int]:
     return [round(index * step) for index in range(at_most)]
 
 
-def _open(width: int, height: int, name: str) -> str:
+def svg_start(width: int, height: int, name: str) -> str:
+    """The opening tag of a chart."""
     return (
         f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img" '
         f'aria-label="{escape(name, quote=True)}">'
     )
+
+
+def _padded(low: float, high: float, share: float) -> tuple[float, float]:
+    pad = (share * (high - low) or 0.05 * abs(high) or 1.0) if share else 0.0
+    return low - pad, high + pad
 
 
 def _ticks(low: float, high: float) -> list[float]:

@@ -2,192 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import platform
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.report.lineage import cumulative_seconds, edges_between
+from exmesh_graph.report.contents import Curve, Figure, GalleryModel, GalleryPicture, Node, Report
 
-SCHEMA = "exmesh.report.v1"
 _LIBRARIES = ("torch", "numpy", "warp-lang", "embreex", "xatlas", "open3d", "usd-core", "OpenImageIO")
-
-
-@dataclass(frozen=True)
-class Node:
-    """One node of the run. `seconds` is the cost of its result, whether it ran now or came from the store."""
-
-    name: str
-    type: str
-    state: str
-    seconds: float
-    peak_rss: int
-    bytes: int
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One headline figure. `floor` is the score of an uninformed guess, `goal` what was aimed at.
-
-    `series` groups figures of one measure over stages; `after` is the time spent until the scored value was there;
-    `over` holds other quantities that the value may be drawn against, by name.
-    """
-
-    label: str
-    value: float | int | bool | str
-    unit: str = ""
-    floor: float | None = None
-    goal: float | None = None
-    better: str = ""
-    node: str = ""
-    series: str = ""
-    after: float | None = None
-    over: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A PNG or WebP of a Gallery, with its caption."""
-
-    node: str
-    file: str
-    title: str
-    caption: str
-    data: bytes
-    panels: int = 0  # of one size, ours and the truth first; 0: not a comparison
-
-    @property
-    def data_uri(self) -> str:
-        """The picture as it stands in the page."""
-        kind = Path(self.file).suffix.removeprefix(".")
-        return f"data:image/{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
-
-
-@dataclass(frozen=True)
-class Model:
-    """A binary glTF file of a Gallery, which the page's viewer turns (view/model.py)."""
-
-    node: str
-    file: str
-    title: str
-    caption: str
-    data: bytes
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A history: `values` over `positions` (iterations or seconds).
-
-    `span` is when, in seconds spent on all that it needs, the node began and ended.
-    """
-
-    node: str
-    name: str
-    axis: str
-    positions: list[float]
-    values: list[float]
-    span: tuple[float, float] = (0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Report:
-    """All contents of one report."""
-
-    name: str
-    run: str
-    graph: str
-    command: str
-    wall_seconds: float | None
-    nodes: list[Node]
-    edges: list[tuple[str, str]]
-    headline: list[Figure]
-    stages: list[Figure]
-    metrics: dict[str, dict[str, Any]]
-    curves: list[Curve]
-    pictures: list[Picture]
-    models: list[Model]
-    state: str
-    machine: dict[str, str]
-    versions: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def total_seconds(self) -> float:
-        """What all results together cost, those taken from the store included."""
-        return sum(node.seconds for node in self.nodes)
-
-    @property
-    def warnings(self) -> list[tuple[str, str]]:
-        """(node, text) of every warning."""
-        return [(node.name, text) for node in self.nodes for text in node.warnings]
-
-    def as_json(self) -> dict[str, Any]:
-        """The documented content of `report.json`."""
-        from exmesh_graph.report.costs import stage_costs
-
-        return {
-            "schema": SCHEMA,
-            "name": self.name,
-            "run": self.run,
-            "graph": self.graph,
-            "command": self.command,
-            "state": self.state,
-            "seconds": {"this_run": self.wall_seconds, "all_results": self.total_seconds},
-            "headline": {
-                figure.label: {
-                    "value": figure.value,
-                    "unit": figure.unit,
-                    "floor": figure.floor,
-                    "goal": figure.goal,
-                    "better": figure.better,
-                    "node": figure.node,
-                    "series": figure.series,
-                    "after_seconds": figure.after,
-                }
-                for figure in self.headline
-            },
-            "stages": [
-                {
-                    "label": figure.label,
-                    "value": figure.value,
-                    "unit": figure.unit,
-                    "node": figure.node,
-                    "series": figure.series,
-                    "after_seconds": figure.after,
-                    "over": dict(figure.over),
-                }
-                for figure in self.stages
-            ],
-            "metrics": self.metrics,
-            "costs": stage_costs(self.nodes),
-            "nodes": [
-                {
-                    "name": node.name,
-                    "type": node.type,
-                    "state": node.state,
-                    "seconds": node.seconds,
-                    "peak_memory": node.peak_rss,
-                    "bytes": node.bytes,
-                    "warnings": list(node.warnings),
-                }
-                for node in self.nodes
-            ],
-            "edges": [list(edge) for edge in self.edges],
-            "warnings": [{"node": node, "message": text} for node, text in self.warnings],
-            "pictures": [
-                {"node": p.node, "file": p.file, "title": p.title, "caption": p.caption} for p in self.pictures
-            ],
-            "models": [
-                {"node": m.node, "file": m.file, "title": m.title, "caption": m.caption, "bytes": len(m.data)}
-                for m in self.models
-            ],
-            "machine": self.machine,
-            "versions": self.versions,
-        }
 
 
 def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, run_name: str = "") -> Report:
@@ -199,8 +24,8 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
     figures: list[Figure] = []
     stages: list[Figure] = []
     curves: list[Curve] = []
-    pictures: list[Picture] = []
-    models: list[Model] = []
+    pictures: list[GalleryPicture] = []
+    models: list[GalleryModel] = []
     for entry in record["nodes"]:
         for port, output in sorted((entry.get("outputs") or {}).items()):
             if output["type"] == "Metrics":
@@ -213,8 +38,8 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
                 curves += [replace(curve, span=(begun, ended)) for curve in _curves(values, entry["name"])]
             elif output["type"] == "Gallery":
                 shown = gallery_of(Path(load_artifact(output["digest"]).root), entry["name"])
-                pictures += [one for one in shown if isinstance(one, Picture)]
-                models += [one for one in shown if isinstance(one, Model)]
+                pictures += [one for one in shown if isinstance(one, GalleryPicture)]
+                models += [one for one in shown if isinstance(one, GalleryModel)]
     report = Report(
         name=str(record.get("graph") or run_name or "run"),
         run=str(record.get("id") or run_name),
@@ -297,14 +122,16 @@ def _curves(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
             yield from _curves(value, node)
 
 
-def gallery_of(root: Path, node: str) -> list[Picture | Model]:
+def gallery_of(root: Path, node: str) -> list[GalleryPicture | GalleryModel]:
     """What the folder of a Gallery holds, in the order of its captions."""
-    shown: list[Picture | Model] = []
+    shown: list[GalleryPicture | GalleryModel] = []
     for entry in json.loads((root / "captions.json").read_text(encoding="utf-8")):
         words = node, entry["file"], entry.get("title", ""), entry.get("caption", "")
         data = (root / entry["file"]).read_bytes()
         panels = int(entry.get("compare") or 0)
-        shown.append(Model(*words, data) if entry["file"].endswith(".glb") else Picture(*words, data, panels))
+        shown.append(
+            GalleryModel(*words, data) if entry["file"].endswith(".glb") else GalleryPicture(*words, data, panels)
+        )
     return shown
 
 
@@ -321,3 +148,54 @@ def library_versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             versions[name] = "not installed"
     return versions
+
+
+def edges_between(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(producer, consumer) pairs of a run record, in order, each once.
+
+    Inputs are wires "@node.port", with each node's entry or under `resolved.nodes`.
+    """
+    resolved = (record.get("resolved") or {}).get("nodes") or {}
+    known = {entry["name"] for entry in record["nodes"]}
+    edges: dict[tuple[str, str], None] = {}
+    for entry in record["nodes"]:
+        inputs = entry.get("inputs") or resolved.get(entry["name"], {}).get("inputs") or {}
+        for wire in inputs.values():
+            producer = str(wire).removeprefix("@").rpartition(".")[0]
+            if producer in known:
+                edges[producer, entry["name"]] = None
+    return list(edges)
+
+
+def cumulative_seconds(nodes: Sequence[tuple[str, float]], edges: Sequence[tuple[str, str]]) -> dict[str, float]:
+    """Seconds of all that a node depends on, its own not counted: what its input cost.
+
+    `nodes` are (name, seconds) in the order of execution. A node without a known input counts all before it.
+    """
+    sources: dict[str, set[str]] = {}
+    for producer, consumer in edges:
+        sources.setdefault(consumer, set()).add(producer)
+    seconds = dict(nodes)
+    ancestors: dict[str, set[str]] = {}
+    spent: dict[str, float] = {}
+    before = 0.0
+    for name, own in nodes:
+        direct = sources.get(name, set())
+        ancestors[name] = set(direct).union(*(ancestors.get(node, set()) for node in direct))
+        spent[name] = sum(seconds[node] for node in ancestors[name]) if direct else before
+        before += own
+    return spent
+
+
+def collect_benchmarks(record: Mapping[str, Any], load_artifact: Callable[[str], Any]) -> list[dict[str, Any]]:
+    """{table, scene, row, seconds} of every scene a run or a sweep has scored; seconds are those its result cost."""
+    nodes = [(str(entry["name"]), float(entry.get("seconds") or 0.0)) for entry in record["nodes"]]
+    spent = cumulative_seconds(nodes, edges_between(record))
+    scenes = []
+    for entry in record["nodes"]:
+        for output in (entry.get("outputs") or {}).values():
+            if output["type"] == "Metrics" and str(entry.get("type")).startswith("benchmark."):
+                scored = load_artifact(output["digest"]).values.get("benchmark")
+                if scored:
+                    scenes.append({**scored, "seconds": spent[entry["name"]]})
+    return scenes

@@ -1,36 +1,56 @@
-"""The self-contained HTML page of a report: style, charts and pictures are all inside it."""
+"""`report.json` and `report.html` of a run; style, charts and pictures are all inside the page.
+
+Nothing heavy is imported here: the report is also written after a run that took everything from the store.
+"""
 
 from __future__ import annotations
 
-from importlib import resources
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
-from exmesh_graph.report.collect import Curve, Figure, Node, Report
-from exmesh_graph.report.compare import comparison
-from exmesh_graph.report.costs import stage_costs
+from exmesh_graph.report.collect import collect
+from exmesh_graph.report.contents import Curve, Figure, Node, Report, stage_costs
 from exmesh_graph.report.decisions import decision_tables
-from exmesh_graph.report.graph_picture import Box, graph_picture
-from exmesh_graph.report.lineage import fold_edges, fold_loops, fold_name
-from exmesh_graph.report.text import number, seconds, size
-from exmesh_graph.report.viewer import viewer_section
+from exmesh_graph.report.drawing.svg import Box, fold_edges, fold_loops, fold_name, graph_picture
+from exmesh_graph.report.templates import asset_text, page_of, replace_text
+from exmesh_graph.report.text import number
+from exmesh_graph.report.widgets import comparison, viewer_section
 
 _STATES = ("failed", "running", "done", "hit")  # the most telling state of a folded block comes first
 
 
+def build_report(run_folder: Path, run_record: Mapping[str, Any], load_artifact: Callable[[str], Any]) -> Path:
+    """Write `report.json` and the self-contained `report.html` into `run_folder`; return the path of the page.
+
+    run_record     what the run recorded; `nodes` is required, all else is optional (docs/report.md):
+                   nodes     [{name, type, state, seconds, outputs {port: {type, digest, bytes}}, warnings [text],
+                             peak_rss bytes}]; seconds are those of the execution that made the result, also
+                             where this run took it from the store
+                   resolved  {nodes: {name: {inputs: {port: "@node.port"}}}}
+                   id, graph (its name), file, command, state, seconds, machine
+    load_artifact  digest -> the value; called for outputs of type Metrics and Gallery only
+    """
+    report = collect(run_record, load_artifact, run_name=run_folder.name)
+    text = json.dumps(report.as_json(), indent=1, ensure_ascii=False, allow_nan=False)
+    replace_text(run_folder / "report.json", text + "\n")
+    page = run_folder / "report.html"
+    replace_text(page, render_page(report))
+    return page
+
+
 def render_page(report: Report) -> str:
     """HTML text of the report; works offline."""
-    from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    here = resources.files(__package__)
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(number=number, seconds=seconds, size=size)
-    template = environment.from_string((here / "report.html").read_text(encoding="utf-8"))
     boxes = fold_nodes(report.nodes)
-    return template.render(
+    return page_of(
+        __package__,
+        "report.html",
         report=report,
-        style=Markup((here / "style.css").read_text(encoding="utf-8")),
+        style=Markup(asset_text(__package__, "style.css")),
         tiles=[_tile(figure) for figure in _last_stages(report.headline)],
         bars=Markup(bar_chart([(_label(box), box.seconds or 0.0, box.state) for box in boxes])),
         error_charts=[Markup(chart) for chart in _error_charts(report.stages)],

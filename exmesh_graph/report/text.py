@@ -37,6 +37,11 @@ def seconds(value: float | None) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
+def signed(value: float) -> str:
+    """+0.31, −12.4, or = for none: a difference."""
+    return "=" if value == 0 else ("+" if value > 0 else "−") + number(float(abs(value)))
+
+
 def size(bytes_: int) -> str:
     """1.2 MB; an en dash for nothing known."""
     if bytes_ <= 0:

@@ -9,9 +9,10 @@ from exmesh_nodes import benchmark
 
 from exmesh_graph.errors import DataError, MissingLibraryError
 from exmesh_graph.evaluate.protocols.dtu import DtuTruth, score_dtu
+from exmesh_graph.evaluate.protocols.published import NOTE, TABLES, as_markdown, as_text, paper_table
 from exmesh_graph.evaluate.protocols.stanford_orb import depth_map
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.report.published import NOTE, TABLES, as_markdown, as_text, collect_benchmarks, paper_table
+from exmesh_graph.report.collect import collect_benchmarks
 from exmesh_graph.types import Carrier, Frame, LitViews, Mesh, Metrics, SceneTruth
 
 QUICK = {"directions": 64, "bounces": 1, "supersampling": 2}

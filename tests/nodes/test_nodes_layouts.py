@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.layouts import LIGHTS, RUNS, SAMPLE, run, write_layouts
 from exmesh_graph.evaluate.protocols.dtu import dtu_chamfer, read_truth
+from exmesh_graph.evaluate.protocols.published import TABLES
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.io.idr import load_idr
@@ -13,7 +14,6 @@ from exmesh_graph.io.normalise import frame_scale, points_to_normalised
 from exmesh_graph.io.params import OrbOptions
 from exmesh_graph.io.stanford_orb import load_orb
 from exmesh_graph.io.synthetic4relight import load_synthetic4relight
-from exmesh_graph.report.published import TABLES
 
 
 @pytest.fixture(scope="module")

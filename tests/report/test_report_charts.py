@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from exmesh_graph.report import text
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
-from exmesh_graph.report.lineage import cumulative_seconds, fold_edges, fold_name
+from exmesh_graph.report.collect import cumulative_seconds
+from exmesh_graph.report.drawing.svg import fold_edges, fold_name
 
 
 def test_rounds_fold_into_one_node():

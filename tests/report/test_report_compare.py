@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from exmesh_graph.gallery.pictures import GalleryWriter
-from exmesh_graph.report.collect import Node, Picture
-from exmesh_graph.report.compare import comparison
-from exmesh_graph.report.costs import stage_costs
+from exmesh_graph.report.contents import GalleryPicture, Node, stage_costs
+from exmesh_graph.report.widgets import comparison
 from tests.report.chromium import screenshot
 
 
@@ -17,7 +16,7 @@ def picture(tmp_path):
     writer = GalleryWriter(tmp_path / "gallery")
     writer.add("held_out", 'A "view"', "Ours, photograph, error.", panels, compare=True)
     root = writer.finish().root
-    return Picture("score", "held_out.png", 'A "view"', "", (root / "held_out.png").read_bytes(), 3)
+    return GalleryPicture("score", "held_out.png", 'A "view"', "", (root / "held_out.png").read_bytes(), 3)
 
 
 def test_the_picture_is_there_once_with_a_slider(picture):
@@ -27,8 +26,8 @@ def test_the_picture_is_there_once_with_a_slider(picture):
     assert "--shape:30/20" in html
     assert "A &quot;view&quot;" in html
     assert "<script" not in html
-    assert comparison(Picture("n", "a.png", "t", "", picture.data, 0)) == ""
-    assert comparison(Picture("n", "a.png", "t", "", picture.data, 5)) == ""  # panels of another width
+    assert comparison(GalleryPicture("n", "a.png", "t", "", picture.data, 0)) == ""
+    assert comparison(GalleryPicture("n", "a.png", "t", "", picture.data, 5)) == ""  # panels of another width
 
 
 def test_only_panels_of_one_size_are_marked(tmp_path):

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exmesh_graph.report.graph_page import mermaid, page, render
-from exmesh_graph.report.graph_picture import Box, Picture, draw
-from exmesh_graph.report.layout import arrange
+from exmesh_graph.report.drawing.formats import mermaid, page, render
+from exmesh_graph.report.drawing.layout import arrange
+from exmesh_graph.report.drawing.svg import Box, GraphPicture, draw
 
 SIZE = (120.0, 50.0)
 
@@ -83,7 +83,7 @@ def test_a_chain_stands_upright() -> None:
     assert len({x for x, _ in layout.boxes.values()}) == 1
 
 
-PICTURE = Picture(
+PICTURE = GraphPicture(
     [
         Box("views", "data.blender", "hit", 2.0, 1, 3_000_000, hover=("out  train: Views",)),
         Box("rounds.refine", "stage1.refine", "done", 40.0, 4),

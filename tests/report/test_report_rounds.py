@@ -10,7 +10,7 @@ import pytest
 from exmesh_graph.evaluate.carrier import score_stage
 from exmesh_graph.gallery.rounds import atlas_panels, round_gallery
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.report.collect import Figure
+from exmesh_graph.report.contents import Figure
 from exmesh_graph.report.page import _error_charts
 from exmesh_graph.types import Carrier, SceneTruth
 from exmesh_graph.uv.unwrap import unwrap

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.report.sweep import sweep_csv, sweep_table, write_sweep
-from exmesh_graph.report.sweep_page import text_of, verdict
+from exmesh_graph.report.sweep.files import sweep_csv, write_sweep
+from exmesh_graph.report.sweep.table import sweep_table, text_of, verdict
 from exmesh_graph.types import Metrics
 
 VALUES = {"base": (30.0, 31.0, 32.0), "good": (35.0, 36.0, 37.0), "odd": (31.0, 31.5, 32.0)}

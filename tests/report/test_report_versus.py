@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from exmesh_graph.gallery.pictures import GalleryWriter
-from exmesh_graph.report import sweep_pictures as module
-from exmesh_graph.report.sweep_page import best_of
-from exmesh_graph.report.sweep_pictures import Shown, sweep_pictures, versus_section
+from exmesh_graph.report.sweep import pictures as module
+from exmesh_graph.report.sweep.page import best_of
+from exmesh_graph.report.sweep.pictures import SweepPictures, sweep_pictures, versus_section
 from tests.report.chromium import screenshot
 
 RED, GREEN, BLUE, GRAY, WHITE = (np.array(c) for c in ([1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5] * 3, [1, 1, 1]))
@@ -90,7 +90,7 @@ def test_the_section_stands_alone_and_names_the_best(sweep):
     assert data["pictures"][0]["strips"] == {"0": 0, "1": 0, "2": 1}
     assert base64.b64decode(data["strips"][0].partition(",")[2])[:4] == b"RIFF"
     assert "http" not in html
-    assert versus_section(Shown(), LABELS, None) == ""
+    assert versus_section(SweepPictures(), LABELS, None) == ""
 
 
 def test_the_best_is_that_of_the_first_figure_with_a_direction():
@@ -117,7 +117,7 @@ def test_chromium_shows_any_two(sweep, tmp_path, state, expected):
     from importlib import resources
 
     here = resources.files("exmesh_graph.report")
-    style = "".join((here / name).read_text() for name in ("style.css", "sweep.css"))
+    style = "".join((here / name).read_text() for name in ("style.css", "sweep/style.css"))
     body = versus_section(sweep_pictures(*sweep), LABELS, None)
     page = tmp_path / "page.html"
     page.write_text(f"<style>{style} body{{margin:0;padding:0;max-width:none;background:#ff0}}</style>{body}")

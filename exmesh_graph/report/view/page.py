@@ -7,10 +7,8 @@ pictures: centre at +X and the lowest row first, where ours have +Z and the high
 from __future__ import annotations
 
 import base64
-import json
 import tempfile
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ import numpy as np
 from exmesh_graph.export.gltf import write_gltf
 from exmesh_graph.gallery.glb import equirectangular
 from exmesh_graph.io.envmaps import canonical_directions
+from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
 from exmesh_graph.types import Asset
 
 LIGHT_WIDTH = 512
@@ -41,18 +40,15 @@ def view_page(asset: Asset, title: str, lights: Mapping[str, np.ndarray] | None 
         "faces": len(asset.faces),
         "maps": list(asset.base_color.shape[:2]),
     }
-    page = _text("view.html")
     parts = {
         "@TITLE@": title.replace("&", "&amp;").replace("<", "&lt;"),
         "@THREE@": _module("vendor/three.module.min.js"),
         "@ORBIT@": _module("vendor/OrbitControls.js"),
         "@VIEWER@": _module("viewer.js"),
-        "@PAGE@": _text("view.js"),
-        "@DATA@": json.dumps(data).replace("</", "<\\/"),
+        "@PAGE@": asset_text(__package__, "view.js"),
+        "@DATA@": json_in_page(data),
     }
-    for mark, text in parts.items():
-        page = page.replace(mark, text)
-    return page
+    return marked_text(__package__, "view.html", parts)
 
 
 def studio(height: int = 64) -> np.ndarray:
@@ -83,10 +79,6 @@ def _encoded(radiance: np.ndarray) -> dict[str, Any]:
     return {"width": rgba.shape[1], "height": rgba.shape[0], "data": base64.b64encode(rgba.tobytes()).decode()}
 
 
-def _text(name: str) -> str:
-    return resources.files("exmesh_graph.report.view").joinpath(name).read_text(encoding="utf-8")
-
-
 def _module(name: str) -> str:
     """A data: address, since pages opened from a disk may not load modules from files."""
-    return "data:text/javascript;base64," + base64.b64encode(_text(name).encode()).decode()
+    return "data:text/javascript;base64," + base64.b64encode(asset_text(__package__, name).encode()).decode()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from exmesh_graph.report.graph_picture import Box, Picture
-from exmesh_graph.report.lineage import edges_between, fold_edges, fold_loops, fold_name
+from exmesh_graph.report.collect import edges_between
+from exmesh_graph.report.drawing.svg import Box, GraphPicture, fold_edges, fold_loops, fold_name
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -16,7 +16,7 @@ _ORDER = ("failed", "interrupted", "running", "blocked", "waiting", "removed", "
           "done", "unknown", "hit")  # fmt: skip
 
 
-def picture_of_graph(graph: Checked, store: Store, rounds: bool = False) -> Picture:
+def picture_of_graph(graph: Checked, store: Store, rounds: bool = False) -> GraphPicture:
     """A graph as a plan sees it: what is in the store, what would run; times and sizes of earlier results.
 
     `rounds` draws each round of a repeat block; else they are one box.
@@ -36,7 +36,7 @@ def picture_of_graph(graph: Checked, store: Store, rounds: bool = False) -> Pict
     return folded([*plugs, *boxes], [*wires, *edges], graph.name, rounds)
 
 
-def picture_of_run(record: Mapping[str, Any], rounds: bool = False) -> Picture:
+def picture_of_run(record: Mapping[str, Any], rounds: bool = False) -> GraphPicture:
     """A run as it ended, or as it is now."""
     resolved = (record.get("resolved") or {}).get("nodes") or {}
     boxes = [
@@ -66,11 +66,11 @@ def plugged_components(resolved: Mapping[str, Any], drawn: Iterable[str]) -> tup
     return boxes, wires
 
 
-def folded(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], title: str, rounds: bool) -> Picture:
+def folded(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], title: str, rounds: bool) -> GraphPicture:
     """The picture with each round drawn, or with one box for all rounds of a node."""
     if rounds:
-        return Picture(boxes, edges, title=title)
-    return Picture(fold_boxes(boxes), fold_edges(edges), fold_loops(edges), title=title)
+        return GraphPicture(boxes, edges, title=title)
+    return GraphPicture(fold_boxes(boxes), fold_edges(edges), fold_loops(edges), title=title)
 
 
 def fold_boxes(boxes: Iterable[Box]) -> list[Box]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from importlib import resources
 from string import Template
 
-from exmesh_graph.report.layout import Layout, Piece, arrange
+from exmesh_graph.report.drawing.layout import Layout, Piece, arrange
+from exmesh_graph.report.templates import asset_text
 from exmesh_graph.report.text import seconds, size
 
+_ROUND = re.compile(r"^(?P<block>.+)\[(?P<round>\d+)\]\.(?P<inner>.+)$")
 _NAME, _UNDER = 7.3, 6.0  # widths of letters
 _HEIGHT, _LINE = 42.0, 15.0
 _MOST = 300  # boxes in the picture of a report; 1000 take seconds to arrange
@@ -62,7 +64,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Picture:
+class GraphPicture:
     """What is drawn: boxes, (source, target) wires, wires back to the next round, states of wires that stand out."""
 
     boxes: Sequence[Box]
@@ -76,10 +78,10 @@ def graph_picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], loops:
     """SVG of boxes and wires; an empty string when there is nothing to draw, a sentence where nobody could read it."""
     if len(boxes) > _MOST:
         return f"<p>{len(boxes)} boxes are not drawn here; <code>exmesh show</code> draws them.</p>"
-    return draw(Picture(boxes, edges, loops)) if boxes else ""
+    return draw(GraphPicture(boxes, edges, loops)) if boxes else ""
 
 
-def draw(picture: Picture) -> str:
+def draw(picture: GraphPicture) -> str:
     """The SVG text."""
     boxes = {box.name: box for box in picture.boxes}
     third = any(box.third for box in picture.boxes)
@@ -112,10 +114,38 @@ def draw(picture: Picture) -> str:
     return "".join(parts) + "</g></svg>"
 
 
+def fold_name(name: str) -> str:
+    """`rounds[3].refine` -> `rounds.refine`: the node of a repeat block, whatever its round."""
+    match = _ROUND.match(name)
+    return f"{fold_name(match['block'])}.{match['inner']}" if match else name
+
+
+def fold_edges(edges: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Edges between folded nodes, without those that carry state from one round to the next."""
+    folded: dict[tuple[str, str], None] = {}
+    for producer, consumer in edges:
+        a, b = _ROUND.match(producer), _ROUND.match(consumer)
+        next_round = a and b and a["block"] == b["block"] and a["round"] != b["round"]
+        pair = (fold_name(producer), fold_name(consumer))
+        if not next_round and pair[0] != pair[1]:
+            folded[pair] = None
+    return list(folded)
+
+
+def fold_loops(edges: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The folded edges that carry state from one round to the next."""
+    folded: dict[tuple[str, str], None] = {}
+    for producer, consumer in edges:
+        a, b = _ROUND.match(producer), _ROUND.match(consumer)
+        if a and b and a["block"] == b["block"] and a["round"] != b["round"]:
+            folded[fold_name(producer), fold_name(consumer)] = None
+    return list(folded)
+
+
 @functools.cache
 def _style() -> str:
     """The style sheet, light and dark, in plain colours: some viewers know neither variables nor colour functions."""
-    sheet = Template((resources.files(__package__) / "graph_picture.css").read_text(encoding="utf-8"))
+    sheet = Template(asset_text(__package__, "style.css"))
     themes = []
     for palette in (_LIGHT, _DARK):
         rules = []
@@ -172,8 +202,8 @@ def _box(box: Box, x: float, y: float, width: float, height: float) -> str:
 
 
 def _wire(piece: Piece, states: Mapping[tuple[str, str], str]) -> str:
-    found = {states.get((piece.source, target), "") for target in piece.to}
-    state = found.pop() if len(found) == 1 else ""
+    distinct = {states.get((piece.source, target), "") for target in piece.to}
+    state = distinct.pop() if len(distinct) == 1 else ""
     end = piece.y1 - (6 if piece.arrow else 0)
     if piece.x0 == piece.x1:
         path = f"M{piece.x0:.1f} {piece.y0:.1f}V{end:.1f}"
@@ -203,7 +233,7 @@ def _loop(a: str, b: str, layout: Layout, sizes: Mapping[str, tuple[float, float
     return f'<g class="gp-wire gp-loop"><title>to the next round</title><path d="{path}"/>{head}</g>'
 
 
-def _legend(picture: Picture) -> list[tuple[str, str]]:
+def _legend(picture: GraphPicture) -> list[tuple[str, str]]:
     states = {*(box.state for box in picture.boxes), *picture.edge_states.values()}
     return [(state, _STATES[state]) for state in _STATES if state in states]
 

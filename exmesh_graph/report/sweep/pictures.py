@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.report.collect import Model, Picture, gallery_of
-from exmesh_graph.report.compare import GAP, panel_size
+from exmesh_graph.report.collect import gallery_of
+from exmesh_graph.report.contents import GalleryModel, GalleryPicture
+from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
+from exmesh_graph.report.widgets import GAP, panel_size
 
 PICTURE_BYTES, MODEL_BYTES = 12_000_000, 6_000_000
 """Of a page, before base64 (and, for models, before compression)."""
@@ -38,19 +38,19 @@ class Comparison:
 
 
 @dataclass
-class Shown:
+class SweepPictures:
     """Pictures and models of a sweep; `strips` are WebP files."""
 
     comparisons: list[Comparison] = field(default_factory=list)
     strips: list[bytes] = field(default_factory=list)
-    models: list[tuple[list[Key], Model]] = field(default_factory=list)
+    models: list[tuple[list[Key], GalleryModel]] = field(default_factory=list)
     pictures_left_out: int = 0
     models_left_out: int = 0
 
 
 def sweep_pictures(
     record: Mapping[str, Any], members: Sequence[Mapping[str, Any]], load_artifact: Callable[[str], Any]
-) -> Shown:
+) -> SweepPictures:
     """Read the galleries of a merged run; `members` as for `sweep_table`.
 
     Pictures are taken in the order of the galleries, of the last node first, one of each kind before the second of any,
@@ -60,9 +60,9 @@ def sweep_pictures(
     first: dict[Key, Mapping[str, Any]] = {}
     for member in members:
         first.setdefault((member["file"], member["variant"]), member)
-    galleries: dict[str, list[Picture | Model]] = {}
-    found: dict[tuple[Any, ...], dict[Key, Picture]] = {}
-    models: dict[bytes, tuple[list[Key], Model]] = {}
+    galleries: dict[str, list[GalleryPicture | GalleryModel]] = {}
+    compared: dict[tuple[Any, ...], dict[Key, GalleryPicture]] = {}
+    models: dict[bytes, tuple[list[Key], GalleryModel]] = {}
     for key, member in first.items():
         last = None
         for own, name in reversed(member["nodes"].items()):
@@ -73,14 +73,14 @@ def sweep_pictures(
                 if digest not in galleries:
                     galleries[digest] = gallery_of(Path(load_artifact(digest).root), own)
                 for one in galleries[digest]:
-                    if isinstance(one, Model):
+                    if isinstance(one, GalleryModel):
                         last = last or one
                     elif size := panel_size(one):  # the title names the view: other scenes are not compared
-                        found.setdefault((own, one.file, one.title, one.panels, size), {})[key] = one
+                        compared.setdefault((own, one.file, one.title, one.panels, size), {})[key] = one
         if last is not None:
             models.setdefault(last.data, ([], last))[0].append(key)
-    shown = Shown()
-    _add_comparisons(shown, found)
+    shown = SweepPictures()
+    _add_comparisons(shown, compared)
     room = MODEL_BYTES
     for keys, model in models.values():
         room -= len(model.data)
@@ -91,7 +91,7 @@ def sweep_pictures(
     return shown
 
 
-def versus_section(shown: Shown, labels: Mapping[Key, str], best: tuple[Key, str] | None) -> str:
+def versus_section(shown: SweepPictures, labels: Mapping[Key, str], best: tuple[Key, str] | None) -> str:
     """HTML of the comparisons, with a choice of the picture and of what is left and right of the line; "" without."""
     if not shown.comparisons:
         return ""
@@ -110,33 +110,29 @@ def versus_section(shown: Shown, labels: Mapping[Key, str], best: tuple[Key, str
             for c in shown.comparisons
         ],
     }  # fmt: skip
-    here = resources.files(__package__)
     left_out = f" {shown.pictures_left_out} further pictures are in the reports of single runs."
     parts = {
         "@LEFT_OUT@": left_out if shown.pictures_left_out else "",
-        "@DATA@": json.dumps(data, ensure_ascii=False).replace("<", "\\u003c"),
-        "@SCRIPT@": (here / "versus.js").read_text(encoding="utf-8"),
+        "@DATA@": json_in_page(data),
+        "@SCRIPT@": asset_text(__package__, "versus.js"),
     }
-    html = (here / "versus.html").read_text(encoding="utf-8")
-    for mark, text in parts.items():
-        html = html.replace(mark, text)
-    return html
+    return marked_text(__package__, "versus.html", parts)
 
 
-def _add_comparisons(shown: Shown, found: Mapping[tuple[Any, ...], Mapping[Key, Picture]]) -> None:
+def _add_comparisons(shown: SweepPictures, compared: Mapping[tuple[Any, ...], Mapping[Key, GalleryPicture]]) -> None:
     kinds: dict[tuple[str, str], int] = {}
     ranked = []
-    for place, (node, _, title, *_) in enumerate(found):
+    for place, (node, _, title, *_) in enumerate(compared):
         kind = node, title.partition(" ")[0]
         kinds[kind] = kinds.get(kind, -1) + 1
         ranked.append((kinds[kind], place))
-    order = [list(found)[place] for _, place in sorted(ranked)]
+    order = [list(compared)[place] for _, place in sorted(ranked)]
     at: dict[bytes, int] = {}
     room = PICTURE_BYTES
     for number, name in enumerate(order):
         node, _, title, panels, size = name
         comparison = Comparison(node, title, panels, size)
-        for key, picture in found[name].items():
+        for key, picture in compared[name].items():
             if picture.data not in at:
                 at[picture.data] = len(shown.strips)
                 shown.strips.append(_webp(picture.data))

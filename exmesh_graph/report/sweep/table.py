@@ -7,19 +7,14 @@ takes out what a seed does to both alike. With one repeat there is no spread and
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from exmesh_graph.report.collect import Figure, collect
-
-if TYPE_CHECKING:
-    from exmesh_graph.report.sweep_pictures import Shown
+from exmesh_graph.report.collect import collect
+from exmesh_graph.report.contents import Figure
+from exmesh_graph.report.text import number
 
 SCHEMA = "exmesh.sweep.v1"
 BASE = "base"
@@ -76,50 +71,51 @@ def sweep_table(
     }  # fmt: skip
 
 
-def write_sweep(folder: Path, table: Mapping[str, Any], shown: Shown | None = None) -> Path:
-    """sweep.json, sweep.csv, sweep.md and the self-contained sweep.html with what is `shown`; returns the page."""
-    from exmesh_graph.report.sweep_markdown import sweep_markdown
-    from exmesh_graph.report.sweep_page import render_sweep
-
-    _replace(folder / "sweep.json", json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-    _replace(folder / "sweep.csv", sweep_csv(table))
-    _replace(folder / "sweep.md", sweep_markdown(table))
-    _replace(folder / "sweep.html", render_sweep(table, shown))
-    return folder / "sweep.html"
+def label_of(row: Mapping[str, Any], several_files: bool) -> str:
+    """The variant's name, with its file where the sweep spans several."""
+    return f"{row['file']}/{row['variant']}" if several_files else str(row["variant"])
 
 
-def sweep_csv(table: Mapping[str, Any]) -> str:
-    """One line per variant; three columns per figure: mean, spread, difference to the base."""
-    axes = list(dict.fromkeys(axis for row in table["variants"] for axis in row["settings"] if axis != "variant"))
-    labels = [figure["label"] for figure in table["figures"]]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    head = ["variant", *axes, "file", "state", "reason", "repeats", "seconds", "own seconds", "nodes", "shared"]
-    writer.writerow([*head, *(f"{label} {part}" for label in labels for part in ("mean", "spread", "difference"))])
-    for row in table["variants"]:
-        cells = [row["variant"], *(row["settings"].get(axis, "") for axis in axes), row["file"], row["state"],
-                 row["reason"], len(row["repeats"]), row["seconds"]["mean"], row["seconds"]["own"], row["nodes"],
-                 row["shared"]]  # fmt: skip
-        for label in labels:
-            figure = row["figures"].get(label, {})
-            cells += [figure.get(part) for part in ("mean", "spread", "difference")]
-        writer.writerow(["" if cell is None else cell for cell in cells])
-    return out.getvalue()
+def verdict(figure: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
+    """better, worse, same (within the spread) or other (no direction is better) than the base; "" where unknown."""
+    difference = entry.get("difference")
+    if difference is None:
+        return ""
+    if difference == 0 or entry.get("exceeds") is False:
+        return "same"
+    if figure["better"] not in ("higher", "lower"):
+        return "other"
+    return "better" if (difference > 0) == (figure["better"] == "higher") else "worse"
+
+
+def text_of(entry: Mapping[str, Any]) -> str:
+    """`31.2 ± 0.1`, `yes`, `2 of 3`, or an en dash."""
+    values = entry.get("values") or []
+    if values and all(isinstance(value, bool) for value in values):
+        return number(values[0]) if len(set(values)) == 1 else f"{sum(values)} of {len(values)}"
+    mean, spread = entry.get("mean"), entry.get("spread")
+    if mean is None:
+        return "–"
+    if spread:
+        digits = max(0, 1 - math.floor(math.log10(spread)))  # two digits of the spread carry meaning
+        return f"{mean:,.{digits}f} ± {spread:,.{digits}f}".replace(",", "\u202f")
+    whole = isinstance(mean, float) and mean.is_integer() and all(isinstance(value, int) for value in values)
+    return number(int(mean) if whole else mean)
 
 
 def _columns(parts: Sequence[dict[str, Any]], variants: Sequence[Mapping[str, Any]]) -> list[Figure]:
     """The figures in the order of the table: those that differ between variants first, those scored last first."""
-    found: dict[str, Figure] = {}
+    columns: dict[str, Figure] = {}
     for part in parts:
         for label, figure in part["figures"].items():
-            found.setdefault(label, figure)
+            columns.setdefault(label, figure)
 
     def rank(figure: Figure) -> tuple[bool, bool, float]:
         entries = [row["figures"][figure.label] for row in variants if figure.label in row["figures"]]
         same = not any(entry.get("difference") for entry in entries)
         return same, not figure.better, -(figure.after or 0.0)
 
-    return sorted(found.values(), key=rank)
+    return sorted(columns.values(), key=rank)
 
 
 def _part(
@@ -210,14 +206,14 @@ def _variant(group: Sequence[dict[str, Any]], base: Sequence[dict[str, Any]]) ->
 
 
 def _compared(label: str, group: Sequence[dict[str, Any]], base: Sequence[dict[str, Any]], *, is_base: bool) -> Any:
-    found = [part["figures"][label] for part in group if label in part["figures"]]
-    values = [figure.value for figure in found]
+    figures = [part["figures"][label] for part in group if label in part["figures"]]
+    values = [figure.value for figure in figures]
     if not all(isinstance(value, int | float) for value in values):
         return {"mean": values[0] if len(set(values)) == 1 else None, "values": values}
     numbers = [float(value) for value in values]
     yes_no = all(isinstance(value, bool) for value in values)
     entry = {"mean": _mean(numbers), "spread": _spread(numbers), "values": values,
-             "after_seconds": _mean([figure.after or 0.0 for figure in found])}  # fmt: skip
+             "after_seconds": _mean([figure.after or 0.0 for figure in figures])}  # fmt: skip
     theirs = {part["repeat"]: part["figures"][label].value for part in base if label in part["figures"]}
     pairs = [(part["figures"][label].value, theirs[part["repeat"]]) for part in group
              if label in part["figures"] and part["repeat"] in theirs]  # fmt: skip
@@ -240,9 +236,3 @@ def _spread(values: Sequence[float]) -> float | None:
         return None
     mean = _mean(values)
     return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
-
-
-def _replace(path: Path, text: str) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from exmesh_graph.report.charts import _open, _short, _ticks
-from exmesh_graph.report.text import number, seconds
+from exmesh_graph.report.charts import Axes, svg_start
+from exmesh_graph.report.text import number, seconds, signed
 
 _LETTER = 6.3  # width of a letter of a label
 
@@ -28,42 +28,20 @@ def scatter_chart(marks: Sequence[Mark], *, title: str, y_label: str, width: int
     if not marks:
         return ""
     ys = [y for mark in marks for y in (mark.y - (mark.spread or 0), mark.y + (mark.spread or 0))]
-    x_low, x_high = _padded([mark.x for mark in marks])
-    y_low, y_high = _padded(ys)
-    left, top, right, bottom = 62, 30, width - 18, height - 38
-
-    def place(x: float, y: float) -> tuple[float, float]:
-        return (
-            left + (right - left) * (x - x_low) / (x_high - x_low),
-            bottom - (bottom - top) * (y - y_low) / (y_high - y_low),
-        )
-
-    parts = [
-        _open(width, height, f"{title} over seconds"),
-        f'<text class="title" x="{left}" y="16">{escape(title)}</text>',
-    ]
-    for y in _ticks(y_low, y_high):
-        py = place(x_low, y)[1]
-        parts.append(f'<line class="grid" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
-        parts.append(f'<text class="tick" x="{left - 6}" y="{py + 4:.1f}" text-anchor="end">{_short(y)}</text>')
-    for x in _ticks(x_low, x_high):
-        px = place(x, y_low)[0]
-        parts.append(f'<text class="tick" x="{px:.1f}" y="{bottom + 15}" text-anchor="middle">{_short(x)}</text>')
-    parts.append(f'<text class="axis" x="{right}" y="{height - 6}" text-anchor="end">seconds until scored</text>')
-    parts.append(f'<text class="axis" x="{right}" y="16" text-anchor="end">{escape(y_label)}</text>')
+    axes = Axes((width, height), [mark.x for mark in marks], ys, padding=(0.12, 0.12), inset=(62, 27, 18, 38))
+    parts = [svg_start(width, height, f"{title} over seconds"), *axes.drawn(title, "seconds until scored", y_label)]
     base = next((mark for mark in marks if mark.kind == "base"), None)
     if base is not None:
-        py = place(x_low, base.y)[1]
-        parts.append(f'<line class="floor" x1="{left}" x2="{right}" y1="{py:.1f}" y2="{py:.1f}"/>')
-    spots = [place(mark.x, mark.y) for mark in marks]
-    labels = _labels([mark.name for mark in marks], spots, (left, top, right, bottom))
-    for mark, (px, py), (lx, ly, anchor) in zip(marks, spots, labels, strict=True):
+        parts.append(axes.level(base.y))
+    points = [axes.place(mark.x, mark.y) for mark in marks]
+    labels = _labels([mark.name for mark in marks], points, (axes.left, axes.top, axes.right, axes.bottom))
+    for mark, (px, py), (lx, ly, anchor) in zip(marks, points, labels, strict=True):
         tip = (
             f"{mark.name}: {number(mark.y)}{f' ± {number(mark.spread)}' if mark.spread else ''} after {seconds(mark.x)}"
         )
         parts.append(f'<g class="mark {escape(mark.kind)}"><title>{escape(tip)}</title>')
         if mark.spread:
-            low, high = place(mark.x, mark.y - mark.spread)[1], place(mark.x, mark.y + mark.spread)[1]
+            low, high = (axes.place(mark.x, mark.y + sign * mark.spread)[1] for sign in (-1, 1))
             parts.append(
                 f'<path class="whisker" d="M{px:.1f} {low:.1f}V{high:.1f}'
                 f'M{px - 4:.1f} {low:.1f}h8M{px - 4:.1f} {high:.1f}h8"/>'
@@ -90,7 +68,7 @@ def difference_chart(marks: Sequence[Mark], *, title: str, width: int = 470) -> 
         return label_width + 8 + room * (value - low) / span
 
     zero = at(0.0)
-    parts = [_open(width, height, title), f'<text class="title" x="4" y="16">{escape(title)}</text>',
+    parts = [svg_start(width, height, title), f'<text class="title" x="4" y="16">{escape(title)}</text>',
              f'<line class="zero" x1="{zero:.1f}" x2="{zero:.1f}" y1="24" y2="{height}"/>']  # fmt: skip
     for index, mark in enumerate(rows):
         y = 28 + 24 * index
@@ -109,25 +87,14 @@ def difference_chart(marks: Sequence[Mark], *, title: str, width: int = 470) -> 
     return "".join(parts) + "</svg>"
 
 
-def signed(value: float) -> str:
-    """+0.31, −12.4, or = for none: a difference."""
-    return "=" if value == 0 else ("+" if value > 0 else "−") + number(float(abs(value)))
-
-
-def _padded(values: Sequence[float]) -> tuple[float, float]:
-    low, high = min(values), max(values)
-    pad = 0.12 * (high - low) or 0.05 * abs(high) or 1.0
-    return low - pad, high + pad
-
-
 def _labels(
-    names: Sequence[str], spots: Sequence[tuple[float, float]], frame: tuple[float, float, float, float]
+    names: Sequence[str], points: Sequence[tuple[float, float]], frame: tuple[float, float, float, float]
 ) -> list[tuple[float, float, str]]:
     """A place for every label beside its point, where it covers least of other labels and points."""
     left, top, right, bottom = frame
-    taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in spots]
+    taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in points]
     chosen = []
-    for name, (x, y) in zip(names, spots, strict=True):
+    for name, (x, y) in zip(names, points, strict=True):
         wide = _LETTER * len(name)
         best: tuple[float, tuple[float, float, str], tuple[float, float, float, float]] | None = None
         for dx, dy, anchor in (

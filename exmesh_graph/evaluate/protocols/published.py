@@ -7,11 +7,9 @@ were measured here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-from exmesh_graph.report.lineage import cumulative_seconds, edges_between
 
 SCANS = ("24", "37", "40", "55", "63", "65", "69", "83", "97", "105", "106", "110", "114", "118", "122")
 _IMAGES = tuple(f"{part} {figure}" for part in ("NVS", "relight", "albedo") for figure in ("PSNR", "SSIM", "LPIPS"))
@@ -99,20 +97,6 @@ TABLES: Mapping[str, Table] = {
 }
 
 
-def collect_benchmarks(record: Mapping[str, Any], load_artifact: Callable[[str], Any]) -> list[dict[str, Any]]:
-    """{table, scene, row, seconds} of every scene a run or a sweep has scored; seconds are those its result cost."""
-    nodes = [(str(entry["name"]), float(entry.get("seconds") or 0.0)) for entry in record["nodes"]]
-    spent = cumulative_seconds(nodes, edges_between(record))
-    found = []
-    for entry in record["nodes"]:
-        for output in (entry.get("outputs") or {}).values():
-            if output["type"] == "Metrics" and str(entry.get("type")).startswith("benchmark."):
-                scored = load_artifact(output["digest"]).values.get("benchmark")
-                if scored:
-                    found.append({**scored, "seconds": spent[entry["name"]]})
-    return found
-
-
 def paper_table(name: str, scored: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """The table as rows of cells, header first: the published rows, then ours, the mean over the scenes scored.
 
@@ -155,8 +139,8 @@ def as_markdown(rows: Sequence[Sequence[str]]) -> str:
 
 
 def _values(scored: Sequence[Mapping[str, Any]], scene: str, column: str) -> list[float]:
-    found = (entry["row"].get(column) for entry in scored if str(entry["scene"]) == scene)
-    return [float(value) for value in found if value is not None]
+    cells = (entry["row"].get(column) for entry in scored if str(entry["scene"]) == scene)
+    return [float(value) for value in cells if value is not None]
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -23,7 +23,7 @@ Link = tuple[Key, Key, str]
 
 
 @dataclass(frozen=True)
-class Frame:
+class BlockFrame:
     """A repeat block: the rectangle around its nodes. `name` is its full name, blocks around it included."""
 
     name: str
@@ -60,7 +60,7 @@ class Layout:
     width: float
     height: float
     boxes: dict[str, tuple[float, float]] = field(default_factory=dict)
-    frames: list[Frame] = field(default_factory=list)
+    frames: list[BlockFrame] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)
     tops: dict[str, float] = field(default_factory=dict)
     bottoms: dict[str, float] = field(default_factory=dict)
@@ -279,13 +279,13 @@ class _Scope:
         for link in self.links:
             if link[1][0] == "box" and link[1][1] not in self.inner:
                 arriving.setdefault(link[1], []).append(link)
-        found = {}
+        places = {}
         for lower, links in arriving.items():
             links.sort(key=lambda link: xs[link[0]] + self._port(link[0], link[2], bottom=True))
             step = min(16.0, (self._width(lower) - 24) / len(links))
             for index, link in enumerate(links):
-                found[link] = xs[lower] + step * (index - (len(links) - 1) / 2)
-        return found
+                places[link] = xs[lower] + step * (index - (len(links) - 1) / 2)
+        return places
 
     def _place(self, layout: Layout, item: str, x: float, y: float) -> None:
         """Put a box, or a frame with all it holds, into the layout."""
@@ -294,10 +294,10 @@ class _Scope:
             layout.boxes[item] = x, y
             return
         left, top = x - inside.width / 2, y - inside.height / 2
-        layout.frames.append(Frame(item, left, top, inside.width, inside.height))
+        layout.frames.append(BlockFrame(item, left, top, inside.width, inside.height))
         layout.boxes.update({name: (bx + left, by + top) for name, (bx, by) in inside.boxes.items()})
         for frame in inside.frames:
-            layout.frames.append(Frame(frame.name, frame.x + left, frame.y + top, frame.width, frame.height))
+            layout.frames.append(BlockFrame(frame.name, frame.x + left, frame.y + top, frame.width, frame.height))
         for p in inside.pieces:
             layout.pieces.append(
                 Piece(p.source, p.to, p.x0 + left, p.y0 + top, p.x1 + left, p.y1 + top, arrow=p.arrow)

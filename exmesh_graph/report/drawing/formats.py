@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib import resources
 from pathlib import Path
 
-from exmesh_graph.report.graph_picture import Box, Picture, draw
+from exmesh_graph.report.drawing.svg import Box, GraphPicture, draw
+from exmesh_graph.report.templates import page_of
 
 FORMATS = (".svg", ".html", ".mmd")
 _MERMAID = {"added": "stroke:#2e7d32,stroke-width:3px", "removed": "stroke:#b3261e,stroke-dasharray:5 3",
@@ -16,7 +16,7 @@ _MERMAID = {"added": "stroke:#2e7d32,stroke-width:3px", "removed": "stroke:#b326
             "run": "stroke:#1f6f8b", "failed": "stroke:#b3261e,stroke-width:3px"}  # fmt: skip
 
 
-def render(picture: Picture, suffix: str) -> str:
+def render(picture: GraphPicture, suffix: str) -> str:
     """The text of a file with the suffix .svg, .html or .mmd."""
     if suffix == ".mmd":
         return mermaid(picture)
@@ -24,13 +24,13 @@ def render(picture: Picture, suffix: str) -> str:
     return svg + "\n" if suffix == ".svg" else page(svg, picture.title)
 
 
-def write(picture: Picture, path: Path) -> None:
+def write(picture: GraphPicture, path: Path) -> None:
     """Write the picture in the form its suffix says."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(render(picture, path.suffix), encoding="utf-8")
 
 
-def mermaid(picture: Picture) -> str:
+def mermaid(picture: GraphPicture) -> str:
     """Mermaid text of a flowchart, for Markdown files."""
     lines = ["flowchart TD"]
     ids: dict[str, str] = {}
@@ -81,9 +81,6 @@ def _plain(text: str) -> str:
 
 def page(svg: str, title: str) -> str:
     """A page that holds the picture: drag to move, wheel to zoom, a double click shows all of it."""
-    from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    template = (resources.files(__package__) / "graph_page.html").read_text(encoding="utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
-    return environment.from_string(template).render(svg=Markup(svg), title=title)
+    return page_of(__package__, "page.html", svg=Markup(svg), title=title)
