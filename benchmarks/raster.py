@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 from exmesh_graph import losses
-from exmesh_graph.optim import texture_step, vertex_step
+from exmesh_graph.optim import adam_step
 from exmesh_graph.raster import (
     antialias,
     edge_table,
@@ -211,9 +211,9 @@ def measure(count: int, size: int, texels: int, repeats: int) -> dict[str, float
     timed("D-SSIM, whole image, target cached", lambda: losses.d_ssim(rgb, cached), rgb)
     timed("bi-Laplacian", lambda: smoothness(vertices, of, "bilaplacian"), vertices)
     out["Adam, vertices"] = clock(
-        lambda: vertex_step(vertices.detach().clone(), vertices.detach(), moments[0], moments[1], 1, 1e-3), repeats
+        lambda: adam_step(vertices.detach().clone(), vertices.detach(), moments[0], moments[1], 1, 1e-3), repeats
     )
-    out["Adam, texture"] = clock(lambda: texture_step(step, step, moments[2], moments[3], 1, 1e-3), repeats)
+    out["Adam, texture"] = clock(lambda: adam_step(step, step, moments[2], moments[3], 1, 1e-3), repeats)
     out["sum"] = sum(out.values())
     return out | {"(" + k + ")": v for k, v in plain.items()}
 

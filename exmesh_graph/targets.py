@@ -120,6 +120,31 @@ def shown_pixels(mesh: Mesh, views: Views) -> torch.Tensor:
     return _covered(mesh, intrinsics, torch.from_numpy(views.world_to_camera), views.height, views.width, "cpu")
 
 
+class Gains:
+    """One factor per view and channel, for photographs of wandering exposure: `factors` [N, 3], fitted by `follow`.
+
+    Used relative to their mean: together they cannot brighten the picture.
+    """
+
+    def __init__(self, targets: Targets) -> None:
+        self.targets = targets
+        self.factors = targets.images.new_ones((len(targets), 3))
+
+    def follow(self, view: int, image: torch.Tensor, rate: float = GAIN_RATE) -> None:
+        """Let the view's factor approach the one that takes `image` [H, W, 3] to its photograph."""
+        targets = self.targets
+        self.factors[view] = fit_gain(image, targets.images[view], targets.alpha[view], self.factors[view], rate)
+
+    def relative(self, view: int) -> torch.Tensor:
+        """The view's factor [3] over the mean of all."""
+        return self.factors[view] / self.factors.mean(dim=0)
+
+    def named(self) -> dict[str, list[float]]:
+        """The relative factors by view name."""
+        relative = (self.factors / self.factors.mean(dim=0)).cpu().tolist()
+        return dict(zip(self.targets.names, relative, strict=True))
+
+
 def fit_gain(
     image: torch.Tensor, target: torch.Tensor, mask: torch.Tensor, before: torch.Tensor, rate: float = GAIN_RATE
 ) -> torch.Tensor:

@@ -31,7 +31,7 @@ class PerVertex(Appearance):
     """One colour per vertex, interpolated over the faces; splits interpolate it, and the texture is baked from it."""
 
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
-        from exmesh_graph.stage1.appearance.start import per_vertex
+        from exmesh_graph.stage1.appearance.state import per_vertex
 
         return per_vertex(state)
 
@@ -41,7 +41,7 @@ class PerFace(Appearance):
     """One colour per face; parts of a split face keep it, and the texture is baked from it."""
 
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
-        from exmesh_graph.stage1.appearance.start import per_face
+        from exmesh_graph.stage1.appearance.state import per_face
 
         return per_face(state)
 
@@ -56,6 +56,6 @@ class Mlp(Appearance):
     width: int = param(64, ge=4, le=512, unit="units", doc="Of the two hidden layers.")
 
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
-        from exmesh_graph.stage1.appearance.start import mlp
+        from exmesh_graph.stage1.appearance.state import mlp
 
         return mlp(state, frequencies=self.frequencies, width=self.width, seed=seed, device=device)

@@ -8,7 +8,7 @@ import torch
 
 from benchmarks.stability.table import Reached, row
 from exmesh_graph import losses
-from exmesh_graph.optim import texture_step
+from exmesh_graph.optim import adam_step
 
 _BOTH = (torch.float32, torch.float64)
 
@@ -146,7 +146,8 @@ def clamped_texture() -> Reached:
         first, second = torch.zeros_like(texture), torch.zeros_like(texture)
         for step in range(1, 201):
             gradient = 2 * (texture - 0.5)
-            texture_step(texture, gradient, first, second, step, 0.01)
+            adam_step(texture, gradient, first, second, step, 0.01)
+            texture.clamp_(0, 1)
         reached.append(float((texture - 0.5).abs().max()))
     return Reached(*reached)
 

@@ -115,14 +115,14 @@ def smoothness_scale() -> Reached:
 
 @row("mesh", "Adam's first step from a gradient of 1e-12 and of 1e10", "step over the rate", low=0.99, high=1.01)
 def first_step() -> Reached:
-    from exmesh_graph.optim import vertex_step
+    from exmesh_graph.optim import adam_step
 
     reached = []
     for dtype in (torch.float32, torch.float64):
         lengths = []
         for size in (1e-12, 1e10):
             v = torch.zeros(1, 3, dtype=dtype)
-            vertex_step(v, torch.tensor([[size, 0, 0]], dtype=dtype), torch.zeros_like(v), v.new_zeros(1), 1, 0.01)
+            adam_step(v, torch.tensor([[size, 0, 0]], dtype=dtype), torch.zeros_like(v), v.new_zeros(1), 1, 0.01)
             lengths.append(float(v.norm()) / 0.01)
         reached.append(min(lengths) if abs(min(lengths) - 1) > abs(max(lengths) - 1) else max(lengths))
     return Reached(*reached)

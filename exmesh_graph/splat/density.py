@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from exmesh_graph.splat.gaussians import Gaussians, rotation_matrices
-from exmesh_graph.splat.optimiser import Adam
+from exmesh_graph.splat.optimiser import GaussianAdam
 from exmesh_graph.splat.render import Render
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Density:
             setattr(self, name, value.to(self.sums.device))
 
 
-def control(adam: Adam, density: Density, settings: PgsrSettings, generator: torch.Generator) -> dict[str, int]:
+def control(adam: GaussianAdam, density: Density, settings: PgsrSettings, generator: torch.Generator) -> dict[str, int]:
     """Double, split and prune; returns the counts. Afterwards `density` is spent: begin a new one.
 
     Small Gaussians of large gradient are doubled, large ones split in two drawn from them at 1 / 1.6 of their size; the
@@ -79,7 +79,7 @@ def _halves(gaussians: Gaussians, chosen: torch.Tensor, generator: torch.Generat
     return Gaussians(part.means + turned[..., 0], shrunk, part.rotations, part.opacities, part.sh)
 
 
-def reset_opacity(adam: Adam, most: float = 0.01) -> None:
+def reset_opacity(adam: GaussianAdam, most: float = 0.01) -> None:
     """No Gaussian more opaque than `most`: what the photographs do not ask for again is pruned later."""
     limit = math.log(most / (1 - most))
     adam.gaussians.opacities.clamp_(max=limit)

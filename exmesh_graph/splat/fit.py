@@ -16,9 +16,9 @@ from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.consistency import View, flattening, multi_view, single_view_normal
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.optimiser import Adam
+from exmesh_graph.splat.optimiser import GaussianAdam
 from exmesh_graph.splat.render import Render, render
-from exmesh_graph.targets import Targets, fit_gain
+from exmesh_graph.targets import Gains, Targets
 
 if TYPE_CHECKING:
     from exmesh_graph.splat.settings import PgsrSettings
@@ -66,9 +66,9 @@ def active_degree(settings: PgsrSettings, iteration: int) -> int:
 class _Fit:
     def __init__(self, gaussians: Gaussians, targets: Targets, settings: PgsrSettings, seed: int, where: str) -> None:
         self.targets, self.settings, self.seed, self.where = targets, settings, seed, where
-        self.adam = Adam(gaussians)
+        self.adam = GaussianAdam(gaussians)
         self.density = Density(len(gaussians), gaussians.means)
-        self.gains = gaussians.means.new_ones((len(targets), 3))
+        self.gains = Gains(targets)
         self.rays: dict[bytes, torch.Tensor] = {}
         self.near = neighbours(targets.world_to_camera)
         self.rounds = set(control_rounds(settings))
@@ -82,7 +82,7 @@ class _Fit:
             first, kept = resumed
             self.adam.restore(kept["adam"])
             self.density.restore(kept["density"])
-            self.gains = kept["gains"].to(self.gains)
+            self.gains.factors = kept["gains"].to(self.gains.factors)
             self.history, sums = {name: list(v) for name, v in kept["history"].items()}, list(kept["sums"])
         for k in range(first, count):
             loss, error = self.step(k)
@@ -110,13 +110,12 @@ class _Fit:
             if checkpoint is not None:
                 checkpoint(k + 1, {
                     "adam": self.adam.state(), "density": self.density.state(), "history": self.history, "sums": sums,
-                    "gains": self.gains,
+                    "gains": self.gains.factors,
                 })  # fmt: skip
         result: dict[str, Any] = dict(self.history)
         result["alone"] = [self.targets.names[i] for i, near in enumerate(self.near) if len(near) == 0]
         if settings.gains:
-            gains = (self.gains / self.gains.mean(dim=0)).tolist()
-            result["gains"] = dict(zip(self.targets.names, gains, strict=True))
+            result["gains"] = self.gains.named()
         return self.adam.gaussians, result
 
     def generator(self, k: int, purpose: int) -> torch.Generator:
@@ -164,8 +163,8 @@ class _Fit:
         image, target = drawing.colour, targets.images[i]
         if self.settings.gains:
             if k >= _GAINS_FROM * self.settings.iterations:  # before, the picture is too dark to tell
-                self.gains[i] = fit_gain(image.detach(), target, targets.alpha[i], self.gains[i])
-            image = image * (self.gains[i] / self.gains.mean(dim=0))
+                self.gains.follow(i, image.detach())
+            image = image * self.gains.relative(i)
         loss = (1 - weight) * l1(image, target)
         if weight > 0:
             box = targets.box(i)

@@ -1,4 +1,4 @@
-"""Warp kernel of Adam's step over rows of parameters (`optimiser.Adam`)."""
+"""Warp kernel of Adam's step over rows of parameters (`optimiser.GaussianAdam`); plain form: `optim.adam_step`."""
 
 # mypy: ignore-errors
 # See kernels_camera.py.

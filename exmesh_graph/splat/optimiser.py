@@ -5,13 +5,12 @@ from __future__ import annotations
 import torch
 
 from exmesh_graph.gpu.warp_runtime import launch
+from exmesh_graph.optim import EPSILON
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.runtime import kernels
 
-_EPSILON = 1e-15
 
-
-class Adam:
+class GaussianAdam:
     """Adam (beta 0.9, 0.999) on all parameters, in place, one pass over memory.
 
     A Gaussian outside the view has no gradient; plain Adam would move it on by its momentum and let its variance fade.
@@ -33,7 +32,7 @@ class Adam:
             flat = [t.view(count, -1) for t in (value, gradients[name].contiguous(), getattr(self.m, name),
                                                 getattr(self.v, name))]  # fmt: skip
             rest = rates["sh_rest"] if name == "sh" else rates[name]
-            launch(kernels("adam", value.dtype).adam, count, *flat, self.steps, seen, rates[name], rest, _EPSILON)
+            launch(kernels("adam", value.dtype).adam, count, *flat, self.steps, seen, rates[name], rest, EPSILON)
 
     def rows(self, kept: torch.Tensor, added: Gaussians) -> None:
         """Keep the rows `kept` and append new Gaussians, whose moments begin at zero."""

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import torch
 
-from exmesh_graph.stage1.render import Surface, draw
+from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage1.render import draw
 from exmesh_graph.targets import Targets, fit_gain
 
 _FAR = 6.0  # robust standard deviations

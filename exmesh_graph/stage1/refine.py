@@ -11,10 +11,11 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
-from exmesh_graph.optim import decayed, vertex_areas, vertex_step, view_at
+from exmesh_graph.optim import adam_step, decayed, view_at
+from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.diagnose import diagnose
 from exmesh_graph.stage1.regularise import Prepared, Smoothness, mean_edge
-from exmesh_graph.stage1.render import Surface, draw, surface_of
+from exmesh_graph.stage1.render import draw, surface_of
 from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
 from exmesh_graph.stage1.terms import Terms
 from exmesh_graph.targets import Targets, prepare_targets
@@ -74,6 +75,22 @@ def refine(
     if settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
         history |= diagnose(loop.surface, targets, gains=settings.gains)
     return new, history
+
+
+def vertex_areas(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
+    """A third of the area of the faces around each vertex [V], held above 1e-3 of the mean.
+
+    A vertex's gradient is proportional to the surface it carries. Adam's moments of gradient / area therefore mean
+    the same before and after a split, where those of the raw gradient would be stale for 1 / (1 - beta) iterations
+    and the steps too short by the factor that areas fell.
+    """
+    corners = vertices.double()[faces.long()]
+    area = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).norm(dim=1) / 6
+    total = area.new_zeros(len(vertices))
+    for k in range(3):
+        total.index_add_(0, faces[:, k].long(), area)
+    floor = 1e-3 * total.mean() + torch.finfo(total.dtype).tiny
+    return total.clamp(min=floor).to(vertices.dtype)
 
 
 class _Loop:
@@ -185,13 +202,13 @@ class _Loop:
         smooth = prepared.filter
         count = self.state.vertex_steps + k + 1
         if smooth is None:
-            vertex_step(self.surface.vertices, gradient * self.per_area, self.vertex_m, self.vertex_v, count, rate)
+            adam_step(self.surface.vertices, gradient * self.per_area, self.vertex_m, self.vertex_v, count, rate)
             return
         with torch.no_grad():
             step = torch.zeros_like(gradient)
             # one factor for all vertices keeps a symmetric filter's steps downhill
             per_area = self.per_area.reciprocal().mean().reciprocal() if prepared.uniform else self.per_area
-            vertex_step(
+            adam_step(
                 step, smooth(gradient * per_area), self.vertex_m, self.vertex_v, count, rate, uniform=prepared.uniform
             )
             self.surface.vertices.add_(smooth(step))

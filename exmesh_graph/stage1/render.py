@@ -9,7 +9,6 @@ import torch
 
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import (
-    EdgeTable,
     Fragments,
     antialias,
     edge_table,
@@ -17,24 +16,9 @@ from exmesh_graph.raster import (
     project,
     rasterize_projected,
 )
-from exmesh_graph.stage1.appearance.kinds import model_of
-from exmesh_graph.stage1.appearance.model import Model
+from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage1.appearance.state import model_of
 from exmesh_graph.types import Carrier, Views
-
-
-class Surface(NamedTuple):
-    """A mesh on the device: vertices [V, 3], faces and uv_faces int32 [F, 3], uvs [T, 2], and what colours it.
-
-    `extent` is the diagonal of the bounding box when the surface was made.
-    """
-
-    vertices: torch.Tensor
-    faces: torch.Tensor
-    uvs: torch.Tensor
-    uv_faces: torch.Tensor
-    look: Model
-    edges: EdgeTable
-    extent: float
 
 
 class Picture(NamedTuple):

@@ -13,10 +13,11 @@ import torch
 
 from exmesh_graph import losses
 from exmesh_graph.raster import barycentrics
+from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, smoother
-from exmesh_graph.stage1.render import Picture, Surface, draw
+from exmesh_graph.stage1.render import Picture, draw
 from exmesh_graph.stage1.settings import RefineSettings
-from exmesh_graph.targets import Targets, fit_gain
+from exmesh_graph.targets import Gains, Targets
 
 
 class Terms:
@@ -35,7 +36,7 @@ class Terms:
 
     def changing(self) -> dict[str, torch.Tensor]:
         """The tensors that change from iteration to iteration, in place."""
-        kept = {"reference": self.reference, "gains": self.gains}
+        kept = {"reference": self.reference, "gains": None if self.gains is None else self.gains.factors}
         return {name: tensor for name, tensor in kept.items() if tensor is not None}
 
     def of(self, view: int, picture: Picture, vertices: torch.Tensor) -> tuple[dict[str, torch.Tensor], float]:
@@ -76,16 +77,14 @@ class Terms:
         """The factors by view name, divided by their mean, where they are fitted."""
         if self.gains is None:
             return None
-        relative = (self.gains / self.gains.mean(dim=0)).cpu().tolist()
-        named = zip(self.targets.names, relative, strict=True)
-        return {name: [round(factor, 4) for factor in gain] for name, gain in named}
+        return {name: [round(factor, 4) for factor in gain] for name, gain in self.gains.named().items()}
 
     def _comparable(self, view: int, picture: Picture) -> torch.Tensor:
         """The picture under the view's exposure and, without a mask, over the photograph's own background."""
         image, target = picture.colour, self.targets.images[view]
         if self.gains is not None:
-            self.gains[view] = fit_gain(image.detach(), target, self.targets.alpha[view], self.gains[view])
-            image = image * (self.gains[view] / self.gains.mean(dim=0))
+            self.gains.follow(view, image.detach())
+            image = image * self.gains.relative(view)
         if not bool(self.targets.masked[view]):
             # nothing is known of the background: let the photograph itself stand there
             image = image + (1 - picture.alpha[..., None]) * target
@@ -107,10 +106,10 @@ class Terms:
 
 
 @torch.no_grad()
-def _initial_gains(surface: Surface, targets: Targets) -> torch.Tensor:
-    """Factors [N, 3] of all views for the surface as it is."""
-    gains = torch.ones((len(targets), 3), device=targets.images.device)
+def _initial_gains(surface: Surface, targets: Targets) -> Gains:
+    """Factors of all views for the surface as it is."""
+    gains = Gains(targets)
     for i in range(len(targets)):
         picture = draw(surface, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
-        gains[i] = fit_gain(picture.colour, targets.images[i], targets.alpha[i], gains[i], rate=1.0)
+        gains.follow(i, picture.colour, rate=1.0)
     return gains

@@ -17,7 +17,7 @@ from exmesh_graph.io.params import BlenderOptions
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.fit import fit
 from exmesh_graph.splat.gaussians import Gaussians, rotation_matrices
-from exmesh_graph.splat.optimiser import Adam
+from exmesh_graph.splat.optimiser import GaussianAdam
 from exmesh_graph.splat.pgsr import pgsr
 from exmesh_graph.splat.ply import read_gaussians, transformed, write_gaussians
 from exmesh_graph.splat.render import render
@@ -71,7 +71,7 @@ def test_starts_lie_where_they_should(views):
 def test_adam_is_adam_where_seen_and_still_elsewhere():
     made = cloud(6, degree=1, dtype=torch.float64)
     rates = {"means": 1e-2, "scales": 2e-2, "rotations": 3e-2, "opacities": 4e-2, "sh": 5e-2, "sh_rest": 5e-2}
-    mine = Adam(made.map(lambda t: t.clone()))
+    mine = GaussianAdam(made.map(lambda t: t.clone()))
     leaves = made.map(lambda t: t.clone())
     theirs = torch.optim.Adam([{"params": [t], "lr": rates[n]} for n, t in leaves.tensors().items()], eps=1e-15)
     seen = torch.tensor([True] * 5 + [False])
@@ -98,14 +98,14 @@ def test_density_doubles_splits_prunes_and_keeps_the_limit():
     density.views += 1
     density.weight[:] = torch.tensor([1, 1, 1, 1, 1, 0.0])  # the last was never seen
     density.sums[0, 0], density.sums[1, 0], density.sums[4, 1] = 1e-3, 1e-3, 1e-3
-    adam = Adam(made.map(lambda t: t.clone()))
+    adam = GaussianAdam(made.map(lambda t: t.clone()))
     counts = control(adam, density, settings, torch.Generator().manual_seed(0))
     assert counts == {"pruned": 3, "doubled": 1, "split": 2}
     assert len(adam.gaussians) == len(adam.steps) == 6 - 3 + 1 + 2
     halves = adam.gaussians.scales[-4:].exp()
     assert torch.allclose(halves, torch.tensor(0.05 / 1.6))
     assert float((adam.gaussians.means[-4:] - made.means[[1, 4, 1, 4]]).norm(dim=1).max()) < 0.3
-    again = Adam(made.map(lambda t: t.clone()))
+    again = GaussianAdam(made.map(lambda t: t.clone()))
     density.sums[4, 1] = 1e-2
     assert control(again, density, settings.replaced(max_gaussians=4), torch.Generator()) == {
         "pruned": 3, "doubled": 0, "split": 1,

@@ -10,7 +10,7 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.optim import vertex_step
+from exmesh_graph.optim import adam_step
 from exmesh_graph.stage1 import large_steps
 from exmesh_graph.stage1.large_steps import implicit_filter
 from exmesh_graph.stage1.refine import refine
@@ -56,7 +56,7 @@ def test_uniform_adam_divides_by_the_largest_moment():
     """The first step is the gradient's own direction and proportions; the largest one is `rate` long."""
     gradient = torch.tensor([[3.0, 0.0, 4.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     x, first, second = torch.zeros(3, 3), torch.zeros(3, 3), torch.zeros(3)
-    vertex_step(x, gradient, first, second, 1, 0.1, uniform=True)
+    adam_step(x, gradient, first, second, 1, 0.1, uniform=True)
     assert torch.allclose(x, -0.1 * gradient / 5, atol=1e-7)
 
 

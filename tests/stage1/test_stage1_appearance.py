@@ -12,12 +12,12 @@ from stage1_scenes import ball, fresh_state, grid_ball, photographs
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.metrics.image import psnr
 from exmesh_graph.raster import edge_table, project, rasterize_projected
-from exmesh_graph.stage1.appearance.kinds import model_of
+from exmesh_graph.stage1.appearance.colours import PerFace, PerVertex, UVTexture
 from exmesh_graph.stage1.appearance.mlp import Mlp, weight_count
-from exmesh_graph.stage1.appearance.surface import PerFace, PerVertex
-from exmesh_graph.stage1.appearance.texture import UVTexture
+from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage1.appearance.state import model_of
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.render import Surface, render_carrier
+from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Stage1State

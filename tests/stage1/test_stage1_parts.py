@@ -6,9 +6,11 @@ import torch
 from stage1_scenes import ball, fresh_state, grid_ball, photographs, texture
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.optim import decayed, texture_step, vertex_areas, vertex_step, view_at
+from exmesh_graph.optim import adam_step, decayed, view_at
 from exmesh_graph.raster import edge_table
+from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.init import fill_unseen, initial_state
+from exmesh_graph.stage1.refine import vertex_areas
 from exmesh_graph.stage1.regularise import deviation, smoother, smoothness
 from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.targets import prepare_targets
@@ -30,7 +32,7 @@ def test_every_view_once_per_epoch_in_changing_order():
     assert order != [view_at(i, 7, seed=4) for i in range(28)]
 
 
-def test_vertex_step_turns_with_the_object_and_texture_step_projects():
+def test_a_vertex_step_turns_with_the_object_and_a_texture_step_projects():
     g = torch.Generator().manual_seed(0)
     gradient = torch.randn(5, 3, generator=g)
     rotation = torch.linalg.qr(torch.randn(3, 3, generator=g)).Q
@@ -38,17 +40,17 @@ def test_vertex_step_turns_with_the_object_and_texture_step_projects():
     for turn in (torch.eye(3), rotation):
         v, m, s = torch.zeros(5, 3), torch.zeros(5, 3), torch.zeros(5)
         for step in (1, 2, 3):
-            vertex_step(v, (gradient * step) @ turn.T, m, s, step, 0.1)
+            adam_step(v, (gradient * step) @ turn.T, m, s, step, 0.1)
         moved.append(v)
     assert torch.allclose(moved[0] @ rotation.T, moved[1], atol=1e-6)
     v, m, s = torch.zeros(5, 3), torch.zeros(5, 3), torch.zeros(5)
-    vertex_step(v, gradient, m, s, 1, 0.1)
+    adam_step(v, gradient, m, s, 1, 0.1)
     assert torch.allclose(v.norm(dim=1), torch.full((5,), 0.1), atol=1e-5)
     # a texel outside [0, 1] comes back: no dead gradient beyond the clamp
-    t, m, s = (torch.full((1, 1, 3), x) for x in (1.2, 0.0, 0.0))
+    look = UVTexture(torch.full((1, 1, 3), 1.2))
     for step in range(1, 60):
-        texture_step(t, t - 0.5, m, s, step, 0.02)
-    assert float(t.max()) == pytest.approx(0.5, abs=0.1)
+        look.step(look.values - 0.5, step, 0.02, 0.0)
+    assert float(look.values.max()) == pytest.approx(0.5, abs=0.1)
 
 
 def test_moments_per_area_do_not_see_a_split():

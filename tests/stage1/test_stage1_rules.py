@@ -9,7 +9,7 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph import losses
 from exmesh_graph.geometry.subdivide import subdivide
-from exmesh_graph.optim import texture_step
+from exmesh_graph.optim import adam_step
 from exmesh_graph.stage1.init import initial_state
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import draw, surface_of
@@ -191,7 +191,7 @@ def test_a_grazed_texel_hardly_moves():
     moved = []
     for gradient in (1e-4, 1e-8):
         t, m, v = (torch.full((1, 1, 1), x) for x in (0.5, 0.0, 0.0))
-        texture_step(t, torch.full((1, 1, 1), gradient), m, v, 1, 0.02, epsilon=1e-6)
+        adam_step(t, torch.full((1, 1, 1), gradient), m, v, 1, 0.02, epsilon=1e-6)
         moved.append(0.5 - float(t))
     assert moved[0] == pytest.approx(0.02, rel=0.02)
     assert moved[1] == pytest.approx(0.02 * 1e-8 / 1e-6, rel=0.02)

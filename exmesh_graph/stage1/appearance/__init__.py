@@ -1,1 +1,1 @@
-"""What gives the surface its colour in Stage I: one model each, behind one interface (`model.Model`)."""
+"""What gives the surface its colour in Stage I: one model each, behind one interface (`model.AppearanceModel`)."""

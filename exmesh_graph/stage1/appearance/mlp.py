@@ -10,21 +10,17 @@ nothing depends on the scene's scale.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
-from exmesh_graph.stage1.appearance.model import Moments
-from exmesh_graph.stage1.appearance.surface import SurfaceModel
-
-if TYPE_CHECKING:
-    from exmesh_graph.stage1.render import Surface
+from exmesh_graph.optim import adam_step
+from exmesh_graph.stage1.appearance.colours import SurfaceModel
+from exmesh_graph.stage1.appearance.model import Moments, Surface
 
 RATE = 0.3
 """Step of a weight over the step of a colour."""
-_BETAS = (0.9, 0.99)
-_EPSILON = 1e-15
 
 
 def layers(frequencies: int, width: int) -> list[tuple[int, int]]:
@@ -67,14 +63,8 @@ class Mlp(SurfaceModel):
                 features = features.relu()
         return features.sigmoid()
 
-    @torch.no_grad()
     def step(self, gradient: torch.Tensor, count: int, rate: float, pixel: float) -> None:
-        b1, b2 = _BETAS
-        first, second = self.moments
-        first.lerp_(gradient, 1 - b1)
-        second.mul_(b2).addcmul_(gradient, gradient, value=1 - b2)
-        scale = (second / (1 - b2**count)).sqrt_().add_(_EPSILON)
-        self.values.addcdiv_(first, scale, value=-RATE * rate / (1 - b1**count))
+        adam_step(self.values, gradient, *self.moments, count, RATE * rate)
 
     def arrays(self) -> dict[str, Any]:
         shape = np.array([self.frequencies, self.width], np.int32)

@@ -1,16 +1,14 @@
-"""The interface of an appearance model: one tensor of values that the loss has a gradient for, and its moments."""
+"""A coloured surface, and the interface of what colours it: one tensor of values that a fit has a gradient for."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
-from exmesh_graph.optim import texture_step
-
-if TYPE_CHECKING:
-    from exmesh_graph.stage1.render import Surface
+from exmesh_graph.optim import adam_step
+from exmesh_graph.raster import EdgeTable
 
 GRAZED = 0.05
 """A texel whose gradient stays below this share of a full pixel's is only grazed by lookups, not seen."""
@@ -23,7 +21,22 @@ class Moments(NamedTuple):
     second: torch.Tensor
 
 
-class Model:
+class Surface(NamedTuple):
+    """A mesh on the device: vertices [V, 3], faces and uv_faces int32 [F, 3], uvs [T, 2], and what colours it.
+
+    `extent` is the diagonal of the bounding box when the surface was made.
+    """
+
+    vertices: torch.Tensor
+    faces: torch.Tensor
+    uvs: torch.Tensor
+    uv_faces: torch.Tensor
+    look: AppearanceModel
+    edges: EdgeTable
+    extent: float
+
+
+class AppearanceModel:
     """Colours of a surface: `values` (a leaf with gradient once a fit runs) and their moments.
 
     Colours are sRGB-encoded; values are colours and are held in [0, 1], unless a model says otherwise.
@@ -42,10 +55,17 @@ class Model:
         """
         raise NotImplementedError
 
+    @torch.no_grad()
     def step(self, gradient: torch.Tensor, count: int, rate: float, pixel: float) -> None:
-        """Adam step number `count`, in place; `rate` in colour units, `pixel` the gradient of one pixel's L1."""
+        """Adam step number `count`, in place; `rate` in colour units, `pixel` the gradient of one pixel's L1.
+
+        A texel that bilinear lookups merely graze would run about at full speed on a trace of a gradient, and stand
+        out as a speck of wrong colour: steps shorten below `GRAZED`. Colours are held in [0, 1] after the step, which
+        leaves no dead gradient.
+        """
         self.touched |= (gradient.abs() > GRAZED * pixel).any(dim=-1)
-        texture_step(self.values, gradient, *self.moments, count, rate, epsilon=GRAZED * pixel)
+        adam_step(self.values, gradient, *self.moments, count, rate, epsilon=GRAZED * pixel)
+        self.values.clamp_(0, 1)
 
     def changing(self) -> dict[str, torch.Tensor]:
         """The tensors that `step` changes, in place."""

@@ -1,25 +1,37 @@
-"""Appearance without a texture: colours of vertices or faces, and how such a model is drawn and baked."""
+"""Colours of texels (the paper's T_rgb), vertices or faces, and how a model without a texture is drawn and baked."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
-from exmesh_graph.raster import barycentrics
-from exmesh_graph.stage1.appearance.model import Model
+from exmesh_graph.raster import barycentrics, shade
+from exmesh_graph.stage1.appearance.model import AppearanceModel, Surface
 from exmesh_graph.uv.dilate import dilate
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import COVER
 
-if TYPE_CHECKING:
-    from exmesh_graph.stage1.render import Surface
-
 _CHUNK = 1 << 16
 
 
-class SurfaceModel(Model):
+class UVTexture(AppearanceModel):
+    """Texels [R, R, 3], read bilinearly."""
+
+    def shade(self, surface: Surface, projected: torch.Tensor, face_id: torch.Tensor) -> torch.Tensor:
+        return shade(projected, surface.faces, surface.uvs, surface.uv_faces, self.values, face_id)
+
+    def fields(self, surface: Surface, size: int, fill: bool) -> dict[str, Any]:
+        from exmesh_graph.stage1.init import fill_unseen
+
+        kept = self.arrays()
+        if fill:
+            kept["values"] = fill_unseen(self.values.detach(), self.touched).cpu().numpy()
+        return {"texture": kept["values"], "texture_m": kept["m"], "texture_v": kept["v"]}
+
+
+class SurfaceModel(AppearanceModel):
     """A model that knows the colour of a point of the surface, given by its face and place in it."""
 
     def at(self, surface: Surface, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:

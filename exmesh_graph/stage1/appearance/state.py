@@ -1,4 +1,4 @@
-"""The first values of the appearance models, read from the first texture."""
+"""From a state to appearance models: the model that it holds, and first values read from its texture."""
 
 from __future__ import annotations
 
@@ -7,15 +7,44 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from exmesh_graph.errors import GeometryError
+from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
+from exmesh_graph.stage1.appearance.colours import PerFace, PerVertex, UVTexture
 from exmesh_graph.stage1.appearance.mlp import Mlp, layers, weight_count
-from exmesh_graph.types import Stage1State
+from exmesh_graph.stage1.appearance.model import AppearanceModel, Moments
+from exmesh_graph.types import Carrier, Stage1State
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import sample_bilinear
 
 _INSIDE = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6
 _STEPS, _BATCH, _RATE = 300, 4096, 0.02
+
+
+def model_of(carrier: Carrier, device: torch.device | str = "cpu") -> AppearanceModel:
+    """The appearance of a carrier: the model of a Stage I state, the texture of any other (copies of the arrays)."""
+
+    def tensor(array: np.ndarray) -> torch.Tensor:
+        return torch.tensor(np.asarray(array, np.float32), device=device)
+
+    if not isinstance(carrier, Stage1State):
+        return UVTexture(tensor(carrier.texture))
+    if carrier.appearance == "uv_texture":
+        return UVTexture(tensor(carrier.texture), Moments(tensor(carrier.texture_m), tensor(carrier.texture_v)))
+    kept = carrier.model
+    values, moments = tensor(kept["values"]), Moments(tensor(kept["m"]), tensor(kept["v"]))
+    if carrier.appearance == "mlp":
+        frequencies, width = (int(n) for n in kept["shape"])
+        return Mlp(values, moments, frequencies=frequencies, width=width, box=tensor(kept["box"]))
+    kinds = {"per_vertex": (PerVertex, len(carrier.vertices)), "per_face": (PerFace, len(carrier.faces))}
+    if carrier.appearance not in kinds:
+        raise DataError(f"the state's appearance {carrier.appearance!r} is unknown", expected="a model of this version")
+    kind, count = kinds[carrier.appearance]
+    if len(values) != count:
+        raise DataError(
+            f"the state has {len(values)} {carrier.appearance} colours", expected=str(count),
+            fix="let the node that changed the topology carry them (Stage1State.carried)",
+        )  # fmt: skip
+    return kind(values, moments)
 
 
 def per_vertex(state: Stage1State) -> Stage1State:
