@@ -23,17 +23,29 @@ class Params(BaseModel):
         return type(self)(**{**dict(self), **changes})
 
 
-def param(default: Any = ..., *, doc: str, unit: str = "", tuning: bool = False, **limits: Any) -> Any:
+def param(
+    default: Any = ...,
+    *,
+    doc: str,
+    unit: str = "",
+    tuning: bool = False,
+    was: str | tuple[str, ...] = (),
+    **limits: Any,
+) -> Any:
     """A parameter with its meaning, unit and range (one of `LIMITS`); choices are a type: `Literal["add", "scale"]`.
 
     `tuning=True` marks a knob that cannot change the result (threads, chunk sizes): it stays out of the key.
+    `was` are names that the parameter had before: graph files may use them for one release.
     Raises TypeError for a limit that is not known, which pydantic would drop in silence.
     """
     if unknown := sorted(set(limits) - LIMITS):
         raise TypeError(
             f"param() knows no {', '.join(unknown)}; limits are {', '.join(sorted(LIMITS))}; choices: Literal[...]"
         )
-    return Field(default, description=doc, json_schema_extra={"unit": unit, "tuning": tuning}, **limits)
+    extra: Any = {"unit": unit, "tuning": tuning}
+    if was:
+        extra["was"] = [was] if isinstance(was, str) else list(was)
+    return Field(default, description=doc, json_schema_extra=extra, **limits)
 
 
 @dataclass(frozen=True)

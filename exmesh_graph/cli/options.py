@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -56,6 +57,7 @@ def checked_graph(
     from exmesh_graph.graph.session import current_session
 
     checked = current_session().check(graph, sets or [], variant, store)
+    _show_warnings(checked.notes)
     return checked, checked.packs
 
 
@@ -66,7 +68,14 @@ def checked_variants(
     from exmesh_graph.graph.declare.packs import current
     from exmesh_graph.graph.session import current_session
 
-    return current_session().check_variants(graph, sets or [], store, **options), current()
+    rows = current_session().check_variants(graph, sets or [], store, **options)
+    _show_warnings(note for row in rows for note in row.checked.notes)
+    return rows, current()
+
+
+def _show_warnings(notes: Iterable[str]) -> None:
+    for note in dict.fromkeys(notes):
+        typer.echo(f"warning: {note}", err=True)
 
 
 def open_store(folder: Path | None, shared: str | None = None) -> Store:

@@ -143,3 +143,10 @@ def test_importing_the_package_loads_nothing() -> None:
         "import sys, exmesh_graph as ex; assert 'pydantic' not in sys.modules; ex.Graph; print('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+def test_old_names_are_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "g.yaml"
+    path.write_text("nodes: {a: {type: toy.constant}}\noutputs: {a: '@a.number'}\n")
+    with pytest.warns(UserWarning, match=r"g\.yaml:1: the node type 'toy.constant' is now called 'toy.const'"):
+        ex.check(path)

@@ -314,3 +314,14 @@ def wait_for(condition: Callable[[], bool], seconds: float = 20) -> None:
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.02)
+
+
+def test_old_names_are_told_of_once_by_each_command(exmesh: Any, tmp_path: Path) -> None:
+    (tmp_path / "g.yaml").write_text("nodes:\n  a:\n    type: toy.constant\n    text: x\noutputs: {a: '@a.number'}\n")
+    for words in (["check"], ["plan"], ["run", "--workers", "0"]):
+        lines = [line for line in exmesh(words[0], "g.yaml", *words[1:]).stderr.splitlines() if "warning" in line]
+        assert lines == [
+            "warning: g.yaml:3: the node type 'toy.constant' is now called 'toy.const'; "
+            "the old name goes with the next release",
+            "warning: g.yaml:4: toy.const: 'text' is now called 'label'; the old name goes with the next release",
+        ]

@@ -61,6 +61,18 @@ def facets(**values: Any) -> Facets:
     return Facets(values)
 
 
+@dataclass(frozen=True)
+class Was:
+    """Names that a port had before."""
+
+    names: tuple[str, ...]
+
+
+def was(*names: str) -> Was:
+    """Used inside `Annotated[Type, was("old")]`: graph files may use the port's old name for one release."""
+    return Was(names)
+
+
 @runtime_checkable
 class Context(Protocol):
     """What a running node may ask of the framework."""
@@ -119,6 +131,7 @@ class NodeDef:
     sources: Callable[[Any], Mapping[str, Path]] | None = None
     resources: Mapping[str, float] = field(default_factory=dict)
     resumable: bool = False
+    was: tuple[str, ...] = ()
 
     @property
     def origin(self) -> str:
@@ -136,6 +149,7 @@ def node(
     sources: Callable[[Any], Mapping[str, Path]] | None = None,
     resources: Mapping[str, float] | None = None,
     resumable: bool = False,
+    was: str | tuple[str, ...] = (),
 ) -> Callable[[F], F]:
     """Register a function as the node `type`.
 
@@ -148,13 +162,16 @@ def node(
                the defaults, and "cpu": 0 takes all cores. "gpu?": 1 takes one where there is any (`device: auto`). They
                never change a key.
     resumable  whether the node uses ctx.checkpoint and ctx.resume
+    was        names that the type had before: graph files may use them for one release
     """
     taken = {"cpu": 1.0, **(resources or {})}
     if any(isinstance(n, bool) or not isinstance(n, int | float) or n < 0 for n in taken.values()):
         raise ValueError(f"node type {type!r}: resources are numbers >= 0, not {dict(taken)!r}")
 
     def add(function: F) -> F:
-        declare(NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable))
+        declare(
+            NodeDef(type, function, version, deterministic, libraries, code, sources, taken, resumable, _names(was))
+        )
         return function
 
     return add
@@ -165,15 +182,24 @@ class Component(Params):
 
 
 def component(
-    type: str, *, version: str, libraries: tuple[str, ...] = (), code: tuple[str, ...] = ()
+    type: str,
+    *,
+    version: str,
+    libraries: tuple[str, ...] = (),
+    code: tuple[str, ...] = (),
+    was: str | tuple[str, ...] = (),
 ) -> Callable[[C], C]:
     """Register a class as the component `type`; the words mean what they mean for `node`."""
 
     def add(cls: C) -> C:
-        declare(NodeDef(type, cls, version, libraries=libraries, code=code))
+        declare(NodeDef(type, cls, version, libraries=libraries, code=code, was=_names(was)))
         return cls
 
     return add
+
+
+def _names(was: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (was,) if isinstance(was, str) else was
 
 
 def wanted_of(definition: NodeDef, most: Mapping[str, float]) -> dict[str, float]:

@@ -39,6 +39,7 @@ class Packs:
     def __init__(self, names: Iterable[str] | None = None) -> None:
         self.names = None if names is None else tuple(names)
         self.types: dict[str, NodeDef] = {}
+        self.renamed: dict[str, str] = {}  # {a name that a type had before: the one it has now}
         self.broken: dict[str, str] = {}
         self.parts: dict[Any, Any] = {}
 
@@ -60,7 +61,16 @@ class Packs:
         known = self.types.get(definition.type)
         if known is not None and known.origin != definition.origin:
             raise ValueError(f"the type {definition.type!r} is registered twice: {known.origin}, {definition.origin}")
+        name = definition.type
+        for old in (name, *definition.was):
+            if self.renamed.get(old, name) != name or (old != name and old in self.types):
+                raise ValueError(f"the type {name!r}: the name {old!r} is that of another type, or was")
         self.types[definition.type] = definition
+        self.renamed.update(dict.fromkeys(definition.was, definition.type))
+
+    def find(self, name: str) -> NodeDef | None:
+        """The type of this name, also of one that it had before; None where there is none."""
+        return self.types.get(self.renamed.get(name, name))
 
     def load(self) -> Self:
         """Import all packs. A broken module is noted, so that graphs without it still run."""

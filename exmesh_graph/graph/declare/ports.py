@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.declare.node import Component, Facets, NodeDef
+from exmesh_graph.graph.declare.node import Component, Facets, NodeDef, Was
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.params import Auto, Params
 from exmesh_graph.types import Artifact
@@ -30,6 +30,7 @@ class Port:
     types: tuple[type, ...]
     facets: Mapping[str, Any] = field(default_factory=dict)
     optional: bool = False
+    was: tuple[str, ...] = ()
 
     @property
     def type(self) -> Any:
@@ -82,6 +83,22 @@ class Signature:
     params_name: str | None
     doc: str
     component: type[Component] | None = None
+
+    @functools.cached_property
+    def renamed(self) -> dict[str, str]:
+        """{a name that an input or parameter had before: the one it has now}"""
+        ports = {old: name for name, port in self.inputs.items() for old in port.was}
+        return ports | {old: name for name in self.params.model_fields for old in self.extra(name).get("was", ())}
+
+    @functools.cached_property
+    def renamed_outputs(self) -> dict[str, str]:
+        """{a name that an output had before: the one it has now}"""
+        return {old: name for name, port in self.outputs.items() for old in port.was}
+
+    def names_of(self, key: str) -> set[str]:
+        """All names of the input or parameter that `key` names, present and old."""
+        name = self.renamed.get(key, key)
+        return {name, *(old for old, new in self.renamed.items() if new == name)}
 
     def path_fields(self) -> set[str]:
         """Names of the parameters that hold file paths."""
@@ -205,6 +222,8 @@ def _signature(function: Callable[..., Any]) -> Signature:
     outputs = _outputs(function, hints.get("return"))
     _refuse_clashes(function, inputs, params)
     found = Signature(inputs, outputs, params, params_name, inspect.getdoc(function) or "")
+    if taken := {*found.renamed, *found.renamed_outputs} & {*inputs, *outputs, *params.model_fields, *RESERVED}:
+        raise TypeError(f"{function.__qualname__}: old names in use: {', '.join(sorted(taken))}")
     for name, port in found.decided_by().items():
         if port not in inputs or not inputs[port].optional:
             raise TypeError(f"{function.__qualname__}: {name} is decided by {port}, which is no optional input")
@@ -227,7 +246,8 @@ def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Po
 
     `Artifact | Component` makes a mixed port: one solver takes a finished artifact or the spec of how to do without.
     """
-    found: dict[str, Any] = {}
+    facets: dict[str, Any] = {}
+    old: tuple[str, ...] = ()
     kinds: tuple[Any, ...] = (hint,)
     while len(kinds) == 1:
         hint = kinds[0]
@@ -237,14 +257,16 @@ def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Po
             kinds = (inner,)
             for note in notes:
                 if isinstance(note, Facets):
-                    found.update(note.values)
+                    facets.update(note.values)
+                elif isinstance(note, Was):
+                    old += note.names
         elif origin in (typing.Union, types.UnionType):
             kinds = tuple(arg for arg in typing.get_args(hint) if arg is not type(None))
             optional = optional or len(kinds) < len(typing.get_args(hint))
         else:
             break
     if all(_is_subclass(kind, Artifact) or _is_subclass(kind, Component) for kind in kinds):
-        return Port(name, kinds, found, optional)
+        return Port(name, kinds, facets, optional, old)
     shown = " | ".join(map(str, kinds))
     raise TypeError(f"{owner.__qualname__}: port {name} is {shown}, not an Artifact type or Component class")
 

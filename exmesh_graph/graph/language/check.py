@@ -19,6 +19,7 @@ from exmesh_graph.graph.declare.ports import RESERVED, Signature, link_form, sig
 from exmesh_graph.graph.language.expand import Graph, NodeSpec, expand
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.params import Declared
+from exmesh_graph.graph.language.renamed import with_present_names
 from exmesh_graph.graph.language.spec import Value, load_tree
 from exmesh_graph.graph.language.wires import Wiring
 from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
@@ -55,7 +56,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Checked:
-    """A graph without faults; `nodes` are in an order in which they can run."""
+    """A graph without faults; `nodes` are in an order in which they can run. `notes` tell of old names it uses."""
 
     name: str
     file: Path
@@ -66,6 +67,7 @@ class Checked:
     components: Mapping[str, BoundComponent] = field(default_factory=dict)
     declared: Mapping[str, Declared] = field(default_factory=dict)
     packs: Packs = field(default_factory=current, repr=False, compare=False)
+    notes: tuple[str, ...] = ()
 
     def resolved(self) -> dict[str, Any]:
         """The graph as plain JSON-like data, for the run record."""
@@ -118,7 +120,9 @@ def check_part(
     What it lacks counts only if it is `whole`. Wires may only lead to nodes of `graph`; what is wired elsewhere is
     Broken, and for components given as `nested` (of a component) or `plugs` (of a node).
     """
-    work, spec = _Check(graph, packs, Problems(), whole=whole), graph.nodes[name]
+    problems = Problems()
+    graph, _ = with_present_names(graph, packs, problems)
+    work, spec = _Check(graph, packs, problems, whole=whole), graph.nodes[name]
     for other in graph.nodes.values():
         work._type(other)
     work.wiring = Wiring(graph, work.signatures, work.problems)
@@ -142,6 +146,7 @@ class _Check:
     components: dict[str, BoundComponent] = field(default_factory=dict)
 
     def run(self) -> Checked:
+        self.graph, notes = with_present_names(self.graph, self.packs, self.problems)
         for spec in self.graph.nodes.values():
             self._type(spec)
         self.wiring = Wiring(self.graph, self.signatures, self.problems)
@@ -158,7 +163,7 @@ class _Check:
         self.problems.raise_if_any()
         return Checked(
             self.graph.name, self.graph.file, self.nodes, outputs, self.graph.params, components=self.components,
-            declared=self.graph.declared, packs=self.packs,
+            declared=self.graph.declared, packs=self.packs, notes=notes,
         )  # fmt: skip
 
     def _type(self, spec: NodeSpec) -> None:

@@ -65,8 +65,9 @@ def expand(tree: Tree, problems: Problems) -> Graph:
     return Graph(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given)
 
 
-Written = dict[str, tuple[Any, Where, bool]]
-"""{key of an entry: (value, where it stands, whether it is that of single rounds)}"""
+Written = dict[str, tuple[Any, Where, int]]
+"""{key of an entry: (value, where it stands, 0 for the entry itself, more for settings of single rounds)}"""
+SET = 1000  # the layer of --set
 
 
 @dataclass
@@ -131,7 +132,7 @@ class _Expansion:
         self._count_block(where)
         self.links.names.add(full)
         written = self._written(full, entry, scope)
-        written |= {key: (value, Where(None), True) for key, value in self._overrides_of(full)}
+        written |= {key: (value, Where(None), SET) for key, value in self._overrides_of(full)}
         source, place, _ = written.pop("graph")
         path = self.files.path(substitute(source, scope.params, place, self.problems), place, scope.files)
         if path is None:
@@ -209,18 +210,19 @@ class _Expansion:
     def _node(self, full: str, entry: Map, scope: Scope) -> None:
         written, here = self._written(full, entry, scope), Where(None)
         kind: Value | None = None
-        replaced = False
+        replaced = 0
         if "type" in written:
             text, where, replaced = written.pop("type")
             kind = substitute(text, scope.params, where, self.problems)
         fields = {}
-        for key, (value, where, of_round) in written.items():
-            fields[key] = replace(self.links.value(value, scope, where), inherited=replaced and not of_round)
+        for key, (value, where, layer) in written.items():
+            taken_over = replaced > 0 and layer == 0
+            fields[key] = replace(self.links.value(value, scope, where), inherited=taken_over, layer=layer)
         for key, value in self._overrides_of(full):
             if key == "type":
                 kind = Value(value, here, here.base)
             else:
-                fields[key] = self.links.value(value, scope, here)
+                fields[key] = replace(self.links.value(value, scope, here), layer=SET)
         if kind is None or not isinstance(kind.value, str):
             names = "name: {type: data.blender, ...}"
             self.problems.add("graph", entry.where, f"node {full} has no type", expected=names)
@@ -238,10 +240,10 @@ class _Expansion:
     def _written(self, full: str, entry: Map, scope: Scope) -> Written:
         """What an entry says in a round."""
         written: Written = {}
-        for layer in (entry, *self._round_patches(full, entry, scope)):
+        for number, layer in enumerate((entry, *self._round_patches(full, entry, scope))):
             for key, value in layer.items():
                 if key not in ("every", "at", "doc"):
-                    written[str(key)] = value, layer.lines[key], layer is not entry
+                    written[str(key)] = value, layer.lines[key], number
         return written
 
     def _round_patches(self, full: str, entry: Map, scope: Scope) -> Iterator[Map]:

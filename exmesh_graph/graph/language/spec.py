@@ -29,13 +29,15 @@ _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}]*)\}")
 class Value:
     """A value of a graph file, where it was written, and the folder its relative paths start from.
 
-    `inherited` marks what a round took over from the entry whose type it replaced.
+    `inherited` marks what a round took over from the entry whose type it replaced; `layer` tells settings of the entry
+    (0) from those of single rounds and of the command line, which count more.
     """
 
     value: Any
     where: Where
     base: Path
     inherited: bool = False
+    layer: int = 0
 
 
 @dataclass

@@ -78,7 +78,7 @@ class Job:
 
     def bound(self) -> Bound:
         """The node, its parameters validated again. Raises GraphError where no pack defines the type."""
-        definition = current().types.get(self.type)
+        definition = current().find(self.type)
         if definition is None:
             raise GraphError(f"there is no node type {self.type!r}", where=self.name, fix="exmesh nodes lists all")
         found = signature(definition)

@@ -173,7 +173,7 @@ class Draft:
         return substitute(entry[key], resolve_params(given, Problems()), entry.lines[key], Problems()).value
 
     def type_named(self, name: Any) -> Signature | None:
-        definition = self.packs.types.get(name) if isinstance(name, str) else None
+        definition = self.packs.find(name) if isinstance(name, str) else None
         try:
             return None if definition is None else signature(definition)
         except (TypeError, NameError):

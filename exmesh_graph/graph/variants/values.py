@@ -50,14 +50,15 @@ def _set_one(draft: Draft, target: Any, value: Any, where: Where, there: Where) 
         return
     kinds = draft.kinds(entry)
     if address.key != "seed":
-        if any(address.key in kind.inputs for kind in kinds):
+        if any(kind.names_of(address.key) & kind.inputs.keys() for kind in kinds):
             fix = f'{{connect: {target}, to: "@node.port"}}'
             refuse(where, f"{target} is an input port, not a parameter", fix=fix)
         fields = [field for kind in kinds for field in kind.params.model_fields]
-        if kinds and address.key not in fields:
+        if kinds and not any(kind.names_of(address.key) & kind.params.model_fields.keys() for kind in kinds):
             near = [f"{'.'.join(address.path)}.{name}" for name in nearest(address.key, fields) or fields[:5]]
             refuse(where, f"{entry.get('type')} has no parameter {address.key!r}", near=near)
-    _put(draft, entry, address, value, there, lambda kind: address.key in (*kind.params.model_fields, "seed"))
+    known = lambda kind: {"seed", *kind.params.model_fields}  # noqa: E731
+    _put(draft, entry, address, value, there, known)
 
 
 def connect(draft: Draft, patch: Map) -> None:
@@ -80,7 +81,7 @@ def connect(draft: Draft, patch: Map) -> None:
     address = port_address(draft, patch["connect"], where)
     _known_source(draft, text, address.scope, there)
     entry = draft.entry(address.path)
-    _put(draft, entry, address, text, there, lambda kind: address.key in kind.inputs)
+    _put(draft, entry, address, text, there, lambda kind: set(kind.inputs))
 
 
 def disconnect(draft: Draft, patch: Map) -> None:
@@ -93,22 +94,22 @@ def disconnect(draft: Draft, patch: Map) -> None:
         return
     address = port_address(draft, target, where)
     entry = draft.entry(address.path)
+    names = {address.key}.union(*(kind.names_of(address.key) for kind in draft.kinds(entry)))
     for kind in draft.kinds(entry):
-        port = kind.inputs.get(address.key)
+        port = next((port for name, port in kind.inputs.items() if name in names), None)
         if port is not None and not port.optional:
             refuse(where, f"{target} must be connected: {entry.get('type')} needs its {port}",
                    fix=f"connect something else, or {{bypass: {'.'.join(address.path)}}}")  # fmt: skip
-    wired = [
-        holder for holder in (entry, *(layer for layer, _ in layers_of(entry))) if is_link(holder.get(address.key))
-    ]
+    holders = (entry, *(layer for layer, _ in layers_of(entry)))
+    wired = [(holder, name) for holder in holders for name in names if is_link(holder.get(name))]
     if not wired:
         linked = [f"{'.'.join(address.path)}.{key}" for key, value in entry.items() if is_link(value)]
         refuse(where, f"{target} is not connected", near=nearest(str(target), linked))
     if address.round is not None:
         round_layer(draft, entry, address, where).put(address.key, None, where)
         return
-    for holder in wired:
-        del holder[address.key]
+    for holder, name in wired:
+        del holder[name]
 
 
 def need(patch: Map, key: str, name: str, expected: str) -> Any:
@@ -122,21 +123,32 @@ def needed(patch: Map, key: str, name: str, expected: str) -> str:
 
 
 def _put(
-    draft: Draft, entry: Map, address: Address, value: Any, where: Where, knows: Callable[[Signature], bool]
+    draft: Draft, entry: Map, address: Address, value: Any, where: Where, known: Callable[[Signature], set[str]]
 ) -> None:
     """Set a key in every round, whatever single rounds had, or in one round."""
     if address.round is not None:
-        round_layer(draft, entry, address, where).put(address.key, clone(value), where)
+        layer = round_layer(draft, entry, address, where)
+        own = draft.kind(layer) or draft.kind(entry)
+        _put_one(layer, address.key, own.names_of(address.key) if own else set(), value, where)
         return
     kind = draft.kind(entry)
-    if kind is None or knows(kind):
-        entry.put(address.key, clone(value), where)
+    names = {address.key} if kind is None else kind.names_of(address.key)
+    if kind is None or names & known(kind):
+        _put_one(entry, address.key, names, value, where)
     for layer, _ in layers_of(entry):
         other = draft.kind(layer)
-        if other is not None and knows(other):
-            layer.put(address.key, clone(value), where)
+        if other is not None and other.names_of(address.key) & known(other):
+            _put_one(layer, address.key, other.names_of(address.key), value, where)
         elif other is None:
-            layer.pop(address.key, None)
+            for name in names:
+                layer.pop(name, None)
+
+
+def _put_one(holder: Map, key: str, names: set[str], value: Any, where: Where) -> None:
+    """Set a key in place of all names that the same parameter or port has or had."""
+    for name in names - {key}:
+        holder.pop(name, None)
+    holder.put(key, clone(value), where)
 
 
 def round_layer(draft: Draft, entry: Map, address: Address, where: Where) -> Map:
@@ -165,7 +177,7 @@ def port_address(draft: Draft, target: Any, where: Where) -> Address:
         refuse(where, f"{block} is a repeat block", near=carried, fix="name the carried value or a node in the block")
     kinds = draft.kinds(entry)
     ports = [port for kind in kinds for port in kind.inputs]
-    if kinds and address.key not in ports:
+    if kinds and not any(kind.names_of(address.key) & kind.inputs.keys() for kind in kinds):
         isparam = any(address.key in kind.params.model_fields for kind in kinds)
         fix = f"{{set: {target}, to: ...}}" if isparam else ""
         near = [f"{'.'.join(address.path)}.{name}" for name in nearest(address.key, ports) or ports]
@@ -198,6 +210,6 @@ def _known_source(draft: Draft, text: str, scope: tuple[str, ...], where: Where)
         refuse(where, f"{text}: there is no node {node!r}", near=near)
     if source.path is not None and not is_block(draft.entry(source.path)):
         kind = draft.kind(draft.entry(source.path))
-        if kind is not None and source.port and source.port not in kind.outputs:
+        if kind is not None and source.port and source.port not in (*kind.outputs, *kind.renamed_outputs):
             near = [f"@{text[1:].rpartition('.')[0]}.{name}" for name in kind.outputs]
             refuse(where, f"{text}: {draft.entry(source.path)['type']} has no output {source.port!r}", near=near)

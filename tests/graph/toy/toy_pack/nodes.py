@@ -92,7 +92,7 @@ class SeriesOut(NamedTuple):
 class ConstParams(Params):
     value: float = param(1.0, ge=-1000, le=1000, unit="apples", doc="The number.")
     threads: int = param(1, ge=1, doc="Cannot change the result.", tuning=True)
-    label: str = param("", doc="Free text.")
+    label: str = param("", doc="Free text.", was="text")
 
 
 class NoParams(Params):
@@ -116,7 +116,7 @@ class SlowParams(Params):
     steps: int = param(10, ge=1, doc="Progress steps.")
 
 
-@node("toy.const", version="1")
+@node("toy.const", version="1", was="toy.constant")
 def const(ctx: Context, *, p: ConstParams) -> NumberOut:
     """A constant."""
     return NumberOut(Number(p.value))
