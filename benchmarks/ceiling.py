@@ -21,7 +21,7 @@ import torch
 from benchmarks.blender import SCENE, true_asset
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
-from exmesh_graph.evaluate.renders import Quality
+from exmesh_graph.evaluate.params import Quality
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.stage2 import render
@@ -45,7 +45,9 @@ def main() -> None:
     asset = true_asset(scene.truth)
     if options.binned_suns:
         render.find_suns = lambda sky, count: find_suns(torch.ones_like(sky), count)
-    quality = Quality(options.supersampling, options.specular_samples, bounces=options.bounces)
+    quality = Quality(
+        supersampling=options.supersampling, specular_samples=options.specular_samples, bounces=options.bounces
+    )
     begun = time.process_time()
     views = 2 if options.quick else options.views
     scores = score_asset(asset, scene.test, scene.truth, scene.train, max_views=views, quality=quality)

@@ -2,15 +2,16 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, NamedTuple
 
+from exmesh_graph.evaluate.params import OrbParams, SpeedParams, Synthetic4RelightParams, lpips_weights
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, ScoredViews, Views
 
 TestViews = Annotated[Views, facets(split="test")]
 TrainViews = Annotated[Views, facets(split="train")]
-_RENDER = ("torch", "warp-lang", "embreex", "scipy", "OpenImageIO")
+_RENDER = ("torch", "warp-lang", "embreex", "scipy")
 
 
 class MetricsOut(NamedTuple):
@@ -60,34 +61,11 @@ def nerf_synthetic(
     return MetricsOut(Metrics(values))
 
 
-class _RenderParams(Params):
-    scene: str = param("", doc="The scene's name in the table.")
-    lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
-    max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
-    directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
-    bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
-    supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
-    specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
-
-
-def _weights(p: _RenderParams) -> Mapping[str, Path]:
-    from exmesh_graph.evaluate.metrics.weights import lpips_source
-
-    return lpips_source(p.lpips)
-
-
-class Synthetic4RelightParams(_RenderParams):
-    rule: Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"] = param(
-        "median", doc="How the albedo's scale is found, which relit pictures get too (docs/metrics.md)."
-    )
-    pictures: int = param(3, ge=0, doc="Held-out views handed on for pictures (gallery.asset).")
-
-
 @node(
     "benchmark.synthetic4relight",
     version="1",
-    libraries=_RENDER,
-    sources=_weights,
+    libraries=(*_RENDER, "OpenImageIO"),
+    sources=lpips_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
 def synthetic4relight(
@@ -101,23 +79,19 @@ def synthetic4relight(
 ) -> ScoredOut:
     """New views, relit views, albedo by every published rule, roughness; what `evaluate.asset` gives as well."""
     from exmesh_graph.evaluate.asset import asset_pairs
-    from exmesh_graph.evaluate.metrics.lpips import Lpips
     from exmesh_graph.evaluate.protocols.synthetic4relight import score_synthetic4relight
-    from exmesh_graph.evaluate.renders import Quality
 
-    scores = score_synthetic4relight(
-        asset, views, truth, train, p.scene, rule=p.rule, lpips=Lpips.from_file(p.lpips) if p.lpips else None,
-        max_views=p.max_views, progress=ctx.progress,
-        quality=Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed),
-    )  # fmt: skip
+    scores = score_synthetic4relight(asset, views, truth, train, p, seed=ctx.seed, progress=ctx.progress)
     return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))
 
 
-class OrbParams(_RenderParams):
-    pass
-
-
-@node("benchmark.stanford_orb", version="1", libraries=_RENDER, sources=_weights, resources={"cpu": 0, "gpu?": 1})
+@node(
+    "benchmark.stanford_orb",
+    version="1",
+    libraries=(*_RENDER, "OpenImageIO"),
+    sources=lpips_weights,
+    resources={"cpu": 0, "gpu?": 1},
+)
 def stanford_orb(
     ctx: Context,
     asset: Asset,
@@ -129,31 +103,15 @@ def stanford_orb(
     p: OrbParams,
 ) -> MetricsOut:
     """Stanford-ORB's PSNR-H, PSNR-L and SSIM in new views and under new lights; depth, normal, shape, albedo."""
-    from exmesh_graph.evaluate.metrics.lpips import Lpips
     from exmesh_graph.evaluate.protocols.stanford_orb import score_orb
-    from exmesh_graph.evaluate.renders import Quality
 
-    quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
-    lpips = Lpips.from_file(p.lpips) if p.lpips else None
-    values = score_orb(asset, views, novel, truth, frame, p.scene, lpips=lpips, max_views=p.max_views,
-                       quality=quality, seed=ctx.seed, progress=ctx.progress)  # fmt: skip
+    values = score_orb(asset, views, novel, truth, frame, p, seed=ctx.seed, progress=ctx.progress)
     return MetricsOut(Metrics(values))
-
-
-class SpeedParams(Params):
-    size: int = param(1600, ge=16, le=4096, unit="px", doc="Side of the rendered pictures; the paper's is 1600.")
-    frames: int = param(4, ge=2, doc="Frames; the first is a warm-up and not counted.")
-    bounces: int = param(2, ge=0, le=8, doc="Interreflections.")
-    directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
-    supersampling: int = param(1, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
-    specular_samples: int = param(8, ge=1, doc="GGX rays per sample of a pixel.")
 
 
 @node("benchmark.speed", version="1", libraries=_RENDER, resources={"cpu": 0, "gpu?": 1})
 def speed(ctx: Context, asset: Asset, views: Views, *, p: SpeedParams) -> MetricsOut:
     """Relighting frames per second by the paper's rule, vertices, and the mesh's size as PLY."""
     from exmesh_graph.evaluate.protocols.speed import measure_speed
-    from exmesh_graph.evaluate.renders import Quality
 
-    quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
-    return MetricsOut(Metrics(measure_speed(asset, views, p.size, p.frames, quality)))
+    return MetricsOut(Metrics(measure_speed(asset, views, p, seed=ctx.seed)))

@@ -1,9 +1,8 @@
 """Scores: how good is a mesh, a Stage I carrier, a finished asset. Their pictures are made by gallery.*."""
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, NamedTuple
 
+from exmesh_graph.evaluate.params import AssetParams, Stage1Params, lpips_weights
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, SceneTruth, ScoredViews, Views
@@ -27,21 +26,6 @@ def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshPa
     return MetricsOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
 
 
-class _LpipsParams(Params):
-    lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
-
-
-def _weights(p: _LpipsParams) -> Mapping[str, Path]:
-    from exmesh_graph.evaluate.metrics.weights import lpips_source
-
-    return lpips_source(p.lpips)
-
-
-class Stage1Params(_LpipsParams):
-    max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
-    pictures: int = param(2, ge=0, doc="Scored views handed on for pictures (gallery.stage1).")
-
-
 class ScoredOut(NamedTuple):
     metrics: Metrics
     scored: ScoredViews
@@ -51,7 +35,7 @@ class ScoredOut(NamedTuple):
     "evaluate.stage1",
     version="1",
     libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
-    sources=_weights,
+    sources=lpips_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
 def stage1(
@@ -92,20 +76,11 @@ def round_(
     return MetricsOut(Metrics(values))
 
 
-class AssetParams(_LpipsParams):
-    max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
-    pictures: int = param(3, ge=0, doc="Held-out views handed on for pictures (gallery.asset).")
-    directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
-    bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
-    supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
-    specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
-
-
 @node(
     "evaluate.asset",
     version="1",
     libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO"),
-    sources=_weights,
+    sources=lpips_weights,
     resources={"cpu": 0, "gpu?": 1},
 )
 def asset(
@@ -119,10 +94,10 @@ def asset(
 ) -> ScoredOut:
     """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object."""
     from exmesh_graph.evaluate.asset import asset_pairs, score_asset
-    from exmesh_graph.evaluate.renders import Quality
     from exmesh_graph.evaluate.scores import add_lpips
 
-    quality = Quality(p.supersampling, p.specular_samples, p.directions, p.bounces, ctx.seed)
-    scores = score_asset(asset, views, truth, train, max_views=p.max_views, quality=quality, progress=ctx.progress)
+    scores = score_asset(
+        asset, views, truth, train, max_views=p.max_views, quality=p, seed=ctx.seed, progress=ctx.progress
+    )  # fmt: skip
     add_lpips(scores.values, p.lpips, scores.held_out, scores.relit)
     return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))

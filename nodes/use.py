@@ -5,6 +5,7 @@ from math import pi
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from exmesh_graph.edit.params import EditParams
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, EnvMap, Frame, Gallery, Transport, Views
@@ -67,8 +68,7 @@ def relight(
 ) -> RelightOut:
     """The asset under another environment, turned and exposed (its own where none is wired), with pictures."""
     from exmesh_graph.edit.cameras import orbit
-    from exmesh_graph.edit.pictures import pictures
-    from exmesh_graph.edit.relight import relit
+    from exmesh_graph.edit.relight import pictures, relit
     from exmesh_graph.gallery.editing import light_gallery
 
     result = relit(asset, None if light is None else light.radiance, rotation=p.rotation, exposure=p.exposure)
@@ -103,8 +103,8 @@ class TurntableOut(NamedTuple):
 @node("use.turntable", version="1", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1})
 def turntable(ctx: Context, asset: Asset, transport: Transport | None = None, *, p: TurntableParams) -> TurntableOut:
     """A film of the asset turning under its light (animated WebP, shown in the report)."""
-    from exmesh_graph.edit.pictures import turntable as render
-    from exmesh_graph.edit.pictures import write_film
+    from exmesh_graph.edit.relight import turntable as render
+    from exmesh_graph.edit.relight import write_film
     from exmesh_graph.gallery.pictures import GalleryWriter
 
     images = render(
@@ -115,25 +115,6 @@ def turntable(ctx: Context, asset: Asset, transport: Transport | None = None, *,
     file = writer.claim("turntable.webp", "Turntable", f"{p.frames} pictures, the {p.turn} goes round once.")
     write_film(file, images, p.seconds)
     return TurntableOut(writer.finish())
-
-
-class EditParams(Params):
-    channel: Literal["base_color", "roughness", "metallic"] = param("base_color", doc="The map to change.")
-    operation: Literal["set", "scale", "paint"] = param(
-        "set", doc="Set to `value`, scale by it, or paint `picture` over."
-    )
-    value: tuple[float, ...] = param((), doc="One number, or for base_color three (linear RGB), for set and scale.")
-    picture: Path | None = param(
-        None, doc="RGBA picture for paint: a decal on the ball, or in the atlas's layout where the region is no ball."
-    )
-    mask: Path | None = param(None, doc="Region: a picture in the atlas's layout (row 0 is v = 1), white is changed.")
-    center: tuple[float, float, float] | None = param(
-        None, doc="Region: middle of a ball, normalised units (scene units where a frame is wired)."
-    )
-    view: str = param("", doc="Region: the ball's middle is what this view shows at `pixel`; needs wired views.")
-    pixel: tuple[float, float] | None = param(None, unit="px", doc="x to the right, y down.")
-    radius: float = param(0.0, ge=0, doc="Radius of the ball, in the units of `center`.")
-    feather: float = param(0.0, ge=0, le=1, doc="Share of the radius over which the edit fades out.")
 
 
 class EditOut(NamedTuple):
@@ -156,10 +137,10 @@ def edit_material(
     ctx: Context, asset: Asset, views: Views | None = None, frame: Frame | None = None, *, p: EditParams
 ) -> EditOut:
     """Set, scale or paint a map in a region; all other texels keep their bytes."""
-    from exmesh_graph.edit.apply import EditSettings, apply_edit
+    from exmesh_graph.edit.apply import apply_edit
     from exmesh_graph.gallery.editing import edit_gallery
 
-    result, weight = apply_edit(asset, EditSettings(**p.model_dump()), views, frame, where=f"node {ctx.node}")
+    result, weight = apply_edit(asset, p, views, frame, where=f"node {ctx.node}")
     changed = int((weight > 0).sum())
     ctx.log(f"{changed} of {weight.size} texels changed")
     if changed == 0:

@@ -2,37 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
-
 import numpy as np
 
-from exmesh_graph.edit.pick import picked_point
-from exmesh_graph.edit.texels import Channel, TexelSurface, ball_region, decal, edited, mask_region, texel_surface
+from exmesh_graph.edit.params import EditParams
+from exmesh_graph.edit.texels import TexelSurface, ball_region, decal, edited, mask_region, texel_surface
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import read_mask, read_photo
-from exmesh_graph.types import Asset, Frame, Views
-
-
-@dataclass(frozen=True)
-class EditSettings:
-    """Settings of `apply_edit`; meanings and units are those of the node `use.edit_material`."""
-
-    channel: Channel = "base_color"
-    operation: Literal["set", "scale", "paint"] = "set"
-    value: tuple[float, ...] = ()
-    picture: Path | None = None
-    mask: Path | None = None
-    center: tuple[float, float, float] | None = None
-    view: str = ""
-    pixel: tuple[float, float] | None = None
-    radius: float = 0.0
-    feather: float = 0.0
+from exmesh_graph.types import Asset, Frame, Mesh, Views
 
 
 def apply_edit(
-    asset: Asset, settings: EditSettings, views: Views | None = None, frame: Frame | None = None, *, where: str = ""
+    asset: Asset, settings: EditParams, views: Views | None = None, frame: Frame | None = None, *, where: str = ""
 ) -> tuple[Asset, np.ndarray]:
     """The edited asset and the weight [R, R] of the edit in each texel.
 
@@ -55,8 +35,40 @@ def apply_edit(
     return edited(asset, settings.channel, weight, settings.operation, value), weight
 
 
+def picked_point(mesh: Mesh, views: Views, view: str, pixel: tuple[float, float]) -> np.ndarray:
+    """float64 [3], normalised world: where the ray through `pixel` (x right, y down; centres at +0.5) of `view` meets
+    the mesh. Raises DataError for a view that does not exist, a pixel outside it and a ray that misses.
+    """
+    from exmesh_graph.rays import make_ray_tracer
+
+    if view not in views.names:
+        some = ", ".join(views.names[:8]) + (", ..." if len(views.names) > 8 else "")
+        raise DataError(f"there is no view {view!r}", expected=f"one of {some}", fix="correct `view`")
+    if not (0 <= pixel[0] <= views.width and 0 <= pixel[1] <= views.height):
+        raise DataError(
+            f"pixel ({pixel[0]:g}, {pixel[1]:g}) lies outside view {view}",
+            expected=f"0 to {views.width}, 0 to {views.height}",
+            fix="correct `pixel`: x to the right, y down, from the upper left corner",
+        )
+    number = views.names.index(view)
+    pose = views.camera_to_world[number]
+    in_camera = np.linalg.solve(views.intrinsics[number], np.array([*pixel, 1.0]))
+    direction = pose[:3, :3] @ in_camera
+    direction /= np.linalg.norm(direction)
+    origin = pose[:3, 3]
+    hits = make_ray_tracer(mesh.vertices, mesh.faces).closest_hit(origin[None], direction[None])
+    distance = float(hits.t[0])
+    if not np.isfinite(distance):
+        raise DataError(
+            f"pixel ({pixel[0]:g}, {pixel[1]:g}) of view {view} does not show the mesh",
+            expected=f"a pixel on the object, in {views.width} x {views.height}",
+            fix="correct `pixel`: x to the right, y down, from the upper left corner",
+        )
+    return origin + distance * direction
+
+
 def _ball(
-    asset: Asset, settings: EditSettings, views: Views | None, frame: Frame | None
+    asset: Asset, settings: EditParams, views: Views | None, frame: Frame | None
 ) -> tuple[np.ndarray, float] | None:
     """Middle and radius of the ball in normalised units."""
     if settings.radius == 0:
@@ -72,7 +84,7 @@ def _ball(
 
 
 def _painted(
-    settings: EditSettings, surface: TexelSurface, ball: tuple[np.ndarray, float] | None
+    settings: EditParams, surface: TexelSurface, ball: tuple[np.ndarray, float] | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Straight linear colour [R, R, 3] and alpha [R, R] of the picture at each texel."""
     assert settings.picture is not None
@@ -85,7 +97,7 @@ def _painted(
     return laid[..., :3] / np.maximum(laid[..., 3:], 1e-6), laid[..., 3]
 
 
-def _check(settings: EditSettings, views: Views | None, where: str) -> None:
+def _check(settings: EditParams, views: Views | None, where: str) -> None:
     """Raise DataError for what contradicts itself or is not enough."""
 
     def wrong(message: str, fix: str) -> DataError:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
+from exmesh_graph.edit.params import Channel, Operation
 from exmesh_graph.errors import DataError
 from exmesh_graph.types import Asset
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import sample_bilinear
-
-Channel = Literal["base_color", "roughness", "metallic"]
 
 
 @dataclass(frozen=True)
@@ -91,9 +89,7 @@ def decal(
     return np.where(reached[..., None], _sample(picture.astype(np.float32), u.clip(0, 1), v.clip(0, 1)), np.float32(0))
 
 
-def edited(
-    asset: Asset, channel: Channel, weight: np.ndarray, operation: Literal["set", "scale", "paint"], value: np.ndarray
-) -> Asset:
+def edited(asset: Asset, channel: Channel, weight: np.ndarray, operation: Operation, value: np.ndarray) -> Asset:
     """`asset` with one map changed where `weight` [R, R] > 0: old + weight (new - old), clipped to [0, 1].
 
     value   set: the new value; scale: the factor (both [C] or [1]); paint: new values [R, R, C], linear

@@ -9,17 +9,17 @@ inside our own silhouette.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from exmesh_graph.evaluate.metrics.material import ScaleRule, albedo_psnr, albedo_scale, roughness_mse
+from exmesh_graph.evaluate.metrics.material import albedo_psnr, albedo_scale, roughness_mse
+from exmesh_graph.evaluate.params import Quality, ScaleRule
 from exmesh_graph.evaluate.renders import (
     GRAY_ALBEDO,
     GRAY_ROUGHNESS,
     Progress,
-    Quality,
     Renderer,
     Steps,
     gray_object,
@@ -68,6 +68,7 @@ def score_asset(
     *,
     max_views: int = 0,
     quality: Quality | None = None,
+    seed: int = 0,
     progress: Progress | None = None,
     rule: ScaleRule = "median",
 ) -> AssetScores:
@@ -84,10 +85,10 @@ def score_asset(
     lights = sorted(truth.relit) if truth is not None and paired else []
     extra = 2 if quality.bounces else 0
     steps = Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired) + extra)
-    ours = Renderer(asset, views, quality, steps)
+    ours = Renderer(asset, views, quality, steps, seed)
     # The guess scores about 20 dB: neither its silhouette nor its rough highlights need many samples.
-    coarse = replace(quality, supersampling=1, specular_samples=max(1, quality.specular_samples // 2))
-    guess = Renderer(gray_object(asset, truth), views, coarse, steps)
+    coarse = quality.replaced(supersampling=1, specular_samples=max(1, quality.specular_samples // 2))
+    guess = Renderer(gray_object(asset, truth), views, coarse, steps, seed)
     scores = AssetScores({"headline": [], "floor": {}}, chosen)
 
     rendered = ours.render(chosen)

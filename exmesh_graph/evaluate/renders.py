@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from exmesh_graph.evaluate.params import Quality
 from exmesh_graph.io.images import display
 from exmesh_graph.types import Asset, SceneTruth, Transport, Views
 
@@ -15,17 +16,6 @@ GRAY_ALBEDO = 0.5
 GRAY_ROUGHNESS = 0.5
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Quality:
-    """How finely the scored images are rendered."""
-
-    supersampling: int = 2
-    specular_samples: int = 12
-    directions: int = 256
-    bounces: int = 2
-    seed: int = 0
 
 
 class Steps:
@@ -43,8 +33,8 @@ class Steps:
 class Renderer:
     """Renders one shape at the cameras of `views`, tracing its light transport once."""
 
-    def __init__(self, asset: Asset, views: Views, quality: Quality, steps: Steps) -> None:
-        self.asset, self.views, self.quality, self.steps = asset, views, quality, steps
+    def __init__(self, asset: Asset, views: Views, quality: Quality, steps: Steps, seed: int) -> None:
+        self.asset, self.views, self.quality, self.steps, self.seed = asset, views, quality, steps, seed
         self._transport: Transport | None = None
 
     def render(
@@ -75,7 +65,7 @@ class Renderer:
             bounces=self.quality.bounces,
             supersampling=self.quality.supersampling,
             specular_samples=self.quality.specular_samples,
-            seed=self.quality.seed,
+            seed=self.seed,
             progress=self.steps,
         )
 

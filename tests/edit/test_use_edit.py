@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.edit.apply import EditSettings, apply_edit
+from exmesh_graph.edit.apply import apply_edit
 from exmesh_graph.edit.cameras import orbit
+from exmesh_graph.edit.params import EditParams
 from exmesh_graph.edit.texels import decal, texel_surface
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import write_image
@@ -38,7 +39,7 @@ def camera_views(count=3, size=64):
 )
 def test_texels_inside_the_ball_change_and_all_others_keep_their_bytes(center, radius, channel, operation):
     asset = ball(size=32, level=1)
-    edit = EditSettings(channel=channel, operation=operation, value=(0.25,), center=tuple(center), radius=radius)
+    edit = EditParams(channel=channel, operation=operation, value=(0.25,), center=tuple(center), radius=radius)
     new, weight = apply_edit(asset, edit)
     old = getattr(asset, channel) if channel != "metallic" else np.zeros_like(asset.roughness)
     got = getattr(new, channel)
@@ -59,7 +60,7 @@ def test_a_surface_seen_at_an_edited_pixel_is_edited_wholly():
     from exmesh_graph.stage2.surface import texel_footprint
 
     asset = ball(size=128)
-    new, _ = apply_edit(asset, EditSettings(channel="roughness", value=(0.9,), center=(0, 0, 1), radius=2.5))
+    new, _ = apply_edit(asset, EditParams(channel="roughness", value=(0.9,), center=(0, 0, 1), radius=2.5))
     bary = np.random.default_rng(0).dirichlet([1, 1, 1], size=(len(asset.faces), 8)).astype(np.float32)
     uv = np.einsum("fkc,fcx->fkx", bary, asset.uvs[asset.uv_faces]).reshape(-1, 2)
     read = gather_rows(torch.from_numpy(new.roughness.reshape(-1, 1)), *texel_footprint(torch.from_numpy(uv), 128))
@@ -68,7 +69,7 @@ def test_a_surface_seen_at_an_edited_pixel_is_edited_wholly():
 
 def test_a_picked_pixel_is_where_the_view_sees_it():
     asset, views = ball(size=128, level=3), camera_views()
-    edit = EditSettings(value=(0.0, 0.0, 0.0), view="001", pixel=(32.0, 32.0), radius=0.2)
+    edit = EditParams(value=(0.0, 0.0, 0.0), view="001", pixel=(32.0, 32.0), radius=0.2)
     _, weight = apply_edit(asset, edit, views)
     middle = texel_surface(asset).position[weight > 0].mean(axis=0)
     towards = views.camera_to_world[1, :3, 3] / np.linalg.norm(views.camera_to_world[1, :3, 3])
@@ -80,8 +81,8 @@ def test_center_and_radius_are_scene_units_where_a_frame_is_wired():
     matrix = np.diag([5.0, 5.0, 5.0, 1.0])
     matrix[:3, 3] = [10, 0, 0]
     frame = Frame(matrix, np.eye(4))
-    here = apply_edit(asset, EditSettings(value=(1.0,), center=(0, 0, 1), radius=0.5))[1]
-    there = apply_edit(asset, EditSettings(value=(1.0,), center=(10, 0, 5), radius=2.5), frame=frame)[1]
+    here = apply_edit(asset, EditParams(value=(1.0,), center=(0, 0, 1), radius=0.5))[1]
+    there = apply_edit(asset, EditParams(value=(1.0,), center=(10, 0, 5), radius=2.5), frame=frame)[1]
     assert np.array_equal(here, there)
     assert 0 < here.mean() < 0.5
 
@@ -91,7 +92,7 @@ def test_a_mask_and_a_feathered_ball_multiply(tmp_path):
     mask = np.zeros((64, 64, 3), np.float32)
     mask[:, :32] = 1
     write_image(tmp_path / "mask.png", mask)
-    edit = EditSettings(
+    edit = EditParams(
         channel="roughness", value=(1.0,), mask=tmp_path / "mask.png", center=(0, 0, 1), radius=1, feather=0.5
     )
     new, weight = apply_edit(asset, edit)
@@ -128,7 +129,7 @@ def test_paint_is_linear_and_follows_alpha(tmp_path):
     picture[..., 0] = 0.5
     picture[:32, :, 3] = 1
     write_image(tmp_path / "paint.png", picture)
-    new, weight = apply_edit(asset, EditSettings(operation="paint", picture=tmp_path / "paint.png"))
+    new, weight = apply_edit(asset, EditParams(operation="paint", picture=tmp_path / "paint.png"))
     assert new.base_color[32:].tobytes() == asset.base_color[32:].tobytes()
     np.testing.assert_allclose(new.base_color[:32], [[[0.216, 0, 0]]] * np.ones((32, 64, 1)), atol=2e-3)
     assert set(np.unique(weight)) == {0, 1}
@@ -137,21 +138,21 @@ def test_paint_is_linear_and_follows_alpha(tmp_path):
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (EditSettings(operation="paint"), "nothing to paint with"),
-        (EditSettings(), "no `value`"),
-        (EditSettings(operation="paint", picture=Path("decal.png"), value=(1.0,)), "`value` does nothing"),
-        (EditSettings(value=(200.0, 10.0, 10.0)), "out of range"),
-        (EditSettings(operation="scale", value=(-1.0,)), "out of range"),
-        (EditSettings(value=(1.0, 0.0)), "2 values for base_color"),
-        (EditSettings(channel="roughness", value=(1.0, 0.0, 0.0)), "3 values for roughness"),
-        (EditSettings(value=(1.0,), center=(0, 0, 0)), "a middle and a radius"),
-        (EditSettings(value=(1.0,), radius=1.0), "a middle and a radius"),
-        (EditSettings(value=(1.0,), view="000", radius=1.0), "belong together"),
-        (EditSettings(value=(1.0,), view="000", pixel=(1, 1), center=(0, 0, 0), radius=1.0), "both say"),
-        (EditSettings(value=(1.0,), view="zebra", pixel=(1, 1), radius=1.0), "no view 'zebra'"),
-        (EditSettings(value=(1.0,), view="000", pixel=(1, 1), radius=1.0), "does not show the mesh"),
-        (EditSettings(value=(1.0,), view="000", pixel=(65, 1), radius=1.0), "outside view 000"),
-        (EditSettings(value=(1.0,), feather=0.5), "`feather` belongs to a ball"),
+        (EditParams(operation="paint"), "nothing to paint with"),
+        (EditParams(), "no `value`"),
+        (EditParams(operation="paint", picture=Path("decal.png"), value=(1.0,)), "`value` does nothing"),
+        (EditParams(value=(200.0, 10.0, 10.0)), "out of range"),
+        (EditParams(operation="scale", value=(-1.0,)), "out of range"),
+        (EditParams(value=(1.0, 0.0)), "2 values for base_color"),
+        (EditParams(channel="roughness", value=(1.0, 0.0, 0.0)), "3 values for roughness"),
+        (EditParams(value=(1.0,), center=(0, 0, 0)), "a middle and a radius"),
+        (EditParams(value=(1.0,), radius=1.0), "a middle and a radius"),
+        (EditParams(value=(1.0,), view="000", radius=1.0), "belong together"),
+        (EditParams(value=(1.0,), view="000", pixel=(1, 1), center=(0, 0, 0), radius=1.0), "both say"),
+        (EditParams(value=(1.0,), view="zebra", pixel=(1, 1), radius=1.0), "no view 'zebra'"),
+        (EditParams(value=(1.0,), view="000", pixel=(1, 1), radius=1.0), "does not show the mesh"),
+        (EditParams(value=(1.0,), view="000", pixel=(65, 1), radius=1.0), "outside view 000"),
+        (EditParams(value=(1.0,), feather=0.5), "`feather` belongs to a ball"),
     ],
 )
 def test_contradictions_are_named(edit, message):
@@ -163,7 +164,7 @@ def test_pixel_without_views_and_a_region_without_texels(tmp_path):
     from exmesh_nodes.use import EditParams, edit_material
 
     with pytest.raises(DataError, match="needs the cameras"):
-        apply_edit(ball(size=16, level=0), EditSettings(value=(1.0,), view="0", pixel=(1, 1), radius=1.0))
+        apply_edit(ball(size=16, level=0), EditParams(value=(1.0,), view="0", pixel=(1, 1), radius=1.0))
     context = FakeContext(scratch=tmp_path)
     out = edit_material(context, ball(), p=EditParams(value=[1.0], center=[9, 9, 9], radius=0.1))
     assert any("holds no texel" in line for line in context.warnings)

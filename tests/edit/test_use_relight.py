@@ -85,7 +85,7 @@ def test_the_nodes_give_an_asset_pictures_and_a_film(tmp_path):
 
 
 def test_a_film_is_the_same_twice(tmp_path):
-    from exmesh_graph.edit.pictures import write_film
+    from exmesh_graph.edit.relight import write_film
 
     images = list(np.random.default_rng(0).random((3, 16, 16, 3)))
     for name in ("a", "b"):

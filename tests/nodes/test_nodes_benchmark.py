@@ -55,7 +55,7 @@ def test_a_scene_without_truth_and_weights_that_are_not_there(scene, context, tm
         benchmark.synthetic4relight(context, scene.asset, scene.test, replace(scene.truth, albedo=None), p=p)
     missing = benchmark.Synthetic4RelightParams(lpips=tmp_path / "none.safetensors")
     with pytest.raises(MissingLibraryError, match="is there"):
-        benchmark._weights(missing)
+        benchmark.lpips_weights(missing)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from PIL import Image
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.gltf import read_glb, write_gltf
-from exmesh_graph.gallery import glb as model
+from exmesh_graph.gallery import models as model
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.types import Asset, Carrier
 

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.evaluate.metrics.image import mse, psnr
+from exmesh_graph.evaluate.params import ScaleRule
 from exmesh_graph.io.color import linear_to_srgb
-
-ScaleRule = Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"]
 
 #: Who publishes a rule; ratios are truth / max(estimate, 1e-6), linear, over pixels with alpha > 0.
 SCALE_RULES: Mapping[str, str] = MappingProxyType(

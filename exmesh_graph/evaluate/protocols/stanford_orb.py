@@ -31,7 +31,8 @@ from scipy.spatial import cKDTree
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.evaluate.metrics.image import ssim_map
 from exmesh_graph.evaluate.metrics.lpips import Lpips
-from exmesh_graph.evaluate.renders import Progress, Quality, Steps
+from exmesh_graph.evaluate.params import OrbParams
+from exmesh_graph.evaluate.renders import Progress, Steps
 from exmesh_graph.evaluate.scores import benchmark_row, points_to_dataset, spread
 from exmesh_graph.geometry.sampling import sample_surface
 from exmesh_graph.io.color import linear_to_srgb
@@ -47,11 +48,8 @@ def score_orb(
     novel: LitViews,
     truth: SceneTruth,
     frame: Frame,
-    scene: str,
+    p: OrbParams,
     *,
-    lpips: Lpips | None = None,
-    max_views: int = 0,
-    quality: Quality | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -62,16 +60,16 @@ def score_orb(
     """
     from exmesh_graph.stage2.render import render_transport, render_views
 
-    quality = quality or Quality()
-    tests, others = spread(len(views), max_views), spread(len(novel), max_views)
+    lpips = Lpips.from_file(p.lpips) if p.lpips else None
+    tests, others = spread(len(views), p.max_views), spread(len(novel), p.max_views)
     steps = Steps(progress, len(tests) + len(others))
-    transport = render_transport(asset, quality.bounces, quality.directions)
+    transport = render_transport(asset, p.bounces, p.directions)
 
     def render(where: Views, chosen: list[int], environment: np.ndarray | None) -> Any:
         cameras = (where.intrinsics[chosen], where.camera_to_world[chosen], where.height, where.width)
         return render_views(
-            asset, *cameras, environment=environment, transport=transport, bounces=quality.bounces,
-            supersampling=quality.supersampling, specular_samples=quality.specular_samples, seed=quality.seed,
+            asset, *cameras, environment=environment, transport=transport, bounces=p.bounces,
+            supersampling=p.supersampling, specular_samples=p.specular_samples, seed=seed,
             progress=steps,
         )  # fmt: skip
 
@@ -100,7 +98,7 @@ def score_orb(
             row[f"{name} {label}"] = figures.get(key)
     row |= {"depth": geometry["depth"], "normal": geometry["normal"], "CD": geometry["shape"]}
     lower = {name: "lower" for name in row if name.endswith(("LPIPS", "depth", "normal", "CD"))}
-    return values | benchmark_row("stanford_orb", scene, row, lower)
+    return values | benchmark_row("stanford_orb", p.scene, row, lower)
 
 
 def depth_map(mesh: Any, views: Views, index: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.export.gltf import write_gltf
-from exmesh_graph.gallery.glb import equirectangular
+from exmesh_graph.gallery.models import equirectangular
 from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
 from exmesh_graph.types import Asset

@@ -1,0 +1,69 @@
+"""What scores can be told: parameters of the nodes `evaluate.*` and `benchmark.*`, declared once. Nothing heavy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from exmesh_graph.evaluate.metrics.weights import lpips_source
+from exmesh_graph.params import Params, param
+
+ScaleRule = Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"]
+
+
+class Quality(Params):
+    """How finely the scored pictures are rendered."""
+
+    directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
+    bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
+    supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
+    specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
+
+
+class SpeedParams(Quality):
+    """`benchmark.speed`."""
+
+    supersampling: int = param(1, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
+    specular_samples: int = param(8, ge=1, doc="GGX rays per sample of a pixel.")
+    size: int = param(1600, ge=16, le=4096, unit="px", doc="Side of the rendered pictures; the paper's is 1600.")
+    frames: int = param(4, ge=2, doc="Frames; the first is a warm-up and not counted.")
+
+
+class ViewsParams(Params):
+    """Which views are scored, and whether by LPIPS."""
+
+    max_views: int = param(0, ge=0, doc="Score this many views, evenly spread; 0: all.")
+    lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
+
+
+class Stage1Params(ViewsParams):
+    """`evaluate.stage1`."""
+
+    pictures: int = param(2, ge=0, doc="Scored views handed on for pictures (gallery.stage1).")
+
+
+class AssetParams(ViewsParams, Quality):
+    """`evaluate.asset`."""
+
+    pictures: int = param(3, ge=0, doc="Held-out views handed on for pictures (gallery.asset).")
+
+
+class OrbParams(ViewsParams, Quality):
+    """`benchmark.stanford_orb`."""
+
+    scene: str = param("", doc="The scene's name in the table.")
+
+
+class Synthetic4RelightParams(OrbParams):
+    """`benchmark.synthetic4relight`."""
+
+    rule: ScaleRule = param(
+        "median", doc="How the albedo's scale is found, which relit pictures get too (docs/metrics.md)."
+    )
+    pictures: int = param(3, ge=0, doc="Held-out views handed on for pictures (gallery.asset).")
+
+
+def lpips_weights(p: ViewsParams) -> Mapping[str, Path]:
+    """The file of weights as a node's source. Raises MissingLibraryError as `lpips_source`."""
+    return lpips_source(p.lpips)
