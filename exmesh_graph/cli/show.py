@@ -13,7 +13,6 @@ import typer
 
 from exmesh_graph.api.board import clock
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.cache.accepted import accepted_between
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.node import NodeDef
@@ -116,8 +115,6 @@ def show_why(graph: Checked, name: str, store: Store, words: Sequence[str] = ())
                    f"in {clock(float(info.get('seconds', 0)))}")  # fmt: skip
         for line in differences(step.preimage, step.action, bound):
             typer.echo(f"  {line}")
-        for entry in accepted_between(store, step.preimage, step.action.preimage):
-            typer.echo(f"  accepted: {entry}; take it back with exmesh accept --revoke {entry.id}")
     else:
         for line in explain(bound, step.preimage, store):
             typer.echo(f"  {line}")

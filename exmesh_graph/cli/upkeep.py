@@ -1,4 +1,4 @@
-"""`exmesh verify`, `accept`, `pin`, `gc`, `doctor`: looking after a store and after the machine."""
+"""`exmesh verify`, `pin`, `gc`, `doctor`: looking after a store and after the machine."""
 
 from __future__ import annotations
 
@@ -10,13 +10,8 @@ import typer
 
 from exmesh_graph.cli.options import (
     RunsFolder,
-    Sets,
     SharedUrl,
     StoreFolder,
-    Targets,
-    VariantName,
-    checked_graph,
-    named,
     open_store,
     show_notes,
 )
@@ -28,7 +23,7 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
-    for command in (verify, accept, pin, unpin, gc, doctor):
+    for command in (verify, pin, unpin, gc, doctor):
         app.command()(command)
 
 
@@ -47,36 +42,6 @@ def verify(store: StoreFolder = None) -> None:
     moved = len(list(quarantine.glob("*"))) - before
     typer.echo(f"{objects} objects and {actions} actions read, {moved} moved to quarantine")
     raise typer.Exit(1 if broken else 0)
-
-
-def accept(
-    graph: Annotated[Path | None, typer.Argument(metavar="GRAPH", help="The graph whose code changed.")] = None,
-    node: Targets = None,
-    set_: Sets = None,
-    variant: VariantName = None,
-    revoke: Annotated[
-        list[str] | None, typer.Option("--revoke", metavar="ID", help="Take an accepted change back; repeatable.")
-    ] = None,
-    store: StoreFolder = None,
-) -> None:
-    """Let results of earlier code count where only the code changed and you know that it does not matter.
-
-    Holds for the node type in every graph of this store. Without a graph: list what was accepted.
-    """
-    from exmesh_graph.graph.cache.accepted import accepted
-    from exmesh_graph.graph.upkeep import accept as accepting
-
-    opened = open_store(store)
-    for id in revoke or []:
-        typer.echo(f"revoked: {accepting.revoke(opened, id)}")
-    if graph is not None:
-        checked, _ = checked_graph(graph, set_, variant, store)
-        only = set(named(checked, node)) if node else None
-        for name, words in accepting.accept(checked, opened, only):
-            typer.echo(f"{name}: {words}")
-    elif not revoke:
-        for entry in accepted(opened):
-            typer.echo(str(entry))
 
 
 def pin(

@@ -1,6 +1,6 @@
 """Ways in which the caches of other frameworks served wrong results, each tried on this one.
 
-Sources edits, files, accepted code, crashes, leases, gc and moved stores have tests of their own beside this file.
+Sources edits, files, crashes, leases, gc and moved stores have tests of their own beside this file.
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
     objects/ab/<digest>/data/...        the artifact's files, read-only
     objects/ab/<digest>/artifact.json   {type, digest, files: {name: [bytes, sha256]}}, written last
     actions/ab/<key>.json               {key, preimage, outputs: {port: {type, digest, bytes}}, ...}, with a checksum
-    accepted/<id>.json                  {type, new, old, ...}: code changes that do not matter (upkeep/accepted.py)
     work/<attempt>/                     everything unfinished;  quarantine/  everything doubtful
 
 Invariants: an object or record is visible only when complete (written in work/, synced, renamed). Any doubt on
@@ -248,19 +247,14 @@ class Store:
         return action
 
     def find(self, preimage: Mapping[str, Any], key: str = "", fetch: bool = True) -> Action | None:
-        """`look_up` of the pre-image's key; else of one that differs in accepted code changes, and only in these.
+        """The record of the pre-image's key, here or in the shared tier, which is asked where there is none here.
 
-        Then the shared tier is asked; its record is brought here with its objects, or with fetch=False only shown.
+        Its record is brought here with its objects, or with fetch=False only shown.
         """
-        keys = [key or key_of(preimage)]
-        action = self.look_up(keys[0])
-        if action is None and (self.root / "accepted").is_dir():
-            from exmesh_graph.graph.cache.accepted import equivalents
-
-            keys += map(key_of, equivalents(self, preimage))
-            action = next(filter(None, map(self.look_up, keys[1:])), None)
+        key = key or key_of(preimage)
+        action = self.look_up(key)
         if action is None and self.remote is not None:
-            action = next(filter(None, map(self.remote.fetch if fetch else self.remote.peek, keys)), None)
+            action = self.remote.fetch(key) if fetch else self.remote.peek(key)
         return action
 
     def read(self, path: Path, use: bool = False) -> Action | None:

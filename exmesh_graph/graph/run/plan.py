@@ -55,7 +55,7 @@ def _steps(graph: Checked, store: Store, targets: set[str] | None, reasons: bool
         action = store.find(preimage, key, fetch=False)
         if action is not None and set(action.outputs) == set(bound.signature.outputs):
             outputs[name] = action.outputs
-            steps.append(Step(name, HIT, _remark(action, key, store), key, preimage, action))
+            steps.append(Step(name, HIT, _remark(action, store), key, preimage, action))
         else:
             steps.append(Step(name, RUN, _reason(bound, preimage, store) if reasons else "", key, preimage))
     return steps
@@ -77,11 +77,8 @@ def preimage_for(bound: Bound, store: Store, output: Callable[[str, str], Stored
     return preimage_of(bound, fingerprint(bound.definition).digest, sources, inputs)
 
 
-def _remark(action: Action, key: str, store: Store) -> str:
-    words = [] if action.key == key else ["its code changed, which was accepted"]
-    if store.remote is not None and store.look_up(action.key) is None:
-        words.append("in the shared store")
-    return "; ".join(words)
+def _remark(action: Action, store: Store) -> str:
+    return "in the shared store" if store.remote is not None and store.look_up(action.key) is None else ""
 
 
 def _reason(bound: Bound, preimage: Mapping[str, Any], store: Store) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.cache.accepted import read_accepted
 from exmesh_graph.graph.cache.lease import Leases
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.run.checkpoint import checked_step
@@ -14,11 +13,8 @@ from exmesh_graph.graph.upkeep.pins import read_pin
 
 
 def verify(store: Store) -> Iterator[tuple[str, str]]:
-    """(what, why) of each fault. Broken objects, records, acceptances and checkpoints are in quarantine afterwards."""
+    """(what, why) of each fault. Broken objects, records and checkpoints are in quarantine afterwards."""
     yield from store.verify()
-    for path in sorted((store.root / "accepted").glob("*.json")):
-        if read_accepted(store, path) is None:
-            yield f"accepted change {path.stem}", store.notes[-1]
     for folder in sorted((store.root / "checkpoints").glob("*/*")):
         try:
             checked_step(folder, folder.parent.name)

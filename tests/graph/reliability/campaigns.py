@@ -22,10 +22,8 @@ from faults import Fault, Stuck, end, forked, sleep_until, traced, waited
 from worlds import Report, Truth, World, audit, execute, published, random_world, recorded, truth_of, wrong_values
 
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.cache.accepted import accepted_id
 from exmesh_graph.graph.cache.lease import Leases
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import seal_text, write_durably
 from exmesh_graph.graph.upkeep.pins import pin
 from exmesh_graph.graph.upkeep.verify import verify
 
@@ -248,7 +246,7 @@ def _at_rest(root: Path, trials: int, dice: random.Random, spoil: Callable[[byte
 
 
 def _well_used_store(root: Path, dice: random.Random) -> tuple[World, Truth]:
-    """root/store: results, a pin, an accepted change, and what a runner leaves that was killed in a node that keeps
+    """root/store: results, a pin, and what a runner leaves that was killed in a node that keeps
     checkpoints: these and its lease. The world returned still needs that node."""
     (root / "number.txt").write_text("4.5")
     os.utime(root / "number.txt", (0, 0))
@@ -264,13 +262,10 @@ def _well_used_store(root: Path, dice: random.Random) -> tuple[World, Truth]:
     waited(forked(lambda: execute(world(read + walk.replace("STOP", "6"), {}), root / "before", root / "store")), LIMIT)
     store = Store(root / "store")
     pin(store, "kept", "some results", recorded(root / "store"))
-    change = {"type": "toy.add", "new": "a" * 64, "old": "b" * 64, "parts": [], "who": "me", "when": 0.0}
-    name = accepted_id("toy.add", "a" * 64, "b" * 64)
-    write_durably(store.root / "accepted" / f"{name}.json", seal_text(change), store.work)
     whole = world(read + walk.replace("STOP", "0"), {"from_file": 4.5, "walk": None})
     truth = truth_of(whole, root / "truth")
     rooms = {path.name for path in store.root.iterdir()}
-    assert {"objects", "actions", "leases", "checkpoints", "pins", "accepted"} <= rooms, rooms
+    assert {"objects", "actions", "leases", "checkpoints", "pins"} <= rooms, rooms
     return whole, truth
 
 

@@ -10,7 +10,6 @@ import pytest
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.lease import Lease, Leases
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import seal_text
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.upkeep.pins import pin
 from exmesh_graph.graph.upkeep.units import shown_bytes, to_bytes, to_seconds
@@ -33,8 +32,6 @@ def test_everything_is_looked_at(tmp_path: Path) -> None:
     assert isinstance(lease, Lease)
     assert list(verify(store)) == []
 
-    (tmp_path / "accepted").mkdir()
-    (tmp_path / "accepted" / "x.json").write_text(seal_text({"type": "t", "new": "a", "old": "b"}))
     latest = Checkpoints(tmp_path, KEY).steps()[0]
     (latest / "meta.json").write_text("{}")
     (tmp_path / "pins" / "poor.json").write_text("{}")
@@ -44,11 +41,11 @@ def test_everything_is_looked_at(tmp_path: Path) -> None:
     lease.path.write_text(json.dumps({**json.loads(head), "boot": "another"}) + "\n" + count)
     found = dict(verify(store))
     assert set(found) == {
-        f"object {stored.digest}", f"action {key}", "accepted change x", f"checkpoint {KEY}/{latest.name}",
+        f"object {stored.digest}", f"action {key}", f"checkpoint {KEY}/{latest.name}",
         "pin good", "pin poor", "lease",
     }  # fmt: skip
     assert "1 of its results are gone" in found["pin good"]
-    assert {path.name.partition(".")[0] for path in (tmp_path / "quarantine").iterdir()} >= {stored.digest, "x"}
+    assert {path.name.partition(".")[0] for path in (tmp_path / "quarantine").iterdir()} >= {stored.digest}
     assert set(dict(verify(store))) == {"pin good", "pin poor"}
     assert Checkpoints(tmp_path, KEY).load() == (1, {})
 
