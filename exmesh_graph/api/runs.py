@@ -122,7 +122,7 @@ def run_checked(
     **options: Any,
 ) -> Run:
     """Run a checked graph in a new run folder; `words` and `only` of a command would run it again."""
-    from exmesh_graph.graph.cache.layer import writable
+    from exmesh_graph.graph.cache.store import writable
     from exmesh_graph.graph.run.rundir import RunFolder
     from exmesh_graph.graph.run.runner import Run as Runner
 

@@ -67,7 +67,7 @@ def run(
 ) -> None:
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
     from exmesh_graph.cli.running import backend_of, run_graph
-    from exmesh_graph.graph.cache.layer import writable
+    from exmesh_graph.graph.cache.store import writable
     from exmesh_graph.graph.run.schedule import parse_tokens
 
     offered = parse_tokens(tokens)

@@ -14,9 +14,9 @@ import pytest
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.cache.layer import writable
 from exmesh_graph.graph.cache.lease import Lease, Leases
-from exmesh_graph.graph.cache.store import Store, Stored
+from exmesh_graph.graph.cache.records import Stored
+from exmesh_graph.graph.cache.store import Store, writable
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Run

@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from exmesh_graph.errors import MissingLibraryError, StoreError
 from exmesh_graph.graph import files
+from exmesh_graph.graph.cache.records import NOTHING, Action, sound_action
 
 if TYPE_CHECKING:
-    from exmesh_graph.graph.cache.store import Action, Store
+    from exmesh_graph.graph.cache.store import Store
 
 T = TypeVar("T")
 _SECRET = re.compile(r"//[^/@\s]*@")
@@ -47,8 +48,6 @@ class Remote:
 
     def peek(self, key: str) -> Action | None:
         """The sound record of `key` there, without its objects."""
-        from exmesh_graph.graph.cache.store import sound_action
-
         return self._guarded(lambda: sound_action(key, self._record(key)))
 
     def fetch(self, key: str) -> Action | None:
@@ -82,8 +81,6 @@ class Remote:
             return None
 
     def _fetch(self, key: str) -> Action | None:
-        from exmesh_graph.graph.cache.store import sound_action
-
         text = self._record(key)
         action = sound_action(key, text)
         if action is None:
@@ -154,6 +151,4 @@ class Remote:
 
 def _digests(action: Action) -> Iterator[str]:
     """The objects of a record, each once."""
-    from exmesh_graph.graph.cache.store import NOTHING
-
     yield from {stored.digest: None for stored in action.outputs.values() if stored.digest != NOTHING.digest}

@@ -14,46 +14,24 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
-import re
+import shutil
+import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.cache.keys import ABSENT, digest_of, key_of
+from exmesh_graph.graph.cache.keys import digest_of, key_of
+from exmesh_graph.graph.cache.records import FORMAT, NOTHING, Action, Stored, action_of, artifact_digest
 from exmesh_graph.types import Artifact
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.remote import Remote
 
-FORMAT = 1
 RECENT = 3000
-_DIGEST = re.compile(r"[0-9a-f]{64}\Z")
-
-
-@dataclass(frozen=True)
-class Stored:
-    """An artifact in the store; (`none`, `none`, 0) stands for an optional output that stayed empty."""
-
-    type: str
-    digest: str
-    bytes: int
-
-
-@dataclass(frozen=True)
-class Action:
-    """A record read back and found sound."""
-
-    key: str
-    preimage: Mapping[str, Any]
-    outputs: Mapping[str, Stored]
-    info: Mapping[str, Any]
-
-
-NOTHING = Stored(*ABSENT, 0)
 
 
 class Store:
@@ -68,7 +46,7 @@ class Store:
             raise StoreError("the store is not a folder", where=str(self.root), fix="name a folder with --store")
         self.work = self.root / "work"
         self.notes: list[str] = []
-        self.below: Path | None = None  # a store that may only be read, see `layer`
+        self.below: Path | None = None  # a store that may only be read, see `writable`
         with contextlib.suppress(OSError):
             self.below = Path((self.root / "below").read_text(encoding="utf-8"))
         self.sources = files.SourceDigests(self.root / "sources.json", self.work)
@@ -260,7 +238,7 @@ class Store:
     def read(self, path: Path, use: bool = False) -> Action | None:
         """The record in a file below actions/, None (and quarantine) when it is not sound."""
         try:
-            return _action(path.stem, files.read_sealed(path, use=use))
+            return action_of(path.stem, files.read_sealed(path, use=use))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -343,26 +321,21 @@ class Store:
         return path
 
 
-def _action(key: str, record: dict[str, Any]) -> Action:
-    """The action in an unsealed record. Raises ValueError, KeyError or TypeError when it is not that of `key`."""
-    outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
-    preimage = record.pop("preimage")
-    if not all(_DIGEST.match(stored.digest) or stored == NOTHING for stored in outputs.values()):
-        raise ValueError("a digest is none")  # and could name any folder
-    if record.pop("key") != key or key_of(preimage) != key or record.pop("format") != FORMAT:
-        raise ValueError("the key does not belong to the pre-image")
-    return Action(key, preimage, outputs, record)
+@contextlib.contextmanager
+def writable(store: Store) -> Iterator[Store]:
+    """The store itself, or where its folder may only be read, a temporary one that serves the hits of that store.
 
-
-def sound_action(key: str, text: str) -> Action | None:
-    """The action in the text of a record, None when it is not sound."""
-    try:
-        return _action(key, files.unseal(text))
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return None
-
-
-def artifact_digest(type_name: str, table: Mapping[str, Any]) -> str:
-    """sha256 over type name and sorted (file name, size, sha256 of its bytes)."""
-    rows = [[name, size, digest] for name, (size, digest) in sorted(table.items())]
-    return digest_of(["exmesh.artifact", type_name, rows])
+    What is computed then is used by the run, published and shared, but not kept; a note says so. Worker processes that
+    open the temporary folder find the store below by the file `below` in it.
+    """
+    if not store.root.is_dir() or os.access(store.root, os.W_OK):
+        yield store
+        return
+    with tempfile.TemporaryDirectory(prefix="exmesh-", ignore_cleanup_errors=True) as folder:
+        Path(folder, "below").write_text(str(store.root), encoding="utf-8")
+        for memo in (store.sources.path, store.code.path):
+            with contextlib.suppress(OSError):
+                shutil.copyfile(memo, Path(folder, memo.name))
+        layer = Store(Path(folder), None if store.remote is None else store.remote.url)
+        layer.notes.append(f"{store.root} may only be read: its hits are used, new results are not kept")
+        yield layer

@@ -20,7 +20,8 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, GraphError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in, sources_changed
 from exmesh_graph.graph.cache.keys import key_of
-from exmesh_graph.graph.cache.store import NOTHING, Store, Stored
+from exmesh_graph.graph.cache.records import NOTHING, Stored
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.components import rebuild, validated_otherwise
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.declare.ports import artifact_types, signature

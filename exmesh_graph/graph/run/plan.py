@@ -9,7 +9,8 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, GraphError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.cache.keys import ABSENT, key_of, preimage_of
-from exmesh_graph.graph.cache.store import Action, Store, Stored
+from exmesh_graph.graph.cache.records import Action, Stored
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.run.why import explain
 

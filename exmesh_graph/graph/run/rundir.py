@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.cache.store import Store, Stored
+from exmesh_graph.graph.cache.records import Stored
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import walk_files, writing
 from exmesh_graph.types import Files
 

@@ -20,7 +20,8 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.cache.keys import key_of
-from exmesh_graph.graph.cache.store import NOTHING, Action, Store, Stored
+from exmesh_graph.graph.cache.records import NOTHING, Action, Stored
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.run.backends import Backend

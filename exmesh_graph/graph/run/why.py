@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from exmesh_graph.graph.cache.fingerprint import fingerprint
-from exmesh_graph.graph.cache.store import Action, Store
+from exmesh_graph.graph.cache.records import Action
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound
 
 COMPARED = 200  # records of one type

@@ -20,7 +20,8 @@ from pathlib import Path
 
 from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.lease import Leases
-from exmesh_graph.graph.cache.store import NOTHING, Store
+from exmesh_graph.graph.cache.records import NOTHING
+from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.upkeep.roots import Roots, find_roots
 
 HOUR, DAY = 3600.0, 86400.0
