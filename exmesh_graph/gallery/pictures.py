@@ -76,8 +76,12 @@ def stack(rows: Sequence[np.ndarray]) -> np.ndarray:
 
 def error_map(ours: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Mean absolute error over the channels of two display images, in false colours, full at `ERROR_TOP`."""
-    error = np.clip(np.abs(ours - truth).mean(axis=-1) / ERROR_TOP, 0.0, 1.0)
-    position = error * (len(_RAMP) - 1)
+    return false_colours(np.abs(ours - truth).mean(axis=-1) / ERROR_TOP)
+
+
+def false_colours(values: np.ndarray) -> np.ndarray:
+    """Values [...], cut off at 0 and 1, as colours [..., 3] from dark to bright."""
+    position = np.clip(values, 0.0, 1.0) * (len(_RAMP) - 1)
     low = np.minimum(position.astype(int), len(_RAMP) - 2)
     part = (position - low)[..., None]
     return (1.0 - part) * _RAMP[low] + part * _RAMP[low + 1]

@@ -35,7 +35,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
                 stages += _figures(values.get("stages"), entry["name"], spent[entry["name"]])
                 begun = spent[entry["name"]]
                 ended = begun + float(entry.get("seconds") or 0.0)
-                curves += [replace(curve, span=(begun, ended)) for curve in _curves(values, entry["name"])]
+                curves += [replace(curve, span=(begun, ended)) for curve in curves_of(values, entry["name"])]
             elif output["type"] == "Gallery":
                 shown = gallery_of(Path(load_artifact(output["digest"]).root), entry["name"])
                 pictures += [one for one in shown if isinstance(one, GalleryPicture)]
@@ -105,7 +105,7 @@ def _unique_labels(figures: list[Figure]) -> list[Figure]:
     ]
 
 
-def _curves(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
+def curves_of(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
     """Any group of number lists of one length becomes curves over its `iteration`, `step` or `seconds` list."""
     lists = {
         key: value
@@ -119,7 +119,7 @@ def _curves(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
                 yield Curve(node, key, axis, [float(x) for x in lists[axis]], [float(y) for y in series])
     for value in values.values():
         if isinstance(value, Mapping):
-            yield from _curves(value, node)
+            yield from curves_of(value, node)
 
 
 def gallery_of(root: Path, node: str) -> list[GalleryPicture | GalleryModel]:

@@ -61,7 +61,7 @@ def render_page(report: Report) -> str:
         comparison=lambda picture: Markup(comparison(picture)),
         costs=stage_costs(report.nodes),
         decisions=decision_tables(report.metrics),
-        tables={node: list(_rows(values)) for node, values in report.metrics.items()},
+        tables={node: list(metric_rows(values)) for node, values in report.metrics.items()},
         hits=sum(node.state == "hit" for node in report.nodes),
     )
 
@@ -181,12 +181,12 @@ def _galleries(report: Report) -> list[tuple[str, list[Any]]]:
     return list(reversed(groups.items()))  # the finished asset before its stages
 
 
-def _rows(values: Any, prefix: str = "") -> Any:
+def metric_rows(values: Any, prefix: str = "") -> Any:
     """Flat (name, value) rows of nested metrics, without histories and the headline (shown elsewhere)."""
     for key, value in values.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict):
-            yield from _rows(value, f"{name} · ")
+            yield from metric_rows(value, f"{name} · ")
         elif isinstance(value, list):
             if key != "headline" and len(value) <= 16 and all(isinstance(x, int | float | str) for x in value):
                 yield name, ", ".join(number(x) for x in value)

@@ -6,8 +6,10 @@ store give the same bytes downstream; and `save` writes the same bytes for equal
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -25,6 +27,21 @@ class Artifact:
     type_name: ClassVar[str] = "artifact"
     conventions: ClassVar[Mapping[str, Any]] = {}
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]  # its own: a dataclass would print whole arrays
+
+    def __repr__(self) -> str:
+        """`Mesh(vertices [162, 3], faces [320, 3]; manifold, closed, units normalised)`: sizes and facets."""
+        named: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)} if is_dataclass(self) else {}
+        facets: dict[str, Any] = {}
+        with contextlib.suppress(Exception):  # arrays that do not fit together still have sizes
+            facets = self.facets()
+        sizes = [_in_short(name, value) for name, value in named.items() if name not in facets]
+        held = [key if value is True else f"{key} {value}" for key, value in facets.items() if value]
+        inside = "; ".join(part for part in (", ".join(filter(None, sizes)), ", ".join(held)) if part)
+        return f"{type(self).__name__}({inside})"
+
     def save(self, folder: Path) -> None:
         """Write this value into the existing empty `folder`."""
         raise NotImplementedError
@@ -37,6 +54,18 @@ class Artifact:
     def facets(self) -> dict[str, Any]:
         """Measured properties (split, closed, ...), checked against what the receiving port asks for."""
         return {}
+
+
+def _in_short(name: str, value: Any) -> str:
+    """A field in a few letters; "" for one that says nothing."""
+    if hasattr(value, "shape"):
+        return f"{name} {list(value.shape)}"
+    if value is None or value == "" or isinstance(value, bool):
+        return ""
+    if isinstance(value, Mapping | list | tuple):
+        return f"{len(value)} {name}" if value else ""
+    text = str(value)
+    return f"{name} {text if len(text) <= 60 else '…' + text[-59:]}"
 
 
 def save_arrays(folder: Path, arrays: dict[str, np.ndarray], meta: dict[str, Any] | None = None) -> None:

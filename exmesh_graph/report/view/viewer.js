@@ -86,8 +86,20 @@ function materialsOf(glb, maps) {
   };
 }
 
+// Each texel, of four values, as two by two of them.
+function doubled(data, width, height) {
+  const large = new data.constructor(4 * data.length);
+  for (let row = 0; row < 2 * height; row++)
+    for (let column = 0; column < 2 * width; column++) {
+      const from = 4 * ((row >> 1) * width + (column >> 1));
+      large.set(data.subarray(from, from + 4), 4 * (2 * row * width + column));
+    }
+  return large;
+}
+
 // {width, height, data: RGBA halves as Uint16Array}: centre at +X, the lowest row first.
 export function lightOf({ width, height, data }) {
+  for (; width < 64; width *= 2, height *= 2) data = doubled(data, width, height); // three.js makes no light of fewer columns
   const texture = new THREE.DataTexture(data, width, height, THREE.RGBAFormat, THREE.HalfFloatType);
   texture.mapping = THREE.EquirectangularReflectionMapping;
   texture.minFilter = texture.magFilter = THREE.LinearFilter;

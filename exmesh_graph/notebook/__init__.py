@@ -1,0 +1,37 @@
+"""How wire types, graphs and runs show themselves in a notebook: formatters that load what they need when used.
+
+Every output is HTML that stands alone and works offline; `repr` says the same in a line.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+
+def _shown_by(module: str, function: str) -> Callable[[Any], str | None]:
+    def show(value: Any) -> str | None:
+        from importlib import import_module
+
+        return getattr(import_module(f"exmesh_graph.notebook.{module}"), function)(value)  # type: ignore[no-any-return]
+
+    return show
+
+
+#: (module, class) -> what makes its HTML; named by text, so that nothing is imported for it.
+SHOWN = {
+    ("exmesh_graph.types.artifact", "Artifact"): _shown_by("values", "artifact_html"),
+}
+
+
+def register(shell: Any = None) -> bool:
+    """Teach the running IPython to show the project's objects; False where there is none."""
+    ipython = sys.modules.get("IPython")
+    shell = shell or (ipython.get_ipython() if ipython else None)
+    if shell is None:
+        return False
+    html = shell.display_formatter.formatters["text/html"]
+    for (module, name), show in SHOWN.items():
+        html.for_type_by_name(module, name, show)
+    return True
