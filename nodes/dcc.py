@@ -1,4 +1,4 @@
-"""Exported assets in a DCC tool's hands: scenes of several, and pictures by Blender."""
+"""Exported assets in a DCC tool's hands: packages from elsewhere, scenes of several."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import EnvMap, Gallery, UsdAsset
+from exmesh_graph.types import EnvMap, UsdAsset
 
 
 class UsdFileParams(Params):
@@ -74,29 +74,3 @@ def compose(
     )
     compose_on_table(ctx.scratch / "scene", pieces, light.radiance, settings)
     return ComposeOut(UsdAsset(root=ctx.scratch / "scene", main="scene.usda"))
-
-
-class BlenderParams(Params):
-    python: str = param(doc="Path of a Python with bpy (docs/usd.md); not looked for anywhere else.")
-    cameras: tuple[str, ...] = param((), doc="Names of the file's cameras; none: the first `pictures` of them.")
-    pictures: int = param(3, ge=1, le=64, doc="How many cameras are rendered where `cameras` names none.")
-    samples: int = param(64, ge=1, unit="paths per pixel", doc="Cycles' samples.")
-    scale: float = param(1.0, gt=0, le=8, doc="Factor on the pictures' sides.")
-    background: bool = param(False, doc="Show the light behind the objects.")
-
-
-class BlenderOut(NamedTuple):
-    gallery: Gallery
-
-
-@node("use.blender", version="1", libraries=("usd-core", "OpenImageIO"), resources={"cpu": 0})
-def blender(ctx: Context, files: UsdAsset, *, p: BlenderParams) -> BlenderOut:
-    """Pictures of an exported file by Blender's Cycles, from the file's own cameras."""
-    from exmesh_graph.gallery.blender import blender_gallery
-
-    return BlenderOut(
-        blender_gallery(
-            ctx.scratch / "gallery", files.root / files.main, p.python, p.cameras, p.pictures,
-            samples=p.samples, scale=p.scale, background=p.background, threads=ctx.threads,
-        )
-    )  # fmt: skip

@@ -1,9 +1,10 @@
-"""Pictures of results for the report: what scores compared, shapes, light, maps, a model to turn."""
+"""Pictures of results for the report: what scores compared, shapes, light, maps, a model to turn; files in Blender."""
 
 from typing import NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, node
-from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, ScoredViews
+from exmesh_graph.params import Params, param
+from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, ScoredViews, UsdAsset
 
 _LIBRARIES = ("torch", "warp-lang", "scipy", "OpenImageIO")
 
@@ -36,3 +37,25 @@ def asset(ctx: Context, asset: Asset, scored: ScoredViews, truth: SceneTruth | N
     from exmesh_graph.gallery.evaluation import asset_gallery
 
     return GalleryOut(asset_gallery(ctx.scratch / "gallery", asset, scored, truth))
+
+
+class BlenderParams(Params):
+    python: str = param(doc="Path of a Python with bpy (docs/usd.md); not looked for anywhere else.")
+    cameras: tuple[str, ...] = param((), doc="Names of the file's cameras; none: the first `pictures` of them.")
+    pictures: int = param(3, ge=1, le=64, doc="How many cameras are rendered where `cameras` names none.")
+    samples: int = param(64, ge=1, unit="paths per pixel", doc="Cycles' samples.")
+    scale: float = param(1.0, gt=0, le=8, doc="Factor on the pictures' sides.")
+    background: bool = param(False, doc="Show the light behind the objects.")
+
+
+@node("gallery.blender", version="1", was="use.blender", libraries=("usd-core", "OpenImageIO"), resources={"cpu": 0})
+def blender(ctx: Context, files: UsdAsset, *, p: BlenderParams) -> GalleryOut:
+    """Pictures of an exported file by Blender's Cycles, from the file's own cameras."""
+    from exmesh_graph.gallery.blender import blender_gallery
+
+    return GalleryOut(
+        blender_gallery(
+            ctx.scratch / "gallery", files.root / files.main, p.python, p.cameras, p.pictures,
+            samples=p.samples, scale=p.scale, background=p.background, threads=ctx.threads,
+        )
+    )  # fmt: skip

@@ -56,7 +56,7 @@ class Decomposition:
         if start is None and settings.keep_light:
             raise DataError(
                 "keep_light keeps the start's environment, but no start is given",
-                expected="an asset whose light is known, say of use.relight",
+                expected="an asset whose light is known, say of edit.relight",
                 fix="wire `start`, or set keep_light: false",
             )
         start = start or neutral_asset(carrier)

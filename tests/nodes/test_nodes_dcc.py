@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from exmesh_nodes import dcc, export
+from exmesh_nodes import dcc, export, gallery
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.usd import validate_usd
@@ -24,7 +24,7 @@ def test_a_package_from_disk_and_our_own_asset_on_one_table(scene, context, tmp_
     assert (table.root / "first" / "ours.usda").is_file()  # the component, without its light
     assert (table.root / "second" / "scene.usda").is_file()  # unpacked
     with pytest.raises(DataError, match="cannot be started"):
-        dcc.blender(context, table, p=dcc.BlenderParams(python=str(tmp_path / "none")))
+        gallery.blender(context, table, p=gallery.BlenderParams(python=str(tmp_path / "none")))
 
 
 def test_only_packages_are_taken_from_disk(tmp_path):

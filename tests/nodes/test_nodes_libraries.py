@@ -30,7 +30,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "data.environment": {"scipy"},
     "data.usd": {"scipy"},
     "usd.compose": {"scipy"},
-    "use.blender": {"embreex", "scipy", "torch", "warp-lang"},
+    "gallery.blender": {"embreex", "scipy", "torch", "warp-lang"},
     "evaluate.round": {"pymeshlab", "open3d"},
     "evaluate.mesh": {"pymeshlab", "open3d"},
     "evaluate.stage1": {"pymeshlab", "open3d"},

@@ -1,4 +1,4 @@
-"""What a finished asset is for: other light, other materials, a turntable."""
+"""Other light and other materials for a finished asset; a film of it."""
 
 from collections.abc import Mapping
 from math import pi
@@ -56,7 +56,7 @@ class RelightOut(NamedTuple):
     gallery: Gallery
 
 
-@node("use.relight", version="1", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1})
+@node("edit.relight", version="1", was="use.relight", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1})
 def relight(
     ctx: Context,
     asset: Asset,
@@ -100,7 +100,9 @@ class TurntableOut(NamedTuple):
     film: Gallery
 
 
-@node("use.turntable", version="1", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1})
+@node(
+    "edit.turntable", version="1", was="use.turntable", libraries=(*_RENDER, "pillow"), resources={"cpu": 0, "gpu?": 1}
+)
 def turntable(ctx: Context, asset: Asset, transport: Transport | None = None, *, p: TurntableParams) -> TurntableOut:
     """A film of the asset turning under its light (animated WebP, shown in the report)."""
     from exmesh_graph.edit.relight import turntable as render
@@ -132,8 +134,8 @@ def _edit_sources(p: EditParams) -> Mapping[str, Path]:
     return files
 
 
-@node("use.edit_material", version="1", libraries=(*_RENDER, "pillow"), sources=_edit_sources)
-def edit_material(
+@node("edit.material", version="1", was="use.edit_material", libraries=(*_RENDER, "pillow"), sources=_edit_sources)
+def material(
     ctx: Context, asset: Asset, views: Views | None = None, frame: Frame | None = None, *, p: EditParams
 ) -> EditOut:
     """Set, scale or paint a map in a region; all other texels keep their bytes."""

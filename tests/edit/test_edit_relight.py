@@ -54,7 +54,7 @@ def test_every_camera_of_an_orbit_sees_the_unit_ball_upright(size):
 
 
 def test_the_nodes_give_an_asset_pictures_and_a_film(tmp_path):
-    from exmesh_nodes.use import RelightParams, TurntableParams, relight, turntable
+    from exmesh_nodes.edit import RelightParams, TurntableParams, relight, turntable
     from PIL import Image
 
     red = np.zeros((8, 16, 3), np.float32)

@@ -17,6 +17,8 @@ from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Frame, Views
 from tests.edit.edit_scenes import ball
 
+ROOT = Path(__file__).parent.parent.parent
+
 
 def camera_views(count=3, size=64):
     intrinsics, pose = orbit(count, size, size)
@@ -161,11 +163,28 @@ def test_contradictions_are_named(edit, message):
 
 
 def test_pixel_without_views_and_a_region_without_texels(tmp_path):
-    from exmesh_nodes.use import EditParams, edit_material
+    from exmesh_nodes.edit import EditParams, material
 
     with pytest.raises(DataError, match="needs the cameras"):
         apply_edit(ball(size=16, level=0), EditParams(value=(1.0,), view="0", pixel=(1, 1), radius=1.0))
     context = FakeContext(scratch=tmp_path)
-    out = edit_material(context, ball(), p=EditParams(value=[1.0], center=[9, 9, 9], radius=0.1))
+    out = material(context, ball(), p=EditParams(value=[1.0], center=[9, 9, 9], radius=0.1))
     assert any("holds no texel" in line for line in context.warnings)
     assert out.asset.base_color.tobytes() == ball().base_color.tobytes()
+
+
+def test_graphs_in_the_old_names_of_these_nodes_are_the_same_graphs(tmp_path):
+    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.language.check import check_file
+
+    shipped = (ROOT / "graphs" / "use.yaml").read_text()
+    old = shipped.replace("extends: ", f"extends: {ROOT}/graphs/").replace("samples/", f"{ROOT}/graphs/samples/")
+    for now, before in (("relight", "relight"), ("material", "edit_material"), ("turntable", "turntable")):
+        assert f"edit.{now}," in old
+        old = old.replace(f"edit.{now},", f"use.{before},")
+    (tmp_path / "old.yaml").write_text(old)
+    new, same = (check_file(file, [], load_packs()) for file in (ROOT / "graphs" / "use.yaml", tmp_path / "old.yaml"))
+    assert {name: bound.definition.type for name, bound in same.nodes.items()} == {
+        name: bound.definition.type for name, bound in new.nodes.items()
+    }
+    assert sum("is now called 'edit." in note for note in same.notes) == 4
