@@ -21,19 +21,14 @@ from pathlib import Path
 import torch
 
 from benchmarks import light_scene
+from benchmarks.gradient_seed import independent_gradient
 from exmesh_graph.gpu.torch_setup import pick_device
 from exmesh_graph.losses import d_ssim, linear_to_srgb, log_l1, ssim_target, total_variation
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.gather import gather_rows
-from exmesh_graph.shading.monte_carlo import (
-    Material,
-    MonteCarloLight,
-    Points,
-    coarse_points,
-    independent_gradient,
-)
+from exmesh_graph.shading.monte_carlo import Material, MonteCarloLight, Points, coarse_points
 from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.stage2.surface import texel_footprint
 

@@ -33,19 +33,15 @@ import numpy as np
 import torch
 
 from benchmarks import light_mitsuba, light_scene
+from benchmarks.gradient_seed import independent_gradient
 from exmesh_graph.shading import brdf
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.monte_carlo import (
-    Drawn,
-    Material,
-    MonteCarloLight,
-    SampleCache,
-    independent_gradient,
-)
+from exmesh_graph.shading.monte_carlo import Drawn, Material, MonteCarloLight, SampleCache
+from exmesh_graph.shading.operators import LightTransport
 from exmesh_graph.shading.settings import MonteCarloSettings
-from exmesh_graph.shading.transport import LightTransport, trace_transport, with_bounces
+from exmesh_graph.shading.transport import trace_transport, with_bounces
 
 PAPER, DENSE = MonteCarloSettings(), MonteCarloSettings(technique="mis", samples=64)
 

@@ -27,7 +27,7 @@ from exmesh_graph.raster import rasterize
 from exmesh_graph.rays.embree import EmbreeTracer
 from exmesh_graph.rays.tracer import offset_origins
 from exmesh_graph.shading import envmap
-from exmesh_graph.shading.directions import fibonacci_sphere
+from exmesh_graph.shading.point_sets import fibonacci_sphere
 
 SKY = Path(__file__).parent.parent / "graphs" / "samples" / "spot" / "env_train.exr"
 RADIUS, DISTANCE, FIELD = 1.2, 4.0, math.radians(35.5)

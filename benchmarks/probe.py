@@ -27,7 +27,8 @@ from exmesh_nodes import data, init, stage1, uv
 
 from benchmarks.stage2 import QUICK, Quiet, true_carrier
 from exmesh_graph.evaluate.asset import score_asset
-from exmesh_graph.shading.transport import choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.shading.settings import TransportSettings
+from exmesh_graph.shading.transport import direct_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.probe.scene import probe_scene
@@ -92,8 +93,7 @@ def compare(
             rows[mode] = next(row for row in rows.values() if row["choice"] == choice)
             continue
         clock = Clock()
-        subdivision = choose_subdivision(len(carrier.vertices), len(carrier.faces), 12_000)
-        light = trace_transport(carrier.vertices, carrier.faces, 128, subdivision)
+        light = direct_transport(carrier.vertices, carrier.faces, TransportSettings())
         light = with_bounces(light, choice["bounces"]) if choice["bounces"] else light
         settings = replace(
             QUICK,

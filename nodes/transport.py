@@ -20,10 +20,9 @@ class TransportOut(NamedTuple):
 )
 def direct(ctx: Context, mesh: Carrier, *, p: TransportSettings) -> TransportOut:
     """Trace the visibility and the secondary hits of the mesh along fixed directions."""
-    from exmesh_graph.shading.transport import choose_subdivision, trace_transport
+    from exmesh_graph.shading.transport import direct_transport
 
-    subdivision = choose_subdivision(len(mesh.vertices), len(mesh.faces), p.points)
-    light = trace_transport(mesh.vertices, mesh.faces, p.directions, subdivision, progress=ctx.progress)
+    light = direct_transport(mesh.vertices, mesh.faces, p, ctx.progress)
     ctx.log(f"{len(light.points)} points x {p.directions} directions, {len(light.hit_point)} secondary hits")
     return TransportOut(light)
 

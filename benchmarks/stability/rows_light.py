@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import torch
 
+from benchmarks.gradient_seed import independent_gradient
 from benchmarks.stability.table import Reached, row
 from exmesh_graph.geometry.shapes import grid, icosphere
 from exmesh_graph.rays import make_ray_tracer
@@ -21,7 +22,6 @@ from exmesh_graph.shading.monte_carlo import (
     Points,
     Sampler,
     draw_light,
-    independent_gradient,
     make_pool,
     shade,
     shade_reference,

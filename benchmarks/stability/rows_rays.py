@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from benchmarks.rays import CUBE, CUBE_FACES, box_rays, escapes, surface_rays
 from benchmarks.stability.table import Reached, row
 from exmesh_graph.geometry.adjacency import face_normals
 from exmesh_graph.rays import make_ray_tracer, offset_origins
-from exmesh_graph.rays.brute import BruteTracer
+from exmesh_graph.rays.reference import BruteTracer
 from exmesh_graph.rays.warp_bvh import WarpTracer
-from exmesh_graph.shading.terminator import smooth_origins
 
 
 @row(
@@ -98,25 +96,6 @@ def two_sided() -> Reached:
     # the opening seen from half the radius above it: a cone with cos = 0.5 / sqrt(1.25)
     expected = 0.5 * (1 - 0.5 / np.sqrt(1.25))
     return Reached(0.5 * float(free.mean()) / expected)
-
-
-@row("shading", "shadow terminator: coarse ball (240 faces), grazing sun", "largest step of the shading", high=1e-6)
-def terminator() -> Reached:
-    points, faces = _sphere(8)
-    rng = np.random.default_rng(0)
-    face, bary = rng.integers(0, len(faces), 20_000), rng.dirichlet([1, 1, 1], 20_000)
-    corners = points[faces[face]]
-    flat = (corners * bary[..., None]).sum(axis=1)
-    normal = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    sun = np.array([0.9, 0.3, 0.3]) / np.linalg.norm([0.9, 0.3, 0.3])
-    tracer = make_ray_tracer(points, faces)
-    steps = []
-    for dtype in (torch.float32, torch.float64):
-        smooth = smooth_origins(*(torch.from_numpy(x).to(dtype) for x in (flat, bary, corners, corners)))
-        origins = offset_origins(smooth.numpy(), face_normals(points, faces)[face], tracer.radius)
-        blocked = tracer.any_hit(origins, np.broadcast_to(sun, flat.shape))
-        steps.append(float((np.maximum(normal @ sun, 0) * blocked).max()))
-    return Reached(*steps)
 
 
 def _sphere(rings: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,11 +10,10 @@ import torch
 from benchmarks.stability.table import Reached, row
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.brdf_sampling import sample_brdf
-from exmesh_graph.shading.directions import fibonacci_sphere
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.sampling import hammersley
+from exmesh_graph.shading.point_sets import fibonacci_sphere, hammersley
 from exmesh_graph.shading.specular import PrefilteredStack
-from exmesh_graph.shading.terminator import bend_normals
+from exmesh_graph.stage2.surface import SurfaceSamples, bent
 
 ROUGHNESS = (0.02, 0.05, 0.1, 0.3, 0.6, 1.0)
 DEGREES = (0.0, 60.0, 85.0, 89.9, 89.99)
@@ -245,9 +244,12 @@ def tilted_normals() -> Reached:
         angle = torch.linspace(-math.radians(89), math.radians(89), 8001, dtype=dtype)
         view = torch.stack([angle.sin(), torch.zeros_like(angle), angle.cos()], 1)
         tilt = math.radians(60)
-        tilted = torch.tensor([[math.sin(tilt), 0, math.cos(tilt)]], dtype=dtype).expand_as(view)
         flat = torch.tensor([[0.0, 0, 1]], dtype=dtype).expand_as(view)
-        normal = bend_normals(tilted, flat, view)
+        none = torch.zeros_like(view)
+        surface = SurfaceSamples(none, flat, flat, view, none, angle, none[:, :2], angle.long(), none)
+        slopes = torch.full_like(none[:, :2], math.tan(tilt)) * torch.tensor([1.0, 0.0], dtype=dtype)
+        axes = torch.eye(3, dtype=dtype)[:, None].expand(3, len(view), 3)
+        normal = bent(surface, tuple(axes), slopes).normal
         light = torch.tensor([[0.2, 0.3, 0.93]], dtype=dtype).expand_as(view)
         light = torch.nn.functional.normalize(light, dim=-1)
         color, rough = torch.full_like(view, 0.5), torch.full_like(angle, 0.5)

@@ -16,7 +16,8 @@ import torch
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import brdf, envmap
-from exmesh_graph.shading.sampling import hammersley, sample_specular
+from exmesh_graph.shading.brdf_sampling import sample_specular
+from exmesh_graph.shading.point_sets import hammersley
 from exmesh_graph.shading.transport import trace_transport
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples

@@ -50,12 +50,12 @@ class EmbreeTracer:
 
         def trace(part: slice) -> None:
             o, d, far, scale = self._prepare(origins[part], directions[part], _part_of(t_max, part))
-            found = self._scene.run(o, d, dists=far, output=True)
-            hit = found["primID"] != MISS
-            face[part] = found["primID"]
-            t[part] = np.where(hit, found["tfar"] * scale, np.float32(np.inf))
+            result = self._scene.run(o, d, dists=far, output=True)
+            hit = result["primID"] != MISS
+            face[part] = result["primID"]
+            t[part] = np.where(hit, result["tfar"] * scale, np.float32(np.inf))
             corner = bary[part]
-            corner[:, 1], corner[:, 2] = found["u"], found["v"]
+            corner[:, 1], corner[:, 2] = result["u"], result["v"]
             corner[:, 0] = 1 - corner[:, 1] - corner[:, 2]
             corner[~hit] = 0
 

@@ -1,7 +1,7 @@
 """What every ray tracer of the project can do, and where a ray starts.
 
 A tracer is built once for a frozen mesh. Implementations: `embree.EmbreeTracer` (CPU), `warp_bvh.WarpTracer` (CUDA)
-and `brute.BruteTracer` (all pairs, the reference of the tests). `tensors` runs any of them on torch tensors.
+and `reference.BruteTracer` (all pairs, what the tests compare with). `tensors` runs any of them on torch tensors.
 """
 
 from __future__ import annotations
@@ -90,22 +90,3 @@ def unit_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.n
     centre = (low + high) / 2
     radius = float(np.linalg.norm(high - low) / 2) or 1.0
     return ((points - centre) / radius).astype(np.float32), centre, radius
-
-
-def make_ray_tracer(
-    vertices: np.ndarray, faces: np.ndarray, device: str = "cpu", threads: int | None = None
-) -> RayTracer:
-    """The tracer for `device`: embree on `threads` cores (None: all) for "cpu", Warp's BVH for "cuda".
-
-    vertices [V, 3], faces [F, 3]. Raises MissingLibraryError when embreex is not installed or torch sees no CUDA
-    device, and GeometryError for an empty mesh or vertices that are not finite.
-    """
-    if device == "cpu":
-        from exmesh_graph.rays.embree import EmbreeTracer
-
-        return EmbreeTracer(vertices, faces, threads)
-    from exmesh_graph.gpu.torch_setup import pick_device
-    from exmesh_graph.rays.warp_bvh import WarpTracer
-
-    pick_device(device.split(":")[0])
-    return WarpTracer(vertices, faces, device)

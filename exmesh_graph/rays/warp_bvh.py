@@ -46,8 +46,8 @@ class WarpTracer:
         return self._radius
 
     def closest_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> Hits:
-        found = self.closest_hit_tensors(*self._tensors(origins, directions, t_max))
-        return Hits(found.face.cpu().numpy(), found.t.cpu().numpy(), found.bary.cpu().numpy())
+        hits = self.closest_hit_tensors(*self._tensors(origins, directions, t_max))
+        return Hits(hits.face.cpu().numpy(), hits.t.cpu().numpy(), hits.bary.cpu().numpy())
 
     def any_hit(self, origins: np.ndarray, directions: np.ndarray, t_max: float | np.ndarray = np.inf) -> np.ndarray:
         return self.any_hit_tensors(*self._tensors(origins, directions, t_max)).cpu().numpy()

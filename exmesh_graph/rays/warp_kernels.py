@@ -103,7 +103,7 @@ def closest(
     d = direction[i]
     k = _largest(d)
     nearest = float(t_max[i])
-    found = int(-1)
+    winner = int(-1)
     weights = wp.vec3(0.0, 0.0, 0.0)
     query = wp.bvh_query_ray(tree, o, d)
     candidate = int(0)
@@ -111,10 +111,10 @@ def closest(
         hit = _meet(points, faces[candidate], o, d, k)
         if hit[3] > 0.0 and hit[3] < nearest:
             nearest = hit[3]
-            found = candidate
+            winner = candidate
             weights = wp.vec3(hit[0], hit[1], hit[2])
-    face[i] = found
-    t[i] = wp.where(found < 0, wp.inf, nearest)
+    face[i] = winner
+    t[i] = wp.where(winner < 0, wp.inf, nearest)
     bary[i] = weights
 
 

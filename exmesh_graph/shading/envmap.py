@@ -138,3 +138,43 @@ def chroma(environment: torch.Tensor) -> torch.Tensor:
     """
     mean = mean_radiance(environment)
     return ((mean - mean.mean()) ** 2).sum()
+
+
+class Pyramid:
+    """Halved copies of a map, for lookups that average over the solid angle a sample stands for."""
+
+    def __init__(self, environment: torch.Tensor) -> None:
+        levels = [environment]
+        while levels[-1].shape[0] % 2 == 0 and levels[-1].shape[1] % 2 == 0 and levels[-1].shape[0] > 4:
+            levels.append(_halve(levels[-1]))
+        self.levels = levels
+        self.texel = 4 * math.pi / (environment.shape[0] * environment.shape[1])
+
+    def lookup(self, direction: torch.Tensor, solid_angle: torch.Tensor) -> torch.Tensor:
+        """Radiance [N, 3] averaged over about `solid_angle` [N] sr around unit directions [N, 3]."""
+        level = 0.5 * torch.log2((solid_angle / self.texel).clamp_min(1e-12))
+        level = level.clamp(0, len(self.levels) - 1)
+        base = level.floor()
+        u, v = uv_of(direction)
+        result = torch.zeros_like(direction)
+        for number, image in enumerate(self.levels):
+            share = torch.where(base == number, 1 - (level - base), torch.zeros_like(level))
+            share = torch.where(base == number - 1, level - base, share)
+            chosen = torch.nonzero(share > 0)[:, 0]
+            if len(chosen) == 0:
+                continue
+            height, width = image.shape[:2]
+            index, weight = bilinear(height, width, u[chosen], v[chosen])
+            values = torch.nn.functional.embedding_bag(
+                index, image.reshape(-1, 3), per_sample_weights=weight * share[chosen, None], mode="sum"
+            )
+            result.index_add_(0, chosen, values)
+        return result
+
+
+def _halve(environment: torch.Tensor) -> torch.Tensor:
+    height, width = environment.shape[:2]
+    row = torch.as_tensor(solid_angles(height, width), dtype=environment.dtype, device=environment.device)
+    row = row.reshape(height // 2, 2, 1, 1, 1)
+    blocks = environment.reshape(height // 2, 2, width // 2, 2, 3)
+    return (blocks * row).sum(dim=(1, 3)) / (row.sum(dim=1)[:, 0] * 2)

@@ -17,6 +17,7 @@ from exmesh_graph.rays import RayTracer
 from exmesh_graph.rays.tensors import any_hit
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import tent
+from exmesh_graph.shading.point_sets import sobol_points
 
 #: A texel belongs to a sun from this many times the mean radiance on.
 BRIGHTNESS = 20.0
@@ -62,7 +63,7 @@ class Suns:
         The first number picks the texel, the others the place under its tent.
         """
         height, width = self.shape
-        found = []
+        directions = []
         for number in range(len(self)):
             mine = self.sun == number
             texel, cumulated = self.texel[mine], self.share[mine].cumsum(0)
@@ -70,8 +71,10 @@ class Suns:
             row, column = torch.div(chosen, width, rounding_mode="floor"), chosen % width
             y = row + 0.5 + tent(uniform[:, 1])
             y = torch.where(y < 0, -y, torch.where(y > height, 2 * height - y, y))
-            found.append(envmap.direction_of(((column + 0.5 + tent(uniform[:, 2])) / width) % 1, y / height))
-        return torch.stack(found).float() if found else torch.zeros(0, len(uniform), 3, device=self.texel.device)
+            directions.append(envmap.direction_of(((column + 0.5 + tent(uniform[:, 2])) / width) % 1, y / height))
+        return (
+            torch.stack(directions).float() if directions else torch.zeros(0, len(uniform), 3, device=self.texel.device)
+        )
 
 
 def find_suns(environment: torch.Tensor, directions: int) -> Suns:
@@ -128,16 +131,10 @@ def sun_transfer(
     suns: Suns, origins: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor, tracer: RayTracer, samples: int = 8
 ) -> torch.Tensor:
     """Irradiance [N, S] of points per flux of each sun: the mean of max(n . w, 0) over what is seen of it."""
-    directions = suns.directions(stratified(samples).to(normal.device))
+    directions = suns.directions(sobol_points(samples).to(normal.device))
     result = normal.new_zeros(len(normal), len(suns))
     for number in range(samples):
         towards = directions[:, number, None].expand(len(suns), len(normal), 3)
         cosine = (towards * normal).sum(-1).clamp_min(0)
         result += (cosine * unoccluded(origins, flat, towards, tracer)).t()
     return result / samples
-
-
-def stratified(samples: int) -> torch.Tensor:
-    """`samples` points [D, 3] of a Sobol sequence in [0, 1)."""
-    engine = torch.quasirandom.SobolEngine(3, scramble=True, seed=0)
-    return engine.draw(samples)

@@ -12,19 +12,17 @@ from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
+from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
-from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.sampling import Pyramid
+from exmesh_graph.shading.operators import LightTransport, VectorTransport, at_surface
+from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.suns import find_suns, sun_transfer
 from exmesh_graph.shading.transport import (
-    LightTransport,
     check_fits,
-    choose_subdivision,
+    direct_transport,
     lattice_origins,
-    trace_transport,
     with_bounces,
 )
-from exmesh_graph.shading.vector_irradiance import VectorTransport
 from exmesh_graph.stage2.light.traced import narrow_lobes, sun_radiance, traced_specular
 from exmesh_graph.stage2.surface import (
     CarrierGeometry,
@@ -64,8 +62,7 @@ def render_transport(
     asset: Asset, bounces: int = 2, directions: int = RENDER_DIRECTIONS, points: int = RENDER_POINTS
 ) -> Transport:
     """The light transport of `render_views`, to be shared by several calls on one asset."""
-    subdivision = choose_subdivision(len(asset.vertices), len(asset.faces), points)
-    light = trace_transport(asset.vertices, asset.faces, directions, subdivision)
+    light = direct_transport(asset.vertices, asset.faces, TransportSettings(directions=directions, points=points))
     return with_bounces(light, bounces) if bounces else light
 
 
@@ -154,15 +151,9 @@ class _Scene:
     def read(self, uv: torch.Tensor) -> torch.Tensor:
         return gather_rows(self.maps, *texel_footprint(uv, self.size))
 
-    def arriving(self, table: torch.Tensor, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
-        """Irradiance [N, 3] of surface positions from that of the lattice points, `table` [P, 3]."""
-        index, weight = locate(self.light.face_points, self.light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
-        rows = torch.from_numpy(index.astype(np.int64)).to(table.device)
-        return gather_rows(table, rows, torch.from_numpy(weight).to(table))
-
     def hit_radiance(self, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
         uv = (self.geometry.uvs[self.geometry.uv_faces[face]] * bary[..., None]).sum(1)
-        return self.f_d(self.read(uv)) * self.arriving(self.irradiance, face, bary)
+        return self.f_d(self.read(uv)) * at_surface(self.light, self.irradiance, face, bary)
 
     def mapped(self, surface: SurfaceSamples, material: torch.Tensor) -> SurfaceSamples:
         """`surface` under the asset's normal map, if it has one."""
@@ -188,9 +179,9 @@ class _Scene:
             extra=None if self.extra is None else (self.extra, narrow_lobes(self.suns, material[:, 3])),
         )
         f_d = self.f_d(material)
-        arrived = self.arriving(self.irradiance - self.direct_sun, surface.face, surface.bary)
+        arrived = at_surface(self.light, self.irradiance - self.direct_sun, surface.face, surface.bary)
         if self.vector is not None:
-            vector = self.arriving(self.vector, surface.face, surface.bary)
+            vector = at_surface(self.light, self.vector, surface.face, surface.bary)
             arrived = bent_irradiance(arrived, vector, smooth.normal, surface.normal)
         shaded = f_d * arrived + specular
         if len(self.suns):

@@ -21,7 +21,7 @@ def test_the_node_decides_and_says_so(scene, monkeypatch):
     monkeypatch.setattr(probe_scene, "BASE_STEPS", 4)
     monkeypatch.setattr(probe_scene, "STEPS", 4)
     monkeypatch.setattr(probe_scene, "SKIES", (16,))
-    monkeypatch.setattr(short, "POINTS", 100)
+    monkeypatch.setattr(short, "TRANSPORT", short.TRANSPORT.replaced(points=100))
     monkeypatch.setattr(short, "SHORT", short.SHORT.replaced(environment_height=8))
     context = FakeContext()
     found = probe.probe(context, scene.asset, scene.train, p=probe.ProbeParams())

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from exmesh_graph.shading import brdf
-from exmesh_graph.shading.directions import fibonacci_sphere
+from exmesh_graph.shading.point_sets import fibonacci_sphere
 
 
 def _frame(angle):

@@ -7,9 +7,8 @@ from exmesh_graph import losses
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.brdf_sampling import sample_brdf
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.sampling import hammersley
+from exmesh_graph.shading.point_sets import hammersley
 from exmesh_graph.shading.specular import PrefilteredStack
-from exmesh_graph.shading.terminator import bend_normals, smooth_origins
 
 pytestmark = [
     pytest.mark.gpu,
@@ -58,14 +57,7 @@ def test_brdf_and_its_sampling():
     )
 
 
-def test_shading_normals_and_prefiltered_levels():
-    normal, view, light = _vectors()
-    _same(lambda *x: (bend_normals(*x),), light, normal, view)
-    corners = torch.rand(500, 3, 3)
-    bary = torch.full((500, 3), 1 / 3)
-    _same(
-        lambda p, b, c, n: (smooth_origins(p, b, c, n),), corners.mean(1), bary, corners, torch.stack([normal] * 3, 1)
-    )
+def test_prefiltered_levels():
     image = torch.rand(32, 64, 3)
     _same(lambda e: (PrefilteredStack(32, 64, e.device).build(e),), image)
 

@@ -11,7 +11,7 @@ from shading_statistics import chi_square_excess, sphere_cells, sphere_integral
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.sampling import hammersley
+from exmesh_graph.shading.point_sets import hammersley
 
 
 def _environment(kind, height=16, width=32):

@@ -7,7 +7,7 @@ import pytest
 import torch
 from monte_carlo_scenes import bowl, material, on_mesh, studio, tracer_of, wall_and_floor
 
-from exmesh_graph.rays.brute import BruteTracer
+from exmesh_graph.rays.reference import BruteTracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.brdf_sampling import pdf_brdf
 from exmesh_graph.shading.env_sampling import EnvSampler

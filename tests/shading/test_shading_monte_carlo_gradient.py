@@ -3,8 +3,8 @@
 import pytest
 import torch
 
+from benchmarks.gradient_seed import independent_gradient
 from benchmarks.stability.rows_light import fitted_bias, log_l1
-from exmesh_graph.shading.monte_carlo import independent_gradient
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

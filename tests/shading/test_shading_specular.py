@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from exmesh_graph.shading import brdf, envmap
-from exmesh_graph.shading.directions import fibonacci_sphere
+from exmesh_graph.shading.brdf_sampling import sample_specular
+from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
-from exmesh_graph.shading.sampling import Pyramid, hammersley, sample_specular
+from exmesh_graph.shading.point_sets import fibonacci_sphere, hammersley
 from exmesh_graph.shading.specular import (
     LEVELS,
     PrefilteredStack,

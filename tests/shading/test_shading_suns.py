@@ -8,8 +8,9 @@ import torch
 
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
+from exmesh_graph.shading.operators import LightTransport
 from exmesh_graph.shading.suns import find_suns, sun_transfer, unoccluded
-from exmesh_graph.shading.transport import LightTransport, lattice_origins, trace_transport, with_bounces
+from exmesh_graph.shading.transport import lattice_origins, trace_transport, with_bounces
 from tests.shading.monte_carlo_scenes import wall_and_floor
 from tests.shading.shading_statistics import chi_square_excess
 

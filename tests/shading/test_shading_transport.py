@@ -13,13 +13,8 @@ from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
 from exmesh_graph.rays import make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import build_lattice, locate
-from exmesh_graph.shading.transport import (
-    LightTransport,
-    check_fits,
-    choose_subdivision,
-    trace_transport,
-    with_bounces,
-)
+from exmesh_graph.shading.operators import LightTransport
+from exmesh_graph.shading.transport import check_fits, choose_subdivision, trace_transport, with_bounces
 from exmesh_graph.types import Transport
 
 

@@ -43,7 +43,7 @@ def small():
         patch.setattr(scene, "BASE_STEPS", 80)
         patch.setattr(scene, "STEPS", 30)
         patch.setattr(scene, "SKIES", (32,))
-        patch.setattr(short, "POINTS", 300)
+        patch.setattr(short, "TRANSPORT", short.TRANSPORT.replaced(points=300))
         patch.setattr(short, "SHORT", short.SHORT.replaced(environment_height=16))
         yield
 

@@ -87,7 +87,7 @@ CUDA = pytest.param(
 def test_traced_specular_is_the_same_over_warp_as_over_embree(carrier, transport, device):
     from exmesh_graph.rays import make_ray_tracer
     from exmesh_graph.rays.warp_bvh import WarpTracer
-    from exmesh_graph.shading.sampling import Pyramid
+    from exmesh_graph.shading.envmap import Pyramid
     from exmesh_graph.stage2.light.traced import traced_specular
     from exmesh_graph.stage2.surface import CarrierGeometry
 

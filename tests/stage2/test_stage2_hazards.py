@@ -9,9 +9,10 @@ import torch
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.shading import brdf, envmap
-from exmesh_graph.shading.sampling import sample_specular
+from exmesh_graph.shading.brdf_sampling import sample_specular
+from exmesh_graph.shading.operators import LightTransport
 from exmesh_graph.shading.specular import PrefilteredStack
-from exmesh_graph.shading.transport import LightTransport, trace_transport
+from exmesh_graph.shading.transport import trace_transport
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.objective import indirect_strength, weighted_terms

@@ -9,8 +9,8 @@ import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.shading import envmap
-from exmesh_graph.shading.transport import LightTransport, trace_transport, with_bounces
-from exmesh_graph.shading.vector_irradiance import VectorTransport
+from exmesh_graph.shading.operators import LightTransport, VectorTransport
+from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.objective import weighted_terms

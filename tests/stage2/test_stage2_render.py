@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from exmesh_graph.rays import make_ray_tracer
-from exmesh_graph.shading.sampling import Pyramid
+from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.specular import directional_albedo, reflectance_table
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.light.traced import traced_specular

@@ -4,12 +4,10 @@ from exmesh_graph.shading.monte_carlo.estimator import (
     Drawn,
     MonteCarloLight,
     SampleCache,
-    independent_gradient,
 )
-from exmesh_graph.shading.monte_carlo.points import Material, MeshSurface, Points, Query, Surface
+from exmesh_graph.shading.monte_carlo.points import Coarse, Material, MeshSurface, Points, Query, Surface, coarse_points
 from exmesh_graph.shading.monte_carlo.samples import LightPool, LightSamples, Sampler, draw_light, make_pool
 from exmesh_graph.shading.monte_carlo.shade import shade, shade_reference
-from exmesh_graph.shading.monte_carlo.upsample import Coarse, coarse_points
 
 __all__ = [
     "Coarse",
@@ -26,7 +24,6 @@ __all__ = [
     "Surface",
     "coarse_points",
     "draw_light",
-    "independent_gradient",
     "make_pool",
     "shade",
     "shade_reference",

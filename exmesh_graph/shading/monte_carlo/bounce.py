@@ -63,11 +63,11 @@ def draw_bounce(
     sent = draw_directions(points.flat, points, Material(torch.zeros_like(points.position)), pool)
     origins = ray_origins(points, tracer)
     rows = rows_within(memory_mib, rays)
-    found = [
+    hits = [
         _front_hits(sent, slice(start, start + rows), origins, surface, tracer)
         for start in range(0, max(len(points), 1), rows)
     ]
-    row, direction, weight, face, bary = (torch.cat(column) for column in zip(*found, strict=True))
+    row, direction, weight, face, bary = (torch.cat(column) for column in zip(*hits, strict=True))
     position = (surface.vertices[surface.faces[face]] * bary[..., None]).sum(1)
     normal, material = query(face, bary)
     there = Points(position, surface.face_normals[face], normal, -direction)
@@ -89,6 +89,25 @@ def _front_hits(
     return row[front], direction[front], weight[chosen][front], face[front], hits.bary[front]
 
 
+def secondary_radiance(
+    hits: SecondaryHits,
+    query: Query,
+    environment: torch.Tensor,
+    stand_in: Material | None = None,
+    reference: bool = False,
+) -> torch.Tensor:
+    """L_sec [M, 3]: the diffuse light that the hits send back along their rays. Arguments as of `bounce_irradiance`.
+
+    Equation: 18.
+    """
+    normal, material = query(hits.face, hits.bary)
+    if stand_in is not None:
+        material = stand_in[hits.row]
+    white = Material(torch.ones_like(material.base_color))
+    arrived = (shade_reference if reference else shade)(hits.light, normal, -hits.direction, white, environment)
+    return material.diffuse() * arrived
+
+
 def bounce_irradiance(
     hits: SecondaryHits,
     points: Points,
@@ -97,20 +116,16 @@ def bounce_irradiance(
     stand_in: Material | None = None,
     reference: bool = False,
 ) -> torch.Tensor:
-    """I(x) [N, 3] of eq. 20, the indirect light that meets `points`; times f_d(x) it is L_ind.
+    """I(x) [N, 3], the indirect light that meets `points`; times f_d(x) it is L_ind.
 
     stand_in  the primary points' material, used at the hits in place of the query ("no secondary material")
     reference the plain torch sum instead of the fused kernels
 
-    Equations: 18, 19.
+    Equation: 19.
     """
-    normal, material = query(hits.face, hits.bary)
-    if stand_in is not None:
-        material = stand_in[hits.row]
-    white = Material(torch.ones_like(material.base_color))
-    arrived = (shade_reference if reference else shade)(hits.light, normal, -hits.direction, white, environment)
+    radiance = secondary_radiance(hits, query, environment, stand_in, reference)
     cosine = (points.normal[hits.row] * hits.direction).sum(-1).clamp_min(0)
-    carried = material.diffuse() * arrived * (cosine * hits.weight)[:, None]
+    carried = radiance * (cosine * hits.weight)[:, None]
     return torch.zeros_like(points.position).to(carried).index_add(0, hits.row, carried)
 
 

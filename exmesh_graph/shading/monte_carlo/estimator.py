@@ -1,10 +1,6 @@
-"""The Monte Carlo light of a frozen mesh: direct (eq. 17) plus one bounce (eq. 19), and whose noise the gradient sees.
+"""The Monte Carlo light of a frozen mesh: direct (eq. 17) plus one bounce (eq. 19).
 
-    I = L_dir + lambda_ind f_d(x) I_ind(x)
-
-A loss that is not linear meets noise twice: its derivative is taken at a noisy image and multiplied by a noisy gradient
-of the same samples, so the two correlate and the fit settles beside the truth. `independent_gradient` draws the
-gradient's samples with a seed of its own.
+I = L_dir + lambda_ind f_d(x) I_ind(x)
 """
 
 from __future__ import annotations
@@ -23,10 +19,9 @@ from exmesh_graph.shading.monte_carlo.bounce import (
     draw_bounce,
     secondary_pool,
 )
-from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface
+from exmesh_graph.shading.monte_carlo.points import Coarse, Material, Points, Query, Surface
 from exmesh_graph.shading.monte_carlo.samples import LightPool, LightSamples, draw_light, make_pool
 from exmesh_graph.shading.monte_carlo.shade import shade
-from exmesh_graph.shading.monte_carlo.upsample import Coarse
 
 if TYPE_CHECKING:
     from exmesh_graph.shading.settings import MonteCarloSettings
@@ -67,7 +62,7 @@ class MonteCarloLight:
         """Draw and trace all samples. The same seed gives the same samples.
 
         query    attributes at secondary hits; None leaves the bounce out
-        coarse   points that carry the bounce (`upsample.coarse_points`), None: every point
+        coarse   points that carry the bounce (`points.coarse_points`), None: every point
         turning  primary normals will change before the samples are shaded: trace to the surface's own horizon
         """
         s = self.settings
@@ -158,34 +153,3 @@ class SampleCache:
         if slot not in self._drawn:
             self._drawn[slot] = draw(slot)
         return self._drawn[slot]
-
-
-def independent_gradient(
-    estimate: Callable[..., torch.Tensor], seed: int, gradient_seed: int, *inputs: torch.Tensor
-) -> torch.Tensor:
-    """`estimate(seed, *inputs)`, whose gradient is that of `estimate(gradient_seed, *inputs)`.
-
-    `estimate` must be differentiable in `inputs` alone (nothing else it reads gets a gradient). For a loss l the
-    expected gradient is E[l'(X)] E[dX], without the covariance of the two. Raises ValueError for equal seeds.
-    """
-    if seed == gradient_seed:
-        raise ValueError(f"seed and gradient_seed are both {seed}; the gradient's noise must be independent")
-    return _IndependentGradient.apply(estimate, seed, gradient_seed, *inputs)
-
-
-class _IndependentGradient(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, estimate, seed, gradient_seed, *inputs):  # type: ignore[no-untyped-def]
-        ctx.estimate, ctx.gradient_seed = estimate, gradient_seed
-        ctx.save_for_backward(*inputs)
-        return estimate(seed, *inputs)
-
-    @staticmethod
-    def backward(ctx, gradient):  # type: ignore[no-untyped-def]
-        wanted = ctx.needs_input_grad[3:]
-        inputs = [t.detach().requires_grad_(need) for t, need in zip(ctx.saved_tensors, wanted, strict=True)]
-        with torch.enable_grad():
-            value = ctx.estimate(ctx.gradient_seed, *inputs)
-        chosen = [t for t in inputs if t.requires_grad]
-        found = iter(torch.autograd.grad(value, chosen, gradient, allow_unused=True))
-        return (None, None, None, *(next(found) if t.requires_grad else None for t in inputs))

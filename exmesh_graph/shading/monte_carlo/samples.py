@@ -13,17 +13,17 @@ point (Cranley and Patterson 1976).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from functools import cache
+from typing import Any, Literal, get_args
 
 import torch
 
-from exmesh_graph.gpu.warp_runtime import launch
+from exmesh_graph.gpu.warp_runtime import launch, warp
 from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.rays.tensors import any_hit
 from exmesh_graph.shading.brdf_sampling import specular_share
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo.points import Material, Points
-from exmesh_graph.shading.monte_carlo.shade import kernels
 
 Sampler = Literal["environment", "brdf", "mis", "cosine"]
 
@@ -145,7 +145,7 @@ def draw_directions(
     weight = torch.empty(count * samples, device=device)
     if count:
         launch(
-            kernels().draw_light,
+            _kernels().draw_light,
             count,
             normal,
             flat,
@@ -181,7 +181,7 @@ def _occlude(drawn: LightSamples, rows: slice, origins: torch.Tensor, tracer: Ra
     row = torch.empty(len(chosen), dtype=torch.int32, device=chosen.device)
     direction = torch.empty(len(chosen), 3, device=chosen.device)
     launch(
-        kernels().ray_directions,
+        _kernels().ray_directions,
         len(chosen),
         chosen,
         drawn.block[rows],
@@ -209,3 +209,11 @@ def _sobol(count: int, seed: int) -> torch.Tensor:
     """`count` points (at least one) of a scrambled Sobol sequence in [0, 1)^2, float64."""
     engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=seed & 0x7FFFFFFF)
     return engine.draw(max(count, 1), dtype=torch.float64).clamp_max(1 - 1e-9)
+
+
+@cache
+def _kernels() -> Any:
+    warp()
+    from exmesh_graph.shading.monte_carlo import kernels_draw
+
+    return kernels_draw

@@ -8,7 +8,7 @@ The reference is plain torch in any float type; float32 goes through a fused War
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch.autograd.function import once_differentiable
@@ -17,18 +17,7 @@ from exmesh_graph.gpu.warp_runtime import launch, warp
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.monte_carlo.points import Material
-
-if TYPE_CHECKING:
-    from exmesh_graph.shading.monte_carlo.samples import LightSamples
-
-
-@cache
-def kernels() -> Any:
-    """The module of Warp kernels, imported after Warp has been configured."""
-    warp()
-    from exmesh_graph.shading.monte_carlo import kernels
-
-    return kernels
+from exmesh_graph.shading.monte_carlo.samples import LightSamples
 
 
 def shade(
@@ -102,7 +91,7 @@ class _Shade(torch.autograd.Function):
         view = view.detach().contiguous()
         out = torch.zeros_like(inputs[1])
         if len(out):
-            launch(kernels().shade_light, len(out), *_arguments(inputs, view, samples, specular), out)
+            launch(_kernels().shade_light, len(out), *_arguments(inputs, view, samples, specular), out)
         ctx.save_for_backward(*inputs, view)
         ctx.samples, ctx.specular = samples, specular
         return out
@@ -115,7 +104,7 @@ class _Shade(torch.autograd.Function):
         if len(grad):
             to_normal, to_base, to_roughness, to_metallic, to_pool, to_environment = outputs
             launch(
-                kernels().shade_light_adjoint,
+                _kernels().shade_light_adjoint,
                 len(grad),
                 *_arguments(inputs, view, ctx.samples, ctx.specular),
                 grad.contiguous(),
@@ -154,3 +143,11 @@ def _arguments(inputs: list[torch.Tensor], view: torch.Tensor, samples: LightSam
         pool.pool_samples,
         pool.own_samples,
     ]
+
+
+@cache
+def _kernels() -> Any:
+    warp()
+    from exmesh_graph.shading.monte_carlo import kernels_shade
+
+    return kernels_shade

@@ -22,14 +22,13 @@ import torch
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer
 from exmesh_graph.shading import brdf, envmap
+from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.sampling import Pyramid
+from exmesh_graph.shading.operators import LightTransport, VectorTransport, at_surface
 from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, mean_visibility, reflectance_table
-from exmesh_graph.shading.transport import LightTransport
-from exmesh_graph.shading.vector_irradiance import VectorTransport
 from exmesh_graph.stage2.gbuffer import ViewBuffer
-from exmesh_graph.stage2.light.traced import FittedSuns, HitRadiance, find_fitted_suns, traced_specular
+from exmesh_graph.stage2.light.traced import FittedSuns, find_fitted_suns, traced_specular
 from exmesh_graph.stage2.maps import Material, MaterialMaps
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import (
@@ -265,20 +264,9 @@ def measured_specular_scale(
         brdf.base_reflectance(material.base_color, material.metallic),
         Pyramid(environment),
         light.tracer,
-        lattice_radiance(light.operators.light, leaving),
+        lambda face, bary: at_surface(light.operators.light, leaving, face, bary),
         light.settings.correction_samples,
         torch.rand(len(surface), 2, generator=generator),
     )
     split = light.split_sum(buffer, material, prepared, None if light.frames is None else surface)
     return (traced / split.clamp_min(1e-6)).clamp(0, LARGEST)
-
-
-def lattice_radiance(transport: Transport, leaving: torch.Tensor) -> HitRadiance:
-    """A HitRadiance that interpolates `leaving` [P, 3] over the lattice of `transport` (a reflection blurs more)."""
-
-    def radiance(face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
-        index, weight = locate(transport.face_points, transport.subdivision, face.cpu().numpy(), bary.cpu().numpy())
-        rows = torch.from_numpy(index.astype("int64")).to(leaving.device)
-        return gather_rows(leaving, rows, torch.from_numpy(weight).to(leaving))
-
-    return radiance

@@ -15,9 +15,12 @@ import torch
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import MISS, RayTracer, offset_origins, tensors
 from exmesh_graph.shading import brdf
-from exmesh_graph.shading.sampling import Pyramid, hammersley, sample_specular
-from exmesh_graph.shading.suns import Suns, find_suns, stratified, sun_transfer, unoccluded
-from exmesh_graph.shading.transport import LightTransport, lattice_origins
+from exmesh_graph.shading.brdf_sampling import sample_specular
+from exmesh_graph.shading.envmap import Pyramid
+from exmesh_graph.shading.operators import LightTransport
+from exmesh_graph.shading.point_sets import hammersley, sobol_points
+from exmesh_graph.shading.suns import Suns, find_suns, sun_transfer, unoccluded
+from exmesh_graph.shading.transport import lattice_origins
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
 
@@ -105,7 +108,7 @@ def sun_radiance(
     diffuse f_d [N, 3], roughness [N], f0 [N, 3]. Points with narrow lobes reflect it diffusely only. Directions are a
     set of `samples` per sun, moved by `shift` [N, 3], uniform in [0, 1), per point (Cranley and Patterson).
     """
-    grid = stratified(samples).to(roughness.device)
+    grid = sobol_points(samples).to(roughness.device)
     shift = shift.to(roughness)
     origins = offset_origins(surface.position, surface.flat.double(), tracer.radius)
     mirrored = ~narrow_lobes(suns, roughness)

@@ -13,7 +13,8 @@ import torch
 from exmesh_graph.errors import DataError
 from exmesh_graph.optim import Adam
 from exmesh_graph.shading import envmap
-from exmesh_graph.shading.transport import choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.shading.settings import TransportSettings
+from exmesh_graph.shading.transport import direct_transport, with_bounces
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
@@ -24,8 +25,8 @@ from exmesh_graph.stage2.probe.sample import Sample
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Carrier, Transport
 
-#: Surface points and directions of the probe's light transport.
-POINTS, DIRECTIONS = 2500, 64
+#: The probe's light transport.
+TRANSPORT = TransportSettings(points=2500, directions=64)
 LAST_RATE = 0.05
 #: Tiles along a held-out picture's side: the clusters of the paired comparison.
 CLUSTERS = 4
@@ -56,9 +57,7 @@ class ShortFit:
     """A fit that can be forked: the copy goes on from the same maps and environment with another model."""
 
     def __init__(self, carrier: Carrier, sample: Sample, texture_size: int, seed: int = 0) -> None:
-        subdivision = choose_subdivision(len(carrier.vertices), len(carrier.faces), POINTS)
-        traced = trace_transport(carrier.vertices, carrier.faces, DIRECTIONS, subdivision)
-        self.transport: Transport = with_bounces(traced, 1)
+        self.transport: Transport = with_bounces(direct_transport(carrier.vertices, carrier.faces, TRANSPORT), 1)
         self.seed = seed
         self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8)
         settings = SHORT.replaced(texture_size=texture_size)

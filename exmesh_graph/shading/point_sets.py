@@ -1,10 +1,27 @@
-"""Sets of directions on the sphere."""
+"""Sets of evenly spread points: on the unit square, in the unit cube, on the sphere."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+import torch
+
+
+def hammersley(count: int, device: torch.device | str = "cpu") -> torch.Tensor:
+    """`count` points (i + 0.5) / n, radical inverse of i in base 2: float32 [count, 2] in [0, 1)."""
+    i = torch.arange(count, device=device)
+    inverse, base, rest = torch.zeros(count, device=device), 0.5, i.clone()
+    while int(rest.max()) > 0:
+        inverse += base * (rest % 2)
+        rest, base = rest // 2, base / 2
+    return torch.stack([(i + 0.5) / count, inverse], dim=1)
+
+
+def sobol_points(samples: int) -> torch.Tensor:
+    """`samples` points [D, 3] of a Sobol sequence in [0, 1)."""
+    engine = torch.quasirandom.SobolEngine(3, scramble=True, seed=0)
+    return engine.draw(samples)
 
 
 def fibonacci_sphere(count: int) -> np.ndarray:
