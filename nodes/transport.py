@@ -42,6 +42,6 @@ def bounce(ctx: Context, light: Transport, needs: SceneNeeds | None = None, *, p
     return TransportOut(bounced)
 
 
-@component("transport.monte_carlo", version="1", libraries=("torch", "embreex", "warp-lang"))
+@component("transport.monte_carlo", version="1")
 class MonteCarlo(Component, MonteCarloSettings):
     """The paper's Monte Carlo light, drawn in every step; the defaults are its sample counts."""
