@@ -15,7 +15,7 @@ from exmesh_graph.geometry.shapes import grid, torus
 from exmesh_graph.geometry.split import SplitSettings, split
 from exmesh_graph.losses import d_ssim
 from exmesh_graph.raster import antialias, edge_table, find_silhouette, project, rasterize, rasterize_projected, shade
-from exmesh_graph.raster.contribution import contribution_counts
+from exmesh_graph.raster.rasterize import contribution_counts
 from exmesh_graph.shading.transport import choose_subdivision, trace_transport
 from exmesh_graph.uv.dilate import dilate
 from exmesh_graph.uv.raster import rasterize_atlas

@@ -27,10 +27,10 @@ from exmesh_graph.raster import rasterize
 from exmesh_graph.splat.depths import depth_maps
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.pgsr import pgsr
-from exmesh_graph.splat.reference import render_reference
 from exmesh_graph.splat.render import render
 from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
 from exmesh_graph.targets import prepare_targets
+from tests.splat.splat_reference import render_reference
 
 
 def shell(count: int, axis: float, seed: int = 0) -> Gaussians:

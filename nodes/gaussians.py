@@ -15,7 +15,7 @@ Train = Annotated[Views, facets(split="train")]
 Device = Literal["auto", "cpu", "cuda"]
 _LIBRARIES = ("torch", "warp-lang", "scipy", "scikit-image")
 KERNELS = tuple(  # loaded by a computed name
-    f"exmesh_graph.splat.kernels_{name}" for name in ("adam", "blend", "camera", "harmonics", "project", "tiles")
+    f"exmesh_graph.splat.kernels_{name}" for name in ("adam", "blend", "camera", "harmonics", "project")
 )
 
 

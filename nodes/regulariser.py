@@ -10,13 +10,13 @@ from exmesh_graph.stage1 import settings
 if TYPE_CHECKING:
     import torch
 
-    from exmesh_graph.stage1.regularise import Prepared
+    from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 
 class Smoothness(Component):
     """Base of what keeps the surface smooth; an `exmesh_graph.stage1.regularise.Smoothness`."""
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
         """Of the start's vertices [V, 3] and undirected edges [E, 2]; None where there is nothing to do."""
         raise NotImplementedError
 

@@ -99,7 +99,7 @@ def merge(
     """Collapse small faces that are degenerate or, with views given, that no view shows."""
     from exmesh_graph.geometry.merge import MergeSettings
     from exmesh_graph.geometry.merge import merge as merge_mesh
-    from exmesh_graph.raster.contribution import contribution_counts
+    from exmesh_graph.raster.rasterize import contribution_counts
 
     rendered = None
     if views is not None:

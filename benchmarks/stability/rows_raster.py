@@ -7,7 +7,7 @@ import torch
 from benchmarks.stability.scenes import camera, icosphere, soup
 from benchmarks.stability.table import Reached, row
 from exmesh_graph.raster import Fragments, project, rasterize, rasterize_projected
-from exmesh_graph.raster.reference import rasterize_reference
+from tests.raster.raster_reference import rasterize_reference
 
 SQUARE = torch.tensor([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 QUAD = torch.tensor([[0, 1, 2], [0, 2, 3]])

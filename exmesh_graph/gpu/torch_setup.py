@@ -28,17 +28,17 @@ def torch_threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def pick_device(wish: str) -> torch.device:
+def pick_device(device: str) -> torch.device:
     """The device for "auto", "cpu" or "cuda"; "auto" takes CUDA if torch sees one.
 
     Raises MissingLibraryError when CUDA is asked for and not there.
     """
     available = torch.cuda.is_available()
-    if wish == "cuda" and not available:
+    if device == "cuda" and not available:
         raise MissingLibraryError(
             "no CUDA device", where="device: cuda", fix="install a CUDA build of torch, or say device: auto"
         )
-    return torch.device("cuda" if available and wish != "cpu" else "cpu")
+    return torch.device("cuda" if available and device != "cpu" else "cpu")
 
 
 def tensor_of(array: np.ndarray) -> torch.Tensor:

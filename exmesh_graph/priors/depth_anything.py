@@ -56,8 +56,8 @@ def estimate(
     for start in range(0, len(views), settings.batch):
         part = slice(start, min(start + settings.batch, len(views)))
         known = {"extrinsics": poses[part], "intrinsics": intrinsics[part]} if settings.cameras else {}
-        found = model.inference(list(pictures[part]), process_res=settings.resolution, **known)
-        depth = torch.from_numpy(np.array(found.depth, np.float32))[:, None]
+        prediction = model.inference(list(pictures[part]), process_res=settings.resolution, **known)
+        depth = torch.from_numpy(np.array(prediction.depth, np.float32))[:, None]
         # nearest, not a mean: depths must not be mixed across an edge
         size = (views.height, views.width)
         maps.append(torch.nn.functional.interpolate(depth, size=size, mode="nearest-exact")[:, 0].numpy())

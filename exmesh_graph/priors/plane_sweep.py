@@ -38,12 +38,12 @@ def plane_sweep(
     targets = prepare_targets(views, downscale=settings.downscale, device=device)
     grey = targets.images.mean(dim=-1)
     near = neighbours(views.camera_to_world, settings.neighbours)
-    found = []
+    maps = []
     for view in range(len(targets)):
-        found.append(_sweep(view, near[view], targets, grey, settings))
+        maps.append(search_depths(view, near[view], targets, grey, settings))
         if progress is not None:
             progress(view + 1, len(targets))
-    depth = torch.stack(found)
+    depth = torch.stack(maps)
     cameras = targets.intrinsics, targets.world_to_camera
     kept = torch.stack([
         agreed(view, near[view], depth, *cameras, settings.agreeing, settings.tolerance) for view in range(len(targets))
@@ -53,7 +53,7 @@ def plane_sweep(
     return DepthMaps(views.names, _enlarged(kept.cpu().numpy(), views.height, views.width, settings.downscale))
 
 
-def _sweep(
+def search_depths(
     view: int, others: np.ndarray, targets: Targets, grey: torch.Tensor, settings: SweepSettings
 ) -> torch.Tensor:
     """Depth [H, W] of one view before the check against its neighbours; 0 where windows are flat or do not match."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from exmesh_graph.gpu.limits import EMPTY_KEY, check_indices, check_near, check_size
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.raster.camera import project
 from exmesh_graph.raster.runtime import kernels
@@ -103,6 +105,38 @@ def rasterize_projected(
             _cover(points, faces, height, width, near, cull_back, large_face, key)
             launch(kernels().resolve_fragments, count, points, faces, key, width, *fragments)
     return Fragments(face_id, bary, depth)
+
+
+def contribution_counts(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    intrinsics: np.ndarray,
+    camera_to_world: np.ndarray,
+    height: int,
+    width: int,
+    supersample: int = 1,
+) -> np.ndarray:
+    """C_rend of the paper's section 4.2: how many pixels of all views show each face, int64 [F].
+
+    Counted at `supersample` times the views' resolution.
+
+    intrinsics float [N, 3, 3], camera_to_world float [N, 4, 4]; a face smaller than a pixel may be missed at 1.
+    """
+    points, triangles = tensor_of(vertices), tensor_of(faces)
+    zoom = np.diag([supersample, supersample, 1.0])
+    count = np.zeros(len(faces), np.int64)
+    for intrinsic, pose in zip(intrinsics, camera_to_world, strict=True):
+        fragments = rasterize(
+            points,
+            triangles,
+            torch.from_numpy(zoom @ intrinsic),
+            torch.from_numpy(np.linalg.inv(pose)),
+            height * supersample,
+            width * supersample,
+        )
+        seen = fragments.face_id.cpu().numpy().reshape(-1)
+        count += np.bincount(seen[seen >= 0], minlength=len(faces))
+    return count
 
 
 def _cover(

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import torch
 
 from exmesh_graph.priors.depth_filter import normals_of_depth
-from exmesh_graph.splat.planes import edge_weight, plane_depth
-from exmesh_graph.splat.render import Render
+from exmesh_graph.splat.render import Render, plane_depth
 
 _PATCH = 3  # half the side of compared patches: 7 x 7
 _MISMATCH = 0.9
@@ -69,8 +68,8 @@ def multi_view(
     ray = view.rays.reshape(-1, 3)[pixels]
     moved = (depth.reshape(-1)[pixels, None] * ray) @ turn.T + shift
     place, inside = _pixel(moved, forth, height, width)
-    found, known = _depth_at(other_depth, place, inside)
-    there = found[:, None] * _ray(place, forth)
+    seen_depth, known = _depth_at(other_depth, place, inside)
+    there = seen_depth[:, None] * _ray(place, forth)
     returned, _ = _pixel((there - shift) @ turn, back, height, width)
     here = torch.stack([pixels % width, pixels // width], dim=1).to(like) + 0.5
     miss = ((returned - here).square().sum(1) + 1e-12).sqrt()
@@ -82,13 +81,27 @@ def multi_view(
     geometric = (weight[near] * miss[near]).sum() / len(pixels)
 
     plane = drawing.normal.reshape(-1, 3)[pixels[near]] / drawing.distance.reshape(-1)[pixels[near], None]
-    score, compared = _patch_mismatch(view, other, plane, pixels[near], forth @ turn, forth @ shift)
+    score, compared = patch_mismatch(view, other, plane, pixels[near], forth @ turn, forth @ shift)
     with torch.no_grad():
         share = torch.where(compared & (score < _MISMATCH), weight[near], 0.0)
     return geometric, (share * score).sum() / len(pixels)
 
 
-def _patch_mismatch(
+def edge_weight(image: torch.Tensor, floor: float = 0.02) -> torch.Tensor:
+    """[H, W] in [0, 1]: 1 where the picture [H, W, 3] is flat, 0 at its strongest edge; (1 - g / max g)^2.
+
+    `floor` is the least maximum in display units: noise on a flat picture is no edge.
+    """
+    grey = image.mean(-1)
+    slope = torch.zeros_like(grey)
+    if min(grey.shape) >= 3:
+        across = (grey[1:-1, 2:] - grey[1:-1, :-2]) / 2
+        down = (grey[2:, 1:-1] - grey[:-2, 1:-1]) / 2
+        slope[1:-1, 1:-1] = torch.hypot(across, down)
+    return (1 - slope / slope.max().clamp(min=floor)).square()
+
+
+def patch_mismatch(
     view: View, other: View, plane: torch.Tensor, pixels: torch.Tensor, linear: torch.Tensor, offset: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """(1 - NCC^2 [P], bool [P] whether there is something to compare) of patches around `pixels`.

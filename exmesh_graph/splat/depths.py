@@ -11,8 +11,7 @@ from exmesh_graph.priors.depth_filter import agreed, normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.fit import neighbours
 from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.planes import plane_depth
-from exmesh_graph.splat.render import Render, render
+from exmesh_graph.splat.render import Render, plane_depth, render
 from exmesh_graph.targets import Targets
 from exmesh_graph.types import DepthMaps
 
@@ -83,6 +82,6 @@ def middle_planes(
     distances = (normals * points).sum(1)
     planes = torch.where((distances > 0)[:, None], -1.0, 1.0) * torch.cat([normals, distances[:, None]], dim=1)
     middle = drawing.drawn.middle
-    found = planes[middle.clamp(min=0).long()]
-    found = torch.where((middle >= 0)[..., None], found, 0.0)
-    return found[..., :3], found[..., 3]
+    chosen = planes[middle.clamp(min=0).long()]
+    chosen = torch.where((middle >= 0)[..., None], chosen, 0.0)
+    return chosen[..., :3], chosen[..., 3]

@@ -1,4 +1,6 @@
-"""Warp kernels per tile: front-to-back blending of depth-sorted splats, and its adjoint. Import via `runtime.kernels`.
+"""Warp kernels per tile: which splats it touches, their front-to-back blending by depth, and its adjoint.
+
+Import via `runtime.kernels`.
 
     C = sum_i w_i f_i,   w_i = T_i a_i,   T_i = prod_{j<i} (1 - a_j),   a_i = min(0.99, o_i exp(-q_i / 2))
 
@@ -30,6 +32,43 @@ TWO = wp.constant(REAL(2.0))
 LEAST = wp.constant(REAL(1.0 / 255.0))
 MOST = wp.constant(REAL(0.99))
 OPAQUE = wp.constant(REAL(1e-4))
+
+
+@wp.kernel
+def list_tiles(
+    order: wp.array(dtype=wp.int64),
+    box: wp.array(dtype=wp.vec4i),
+    first: wp.array(dtype=wp.int64),
+    tile: int,
+    across: int,
+    tile_of: wp.array(dtype=wp.int32),
+    gaussian_of: wp.array(dtype=wp.int32),
+):
+    """Per drawn Gaussian, nearest first: the tiles it touches, from slot `first[rank]` on."""
+    rank = wp.tid()
+    g = wp.int32(order[rank])
+    b = box[g]
+    slot = int(first[rank])
+    for ty in range(b[1] / tile, b[3] / tile + 1):
+        for tx in range(b[0] / tile, b[2] / tile + 1):
+            tile_of[slot] = ty * across + tx
+            gaussian_of[slot] = g
+            slot += 1
+
+
+@wp.kernel
+def sum_slots(
+    order: wp.array(dtype=wp.int64),
+    first: wp.array(dtype=wp.int64),
+    weights: wp.array(dtype=REAL),
+    total: wp.array(dtype=REAL),
+):
+    """Per drawn Gaussian: the sum of its slots' weights."""
+    rank = wp.tid()
+    weight = REAL(0.0)
+    for slot in range(int(first[rank]), int(first[rank + 1])):
+        weight += weights[slot]
+    total[int(order[rank])] = weight
 
 
 @wp.func

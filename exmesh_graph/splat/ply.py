@@ -12,8 +12,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.harmonics import harmonics
+from exmesh_graph.splat.gaussians import Gaussians, harmonics
 
 _TYPES = {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8", "uchar": "u1", "uint8": "u1", "int": "i4"}
 _REST = {0: 1, 9: 4, 24: 9, 45: 16}

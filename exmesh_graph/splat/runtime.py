@@ -17,7 +17,7 @@ _USES = {"project": ("camera", "harmonics")}
 
 
 @cache
-def kernels(of: Literal["project", "tiles", "blend", "adam", "camera", "harmonics"], dtype: torch.dtype) -> Any:
+def kernels(of: Literal["project", "blend", "adam", "camera", "harmonics"], dtype: torch.dtype) -> Any:
     """kernels_<of>.py for float32 or float64 (the latter for tests): one file, loaded under two names."""
     wp = warp()
     real = {torch.float32: wp.float32, torch.float64: wp.float64}[dtype]

@@ -76,9 +76,9 @@ def diagnose(surface: Surface, targets: Targets, *, gains: bool = False) -> dict
     gains  exposures are fitted, so they may differ
     With fewer than four views there is no majority to judge by: none is suspect.
     """
-    found = residuals(surface, targets)
-    dark = [name for name, value in zip(targets.names, found.light.tolist(), strict=True) if value < _DARK]
-    return {"suspects": _suspects(found, targets, gains) if len(targets) >= 4 else {}, "dark": dark}
+    figures = residuals(surface, targets)
+    dark = [name for name, value in zip(targets.names, figures.light.tolist(), strict=True) if value < _DARK]
+    return {"suspects": _suspects(figures, targets, gains) if len(targets) >= 4 else {}, "dark": dark}
 
 
 def phase_shift(one: torch.Tensor, two: torch.Tensor, weight: torch.Tensor | None = None) -> torch.Tensor:
@@ -100,26 +100,26 @@ def phase_shift(one: torch.Tensor, two: torch.Tensor, weight: torch.Tensor | Non
     peak = torch.fft.irfft2(cross / strength.clamp(min=1e-6 * float(strength.max())).sqrt(), s=(height, width))
     at = int(peak.argmax())
     row, column = divmod(at, width)
-    found = []
+    peaks = []
     for place, line in ((column, peak[row]), (row, peak[:, column])):
         before, here, after = (float(line[(place + step) % len(line)]) for step in (-1, 0, 1))
         bend = before - 2 * here + after
         fine = place + (0.5 * (before - after) / bend if bend < 0 else 0.0)
-        found.append((fine + len(line) / 2) % len(line) - len(line) / 2)
-    return torch.tensor(found, dtype=torch.float64)
+        peaks.append((fine + len(line) / 2) % len(line) - len(line) / 2)
+    return torch.tensor(peaks, dtype=torch.float64)
 
 
-def _suspects(found: Residuals, targets: Targets, gains: bool) -> dict[str, str]:
-    size = found.shift.norm(dim=1)
-    stops = found.stops - _median(found.stops)
-    far_shift, far_mask, far_colour = _far(size, _SHIFT), _far(found.mask, _MASK), _far(found.colour, _COLOUR)
+def _suspects(figures: Residuals, targets: Targets, gains: bool) -> dict[str, str]:
+    size = figures.shift.norm(dim=1)
+    stops = figures.stops - _median(figures.stops)
+    far_shift, far_mask, far_colour = _far(size, _SHIFT), _far(figures.mask, _MASK), _far(figures.colour, _COLOUR)
     words = {}
     for i, name in enumerate(targets.names):
         focal = float(targets.intrinsics[i, 0, 0])
-        if bool(found.stops[i].isnan()) and bool(size[i].isnan()):
+        if bool(figures.stops[i].isnan()) and bool(size[i].isnan()):
             words[name] = "its camera does not see the object: correct its pose, or leave the view out"
         elif far_shift[i]:
-            right, down = found.shift[i].tolist()
+            right, down = figures.shift[i].tolist()
             angle = math.degrees(math.atan(float(size[i]) / focal))
             words[name] = (
                 f"the photograph lies {float(size[i]):.1f} pixels beside the rendering ({right:+.1f} right, "
@@ -127,10 +127,10 @@ def _suspects(found: Residuals, targets: Targets, gains: bool) -> dict[str, str]
                 "or leave the view out, or let the hull bear it (init.visual_hull, dissent: 1)"
             )
         elif far_mask[i]:
-            much = "covers more than" if found.bias[i] < 0 else "leaves out parts of"
+            much = "covers more than" if figures.bias[i] < 0 else "leaves out parts of"
             words[name] = (
-                f"mask and rendering differ by {float(found.mask[i]):.0%} of the mask, which {much} the object (or its "
-                f"camera is wrong): look at the mask, or leave the view out"
+                f"mask and rendering differ by {float(figures.mask[i]):.0%} of the mask, which {much} the object (or "
+                f"its camera is wrong): look at the mask, or leave the view out"
             )
         elif not gains and abs(float(stops[i])) > _STOPS:
             words[name] = (
@@ -139,8 +139,8 @@ def _suspects(found: Residuals, targets: Targets, gains: bool) -> dict[str, str]
             )
         elif far_colour[i]:
             words[name] = (
-                f"its colours differ by {float(found.colour[i]):.3f}, the others by "
-                f"{float(_median(found.colour)):.3f}, though its outline fits: look for a moved light, "
+                f"its colours differ by {float(figures.colour[i]):.3f}, the others by "
+                f"{float(_median(figures.colour)):.3f}, though its outline fits: look for a moved light, "
                 "a shadow, a blurred picture"
             )
     return words

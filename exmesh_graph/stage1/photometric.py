@@ -94,7 +94,7 @@ def correlations(
     cameras = targets.intrinsics @ targets.world_to_camera[:, :3]
     sheet = torch.cat([targets.images, targets.alpha[..., None]], dim=-1).reshape(-1, targets.width, 4)
     here = int(np.abs(offsets).argmin())
-    found = []
+    scores = []
     for start in range(0, len(points), _CHUNK):
         part = slice(start, start + _CHUNK)
         size = pixel[part, None, None]
@@ -114,8 +114,8 @@ def correlations(
         counted = (torch.arange(ncc.shape[-1], device=device) < half[:, None]).to(ncc)
         score = (ncc * counted[:, None]).sum(-1) / half[:, None]
         blank = patches[0].square().sum((-1, -2)).amin(dim=1) < 0.15
-        found.append(torch.where(((valid.sum(1) < 2) | blank)[:, None], torch.nan, score))
-    return torch.cat(found).cpu().numpy()
+        scores.append(torch.where(((valid.sum(1) < 2) | blank)[:, None], torch.nan, score))
+    return torch.cat(scores).cpu().numpy()
 
 
 def _choose_views(

@@ -14,7 +14,7 @@ from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.optim import adam_step, decayed, view_at
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.diagnose import diagnose
-from exmesh_graph.stage1.regularise import Prepared, Smoothness, mean_edge
+from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
 from exmesh_graph.stage1.render import draw, surface_of
 from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
 from exmesh_graph.stage1.terms import Terms
@@ -28,7 +28,7 @@ Checkpoint = Callable[[int, dict[str, Any]], None]
 Resumed = tuple[int, Mapping[str, Any]]
 
 
-class Curve(NamedTuple):
+class LossCurve(NamedTuple):
     """Means over blocks of iterations: the last iteration of each block, its loss and its PSNR in dB."""
 
     iteration: list[int]
@@ -106,9 +106,9 @@ class _Loop:
     ) -> None:
         self.state, self.targets, self.settings, self.seed, self.where = state, targets, settings, seed, where
         self.surface: Surface = surface_of(state, device)
-        self.look = self.surface.look
+        self.appearance = self.surface.appearance
         self.surface.vertices.requires_grad_()
-        self.look.values.requires_grad_()
+        self.appearance.values.requires_grad_()
         self.vertex_m, self.vertex_v, self.gradient_ema = (
             torch.tensor(np.asarray(array, np.float32), device=device)
             for array in (state.vertex_m, state.vertex_v, state.gradient_ema)
@@ -126,12 +126,12 @@ class _Loop:
     ) -> tuple[Stage1State, dict[str, Any]]:
         count = self.settings.iterations
         block = max(1, math.ceil(count / 50))
-        curve = Curve([], [], [])
+        curve = LossCurve([], [], [])
         sums = [0.0, 0.0]
         first = 0
         if resumed is not None:
             first, kept = resumed
-            curve, sums = Curve(*kept["curve"]), list(kept["sums"])
+            curve, sums = LossCurve(*kept["curve"]), list(kept["sums"])
             for name, tensor in self.changing().items():
                 tensor.detach().copy_(kept["tensors"][name])
         for k in range(first, count):
@@ -156,7 +156,7 @@ class _Loop:
             "vertex_m": self.vertex_m,
             "vertex_v": self.vertex_v,
             "gradient_ema": self.gradient_ema,
-            **self.look.changing(),
+            **self.appearance.changing(),
             **self.terms.changing(),
         }
 
@@ -182,9 +182,9 @@ class _Loop:
         if not math.isfinite(value):
             bad = [name for name, term in terms.items() if not math.isfinite(float(term.detach()))]
             raise self.broken(iteration, view, f"the loss (term {', '.join(bad)}) is not finite")
-        vertex_grad, look_grad = torch.autograd.grad(loss, (surface.vertices, self.look.values))
+        vertex_grad, value_grad = torch.autograd.grad(loss, (surface.vertices, self.appearance.values))
         norm = vertex_grad.norm(dim=1)
-        if not math.isfinite(float(norm.sum() + look_grad.sum())):
+        if not math.isfinite(float(norm.sum() + value_grad.sum())):
             raise self.broken(iteration, view, "a gradient is not finite")
 
         # paper eq. 1
@@ -192,13 +192,13 @@ class _Loop:
         total = settings.total_iterations or (self.state.iteration + settings.iterations)
         self.move(vertex_grad, k, decayed(settings.vertex_lr, settings.vertex_decay, iteration, total) * self.mean_edge)
         rate = decayed(settings.texture_lr, settings.texture_decay, iteration, total)
-        self.look.step(look_grad, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
+        self.appearance.step(value_grad, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
         self.terms.follow(surface.vertices)
         return value, error
 
     def move(self, gradient: torch.Tensor, k: int, rate: float) -> None:
         """Step the vertices, through the smoothness's filter where it has one."""
-        prepared = self.terms.smoothness or Prepared(None)
+        prepared = self.terms.smoothness or PreparedSmoothness(None)
         smooth = prepared.filter
         count = self.state.vertex_steps + k + 1
         if smooth is None:
@@ -235,9 +235,9 @@ class _Loop:
         )
         if settings.iterations == 0:
             return state
-        return replace(state, **self.look.fields(self.surface, state.texture.shape[0], settings.fill_unseen))
+        return replace(state, **self.appearance.fields(self.surface, state.texture.shape[0], settings.fill_unseen))
 
-    def history(self, curve: Curve) -> dict[str, Any]:
+    def history(self, curve: LossCurve) -> dict[str, Any]:
         values: dict[str, Any] = {
             "iteration": curve.iteration,
             "loss": [round(x, 7) for x in curve.loss],

@@ -24,11 +24,11 @@ REFERENCE_DECAY = 0.99
 class Smoothness(Protocol):
     """What `refine` takes as its L_s: made once for every call, hence for every topology."""
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
         """Of the start's vertices [V, 3] and undirected edges [E, 2]; None where there is nothing to do."""
 
 
-class Prepared(NamedTuple):
+class PreparedSmoothness(NamedTuple):
     """A smoothness on one topology.
 
     loss    the weighted term of the vertices [V, 3], or None
@@ -43,12 +43,12 @@ class Prepared(NamedTuple):
     uniform: bool = False
 
 
-def weighted(kind: Kind, weight: float, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+def weighted(kind: Kind, weight: float, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
     """The term `weight` times L_s of the vertices' topology; None for weight 0."""
     if weight == 0:
         return None
     of = smoother(vertices, edges)
-    return Prepared(lambda moved: weight * smoothness(moved, of, kind))
+    return PreparedSmoothness(lambda moved: weight * smoothness(moved, of, kind))
 
 
 class Smoother(NamedTuple):

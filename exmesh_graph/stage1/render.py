@@ -38,7 +38,7 @@ def surface_of(carrier: Carrier, device: torch.device | str = "cpu") -> Surface:
         faces=faces,
         uvs=torch.tensor(np.asarray(carrier.uvs, np.float32), device=device),
         uv_faces=torch.tensor(np.asarray(carrier.uv_faces, np.int32), device=device),
-        look=model_of(carrier, device),
+        appearance=model_of(carrier, device),
         edges=edge_table(faces),
         extent=float(np.linalg.norm(np.ptp(carrier.vertices, axis=0))) if len(carrier.vertices) else 0.0,
     )
@@ -53,17 +53,17 @@ def draw(
     *,
     uv_gradient: bool = True,
 ) -> Picture:
-    """One view; differentiable in vertices and the look's values.
+    """One view; differentiable in vertices and the appearance's values.
 
     uv_gradient  whether colour also moves vertices inside the silhouette, through the place under each pixel
     """
     projected = project(surface.vertices, intrinsics, world_to_camera)
     fragments = rasterize_projected(projected, surface.faces, height, width)
     if uv_gradient:
-        colour = surface.look.shade(surface, projected, fragments.face_id)
+        colour = surface.appearance.shade(surface, projected, fragments.face_id)
     else:
         still = surface._replace(vertices=surface.vertices.detach())
-        colour = surface.look.shade(still, projected.detach(), fragments.face_id)
+        colour = surface.appearance.shade(still, projected.detach(), fragments.face_id)
     covered = (fragments.face_id >= 0).to(colour.dtype)
     silhouette = find_silhouette(projected, surface.edges, fragments, extent=surface.extent)
     blended = antialias(torch.cat([colour, covered[..., None]], dim=-1), projected, silhouette)

@@ -9,7 +9,7 @@ from exmesh_graph.params import Params, param
 if TYPE_CHECKING:
     import torch
 
-    from exmesh_graph.stage1.regularise import Prepared
+    from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 
 class RefineSettings(Params):
@@ -49,7 +49,7 @@ class Laplacian(Params):
 
     weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.regularise import weighted
 
         return weighted("laplacian", self.weight, vertices, edges)
@@ -60,7 +60,7 @@ class Bilaplacian(Params):
 
     weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.regularise import weighted
 
         return weighted("bilaplacian", self.weight, vertices, edges)
@@ -71,11 +71,13 @@ class LargeSteps(Params):
 
     strength: float = param(19.0, ge=0, doc="lambda of the paper; the filter reaches about its root, in edges.")
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> Prepared | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.large_steps import implicit_filter
-        from exmesh_graph.stage1.regularise import Prepared
+        from exmesh_graph.stage1.regularise import PreparedSmoothness
 
-        return Prepared(None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True)
+        return PreparedSmoothness(
+            None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True
+        )
 
 
 class PhotometricSettings(Params):

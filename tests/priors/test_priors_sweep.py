@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.priors.depth_filter import neighbours
-from exmesh_graph.priors.plane_sweep import _sweep, plane_sweep
+from exmesh_graph.priors.plane_sweep import plane_sweep, search_depths
 from exmesh_graph.priors.settings import SweepSettings
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.testing import FakeContext
@@ -66,7 +66,7 @@ def test_the_search_is_that_of_a_slow_reference():
     grey = targets.images.mean(dim=-1)
     settings = SweepSettings(planes=9, window=5, downscale=1, min_score=0.3)
     others = np.array([0, 2])
-    found = _sweep(1, others, targets, grey, settings).numpy()
+    found = search_depths(1, others, targets, grey, settings).numpy()
     best = slowly(1, others, targets, grey, settings)
     inverse = np.linspace(1 / 1.5, 1 / 3.5, 9)
     checked = 0

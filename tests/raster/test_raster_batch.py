@@ -136,12 +136,13 @@ def test_indices_outside_the_mesh_are_refused_not_read(index):
 @pytest.mark.parametrize("kernels", ["visibility", "texture", "silhouette"])
 def test_the_same_kernels_compile_for_cuda(kernels, tmp_path):
     """To PTX, which takes no CUDA device."""
-    from exmesh_graph.gpu import warp_runtime
+    from exmesh_graph.gpu.warp_runtime import warp
+    from exmesh_graph.raster import runtime
 
-    wp = warp_runtime.warp()
+    wp = warp()
     if not hasattr(wp, "compile_aot_module"):
         pytest.skip("this version of Warp cannot compile ahead of time")
-    wp.compile_aot_module(warp_runtime.kernels(kernels), arch=80, module_dir=str(tmp_path), use_ptx=True)
+    wp.compile_aot_module(runtime.kernels(kernels), arch=80, module_dir=str(tmp_path), use_ptx=True)
     assert [path.suffix for path in tmp_path.glob("*.ptx")] == [".ptx"]
 
 

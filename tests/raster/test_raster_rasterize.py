@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from benchmarks.stability.scenes import camera, icosphere, soup
 from exmesh_graph.raster import project, rasterize
-from exmesh_graph.raster.reference import rasterize_reference
+from tests.raster.raster_reference import rasterize_reference
 
 
 def agree(vertices, faces, intrinsics, pose, height, width, **options) -> torch.Tensor:

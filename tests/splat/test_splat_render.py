@@ -7,10 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import sph_harm_y
 
-from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.harmonics import harmonics
-from exmesh_graph.splat.reference import render_reference
+from exmesh_graph.splat.gaussians import Gaussians, harmonics
 from exmesh_graph.splat.render import render
+from tests.splat.splat_reference import render_reference
 from tests.splat.splat_scenes import camera, cloud
 
 

@@ -7,12 +7,11 @@ from scipy.ndimage import minimum_filter
 
 from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
-from exmesh_graph.splat.consistency import View, _patch_mismatch, flattening, multi_view, single_view_normal
+from exmesh_graph.splat.consistency import View, edge_weight, flattening, multi_view, patch_mismatch, single_view_normal
 from exmesh_graph.splat.depths import depth_maps, middle_planes
 from exmesh_graph.splat.fit import neighbours
 from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.planes import edge_weight, plane_depth
-from exmesh_graph.splat.render import render
+from exmesh_graph.splat.render import plane_depth, render
 from exmesh_graph.splat.settings import DepthSettings
 from exmesh_graph.targets import prepare_targets
 from tests.priors.prior_scenes import wall
@@ -114,11 +113,11 @@ def test_photometric_gradient_is_that_of_finite_differences():
     distance = OFFSET / np.linalg.norm(NORMAL) + unit @ origin
     pixels = torch.tensor([20 * 48 + 20, 30 * 48 + 15, 2])
     plane = (unit / (distance + 0.02)).expand(3, 3).clone().requires_grad_()
-    value, compared = _patch_mismatch(view, other, plane, pixels, linear, offset)
+    value, compared = patch_mismatch(view, other, plane, pixels, linear, offset)
     assert compared.tolist() == [True, True, False]
     gradient = torch.autograd.grad(value.sum(), plane)[0]
     step = torch.randn(3, 3, generator=torch.Generator().manual_seed(0)).double()
-    ends = [_patch_mismatch(view, other, plane + h * step, pixels, linear, offset)[0].sum() for h in (1e-7, -1e-7)]
+    ends = [patch_mismatch(view, other, plane + h * step, pixels, linear, offset)[0].sum() for h in (1e-7, -1e-7)]
     assert float((ends[0] - ends[1]) / 2e-7) == pytest.approx(float((gradient * step).sum()), rel=1e-3)
 
 

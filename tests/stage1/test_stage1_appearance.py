@@ -98,7 +98,7 @@ def slowly(surface: Surface, projected: torch.Tensor, face_id: torch.Tensor, val
 
 
 def colour_at(surface: Surface, face: int, corners: torch.Tensor, weights: torch.Tensor, values: torch.Tensor):
-    look = surface.look
+    look = surface.appearance
     if isinstance(look, PerVertex):
         return sum(weights[k] * values[corners[k]] for k in range(3))
     if isinstance(look, PerFace):
@@ -125,15 +125,15 @@ def colour_at(surface: Surface, face: int, corners: torch.Tensor, weights: torch
 def test_every_model_is_drawn_as_pixel_by_pixel_in_value_and_gradient(kind):
     surface, projected, face_id = small_surface(kind)
     assert 40 < int((face_id >= 0).sum()) < 14 * 14
-    inputs = [t.clone().requires_grad_() for t in (surface.look.values, projected, surface.vertices)]
+    inputs = [t.clone().requires_grad_() for t in (surface.appearance.values, projected, surface.vertices)]
     weights = torch.randn(14, 14, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     results = []
     for draw in ("fast", "slow"):
         values, points, vertices = inputs
-        surface.look.values = values
+        surface.appearance.values = values
         moved = surface._replace(vertices=vertices)
         fast = draw == "fast"
-        image = surface.look.shade(moved, points, face_id) if fast else slowly(moved, points, face_id, values)
+        image = surface.appearance.shade(moved, points, face_id) if fast else slowly(moved, points, face_id, values)
         gradients = torch.autograd.grad((image * weights).sum(), inputs, allow_unused=True, materialize_grads=True)
         results.append((image, *gradients))
     for name, a, b in zip(("image", "values", "projected", "vertices"), *results, strict=True):

@@ -6,7 +6,7 @@ from exmesh_nodes import appearance, regulariser, stage1
 from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.regularise import Prepared
+from exmesh_graph.stage1.regularise import PreparedSmoothness
 from exmesh_graph.stage1.settings import Bilaplacian, Laplacian, RefineSettings
 from exmesh_graph.testing import FakeContext
 
@@ -62,8 +62,8 @@ class Filtered:
 
     def prepare(self, vertices, edges):
         if self.factor is None:
-            return Prepared(None, lambda x: x.mean(dim=0, keepdim=True).expand_as(x).contiguous())
-        return Prepared(None, lambda x: self.factor * x)
+            return PreparedSmoothness(None, lambda x: x.mean(dim=0, keepdim=True).expand_as(x).contiguous())
+        return PreparedSmoothness(None, lambda x: self.factor * x)
 
 
 def test_a_filter_acts_on_gradients_before_adam_and_on_steps_after_it(views):

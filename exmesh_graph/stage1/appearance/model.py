@@ -31,7 +31,7 @@ class Surface(NamedTuple):
     faces: torch.Tensor
     uvs: torch.Tensor
     uv_faces: torch.Tensor
-    look: AppearanceModel
+    appearance: AppearanceModel
     edges: EdgeTable
     extent: float
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 
 from exmesh_graph.raster.camera import pixel_centres
-from exmesh_graph.splat.gaussians import Gaussians, rotation_matrices
-from exmesh_graph.splat.harmonics import harmonics
+from exmesh_graph.splat.gaussians import Gaussians, harmonics, rotation_matrices
 from exmesh_graph.splat.render import NEAR
 
 _BLUR, _LEAST, _MOST, _OPAQUE, _MARGIN = 0.1, 1 / 255, 0.99, 1e-4, 0.15
