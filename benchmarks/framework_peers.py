@@ -70,7 +70,7 @@ def ours(folder: Path, width: int, backend: str = "inline") -> dict[str, Any]:
 
 def engine(backend: str, store: Any) -> Any:
     """inline (this process) or local (two worker processes)."""
-    from exmesh_graph.cli.running import backend_of
+    from exmesh_graph.api.runs import backend_of
 
     return backend_of(0 if backend == "inline" else 2, store)
 

@@ -99,7 +99,7 @@ def run(
     graph: Any, folder: Path, store: str, workers: int | None, targets: set[str] | None = None
 ) -> tuple[float, str]:
     """(seconds of the rounds, digest of the last state) of a run."""
-    from exmesh_graph.cli.running import backend_of
+    from exmesh_graph.api.runs import backend_of
     from exmesh_graph.graph.cache.store import Store
     from exmesh_graph.graph.run.rundir import RunFolder
     from exmesh_graph.graph.run.runner import Run

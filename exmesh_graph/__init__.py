@@ -16,40 +16,52 @@ from exmesh_graph.version import __version__
 
 if TYPE_CHECKING:
     from exmesh_graph.api import (
+        Comparison,
         Figure,
         Graph,
         Node,
         NodeRun,
         Parameter,
+        Plan,
         Run,
         RunFailed,
+        Session,
+        Sweep,
         UnknownPort,
         Wire,
         call,
         check,
         component,
+        diff,
         open_run,
         plan,
         run,
+        sweep,
     )
 
 __all__ = [
+    "Comparison",
     "Figure",
     "Graph",
     "Node",
     "NodeRun",
     "Parameter",
+    "Plan",
     "Run",
     "RunFailed",
+    "Session",
+    "Sweep",
     "UnknownPort",
     "Wire",
     "__version__",
     "call",
     "check",
     "component",
+    "diff",
     "open_run",
     "plan",
     "run",
+    "sweep",
 ]
 
 

@@ -190,3 +190,14 @@ def test_a_wheel_holds_every_room() -> None:
     listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
     there = {".".join(path.parent.relative_to(ROOT).parts) for path in LIBRARY.rglob("__init__.py")}
     assert listed == there | {"exmesh_nodes"}
+
+
+def test_the_command_line_stands_on_the_front_door() -> None:
+    """It presents; what it does, Python can do by exmesh_graph.api."""
+    names = [
+        f"{module} takes {end}"
+        for module, ends in arrows().items()
+        for end in ends
+        if room_of(module) == "cli" and room_of(end) == "graph"
+    ]
+    assert len(names) <= 2, names

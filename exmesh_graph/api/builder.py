@@ -24,12 +24,13 @@ from typing import Any
 
 from exmesh_graph.api.scope import Node, Scope, child
 from exmesh_graph.api.values import Parameter, Place, Wire, here, plain
-from exmesh_graph.graph.declare.packs import Packs, load_packs
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
 from exmesh_graph.graph.language.extends import over_base
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml
 from exmesh_graph.graph.problems import Problems, Where
+from exmesh_graph.graph.session import current_session
 
 
 class Graph(Scope):
@@ -54,7 +55,6 @@ class Graph(Scope):
 
     def _begin(self) -> None:
         self.name = str(self.tree["name"])
-        self._packs: Packs | None = None
         self._extended = Map(self.tree.where)
         if "extends" in self.tree:
             problems, only = Problems(), Map(self.tree.where)
@@ -85,9 +85,7 @@ class Graph(Scope):
     @property
     def packs(self) -> Packs:
         """The node types at hand."""
-        if self._packs is None:
-            self._packs = load_packs()
-        return self._packs
+        return current_session().packs()
 
     def signature(self, kind: str) -> Signature | None:
         """Ports and parameters of a node type; None for one that is not known."""

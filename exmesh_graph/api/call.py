@@ -14,7 +14,7 @@ from exmesh_graph.api.scope import Node
 from exmesh_graph.api.values import Place, Plug, Wire, here, plain
 from exmesh_graph.graph.declare.components import BoundComponent, Component
 from exmesh_graph.graph.declare.node import NodeDef
-from exmesh_graph.graph.declare.packs import Packs, load_packs
+from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, Signature, signature, type_name
 from exmesh_graph.graph.language.check import Bound, check_part
 from exmesh_graph.graph.language.expand import Graph, NodeSpec
@@ -22,6 +22,7 @@ from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, fail, nearest
 from exmesh_graph.graph.run import contracts
+from exmesh_graph.graph.session import Session, current_session
 from exmesh_graph.types import Artifact
 
 
@@ -61,6 +62,7 @@ def call(
     seed: int = 0,
     folder: str | os.PathLike[str] | None = None,
     progress: Callable[..., Any] | None = None,
+    session: Session | None = None,
     **values: Any,
 ) -> Any:
     """Call a node: artifacts and components for its inputs, plain values for its parameters; gives its outputs by name.
@@ -69,7 +71,7 @@ def call(
     node makes go (default: a temporary one, until Python ends); `progress(step, total, **figures)` is called as it goes
     on. Raises GraphErrors for what the node does not take, and what the node itself raises.
     """
-    packs, where, problems = load_packs(), here(), Problems()
+    packs, where, problems = (session or current_session()).packs(), here(), Problems()
     definition, known = _declared(type, packs, where)
     kind = definition.type
     if known.component is not None:

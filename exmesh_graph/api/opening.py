@@ -22,6 +22,7 @@ from exmesh_graph.graph.session import current_session
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
     from exmesh_graph.graph.language.check import Checked
+    from exmesh_graph.graph.session import Session
     from exmesh_graph.graph.variants import CheckedVariant
 
 Source = str | os.PathLike[str] | Graph
@@ -41,6 +42,24 @@ def checked_graph(
     return checked
 
 
+def check(
+    graph: Source,
+    *,
+    set: Settings = None,
+    variant: str | None = None,
+    session: Session | None = None,
+    **params: Any,
+) -> Checked:
+    """Check a graph and all variants that it declares, or the one that is named; gives the graph, ready to run.
+
+    Raises GraphErrors with everything that is wrong: each fault with its place, what was expected, and how to mend it.
+    """
+    with using(session):
+        if variant:
+            return checked_graph(graph, set, variant, **params)
+        return checked_variants(graph, set, repeats=False, **params)[0].checked
+
+
 def checked_variants(
     graph: Source, set: Settings = None, store: Folder = None, *, only: Iterable[str] | None = None,
     repeats: bool = True, **params: Any,
@@ -53,6 +72,11 @@ def checked_variants(
     for note in dict.fromkeys(note for row in rows for note in row.checked.notes):
         warnings.warn(note, stacklevel=3)
     return rows
+
+
+def using(session: Session | None) -> contextlib.AbstractContextManager[Any]:
+    """Work in a session, or in the current one."""
+    return contextlib.nullcontext() if session is None else session
 
 
 def packs() -> Packs:
@@ -80,10 +104,10 @@ def named(checked: Checked, names: Iterable[str] | None) -> list[str]:
         if name in checked.components:
             users = [node for node, bound in checked.nodes.items() if any(c.name == name for c in bound.plugged())]
             what = f"{name} is a component, which never runs by itself"
-            raise GraphError(what, where=checked.name, fix=f"name a node that uses it: {', '.join(users[:8])}")
+            raise GraphError(what, where=str(here()), fix=f"name a node that uses it: {', '.join(users[:8])}")
         if name not in checked.nodes:
             close = nearest(name, checked.nodes) or list(checked.nodes)
-            raise GraphError(f"the graph has no node {name!r}", where=checked.name, expected=", ".join(close[:8]))
+            raise GraphError(f"the graph has no node {name!r}", where=str(here()), expected=", ".join(close[:8]))
     return names
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
+import shutil
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -18,7 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.board import clock
 from exmesh_graph.errors import ExmeshError, StoreError
+from exmesh_graph.graph.files import walk_files, writing
 from exmesh_graph.graph.problems import nearest
+from exmesh_graph.graph.session import current_session
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -101,6 +105,8 @@ class Run(Mapping[str, NodeRun]):
         self.rows = {row["name"]: row for row in record["nodes"]}
         self.kept: dict[str, Artifact] = {}
         self.report_error = ""
+        self.failures: list[Mapping[str, Any]] = []  # what the failure files hold, of this run
+        self.session = current_session()
 
     def keep(self, close: Callable[[], Any]) -> None:
         """Call `close` when this handle goes away: for a store that lives no longer than it."""
@@ -187,8 +193,23 @@ class Run(Mapping[str, NodeRun]):
     def artifact(self, digest: str, what: str = "") -> Any:
         """The value of an artifact of this run, its bytes checked. Raises StoreError where it cannot be had."""
         if digest not in self.kept:
-            self.kept[digest] = load_artifact(self.store, digest, what)
+            with self.session:
+                self.kept[digest] = load_artifact(self.store, digest, what)
         return self.kept[digest]
+
+    def save(self, output: str, folder: str | os.PathLike[str]) -> Path:
+        """Copy the files of an output, `hull.mesh`, into a folder, their bytes checked; gives the folder."""
+        node, _, port = output.rpartition(".")
+        self[node][port]
+        stored, target = self[node].info["outputs"][port], Path(folder)
+        if stored["type"] == "none":
+            raise _unknown("output", port, self[node].outputs, node)
+        with writing("the copy", target, "the folder"):
+            target.mkdir(parents=True, exist_ok=True)
+            for name, path in walk_files(self.store.data(stored["digest"])):
+                (target / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, target / name)
+        return target
 
     def _links(self) -> Mapping[str, str]:
         return self.record["resolved"].get("outputs") or {}

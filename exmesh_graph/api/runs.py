@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.opening import Folder, Settings, Source, checked_graph, named, open_store, packs, texts_of
+from exmesh_graph.api.opening import Folder, Settings, Source, checked_graph, named, open_store, packs, texts_of, using
 from exmesh_graph.api.progress import Progress, listening
 from exmesh_graph.api.results import Run, read_run
 from exmesh_graph.errors import GraphError
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.language.check import Checked
     from exmesh_graph.graph.run.backends import Backend
     from exmesh_graph.graph.run.plan import Step
+    from exmesh_graph.graph.session import Session
 
 Names = Iterable[str] | str | None
 
@@ -63,6 +64,7 @@ def run(
     progress: Progress = "auto",
     listener: Listener | None = None,
     report: bool = True,
+    session: Session | None = None,
     **params: Any,
 ) -> Run:
     """Run a graph: a file, or one built in Python. What is in the store is not run again, so the same call resumes.
@@ -77,39 +79,41 @@ def run(
     Raises GraphErrors with all faults before anything runs, RunFailed when nodes fail, KeyboardInterrupt (its `run`
     holds what was done) when it is interrupted; the same call then goes on.
     """
-    checked = checked_graph(graph, set, variant, store, **params)
-    offered = _tokens(tokens)
-    forced, targets = named(checked, force), named(checked, nodes)
-    sets = texts_of(set, params)
-    words = command_words(
-        sets,
-        {"--variant": variant, "--store": store, "--shared": shared, "--runs": None if runs == "runs" else runs,
-         "--workers": workers, "--tokens": ",".join(f"{name}={count:g}" for name, count in offered.items()) or None,
-         "--backend": None if backend == "local" else backend, "--address": address},
-        ["--keep-going"] if keep_going else [],
-    )  # fmt: skip
-    return run_checked(
-        checked,
-        graph,
-        open_store(store, shared),
-        Path(runs),
-        lambda opened: backend_of(workers, opened, backend, address),
-        words,
-        progress=progress,
-        listener=listener,
-        report=report,
-        only=[word for name in targets for word in ("--node", name)],
-        targets=checked.needed_for(targets) if targets else None,
-        force={*forced},
-        overrides=tuple(sets),
-        tokens=offered,
-        keep_going=keep_going,
-    )
+    with using(session):
+        checked = checked_graph(graph, set, variant, store, **params)
+        offered = tokens_of(tokens)
+        forced, targets = named(checked, force), named(checked, nodes)
+        sets = texts_of(set, params)
+        words = command_words(
+            sets,
+            {"--variant": variant, "--store": store, "--shared": shared,
+             "--runs": None if str(runs) == "runs" else runs, "--workers": workers,
+             "--tokens": ",".join(f"{name}={count:g}" for name, count in offered.items()) or None,
+             "--backend": None if backend == "local" else backend, "--address": address},
+            ["--keep-going"] if keep_going else [],
+        )  # fmt: skip
+        return run_checked(
+            checked,
+            [graph],
+            open_store(store, shared),
+            Path(runs),
+            lambda opened: backend_of(workers, opened, backend, address),
+            words,
+            progress=progress,
+            listener=listener,
+            report=report,
+            only=[word for name in targets for word in ("--node", name)],
+            targets=checked.needed_for(targets) if targets else None,
+            force={*forced},
+            overrides=tuple(sets),
+            tokens=offered,
+            keep_going=keep_going,
+        )
 
 
 def run_checked(
     checked: Checked,
-    source: Source,
+    sources: Sequence[Source],
     store: Store,
     runs: Path,
     make: Callable[[Store], Backend],
@@ -119,6 +123,7 @@ def run_checked(
     listener: Listener | None,
     report: bool,
     only: Sequence[str] = (),
+    verb: str = "run",
     **options: Any,
 ) -> Run:
     """Run a checked graph in a new run folder; `words` and `only` of a command would run it again."""
@@ -128,59 +133,111 @@ def run_checked(
 
     for module, why in packs().broken.items():
         warnings.warn(f"the node module {module} cannot be imported: {why}", stacklevel=3)
-    with contextlib.ExitStack() as open_things:
-        opened = open_things.enter_context(writable(store))
+    with contextlib.ExitStack() as layer:
+        opened = layer.enter_context(writable(store))
         backend = make(opened)
         folder = RunFolder(runs, checked.name)
-        open_things.callback(folder.close)
-        if isinstance(source, Graph):  # so that commands can name it
-            checked = replace(checked, file=folder.path / "graph.yaml")
-            source.to_yaml(checked.file)
-        command = ["exmesh", "run", str(source if not isinstance(source, Graph) else checked.file), *words]
-        with listening(progress, listener, checked, folder.id) as listen:
+        files = _files(sources, folder.path)
+        command = ["exmesh", verb, *files, *words]
+        checked = replace(checked, file=Path(files[0]).absolute())
+        with contextlib.closing(folder), listening(progress, listener, checked, folder.id) as listen:
             work = Runner(checked, opened, folder, listen, backend=backend, command=shlex.join([*command, *only]),
                           alone=shlex.join(command), **options)  # fmt: skip
             result = Run(folder.path, work.record, opened)
+            if opened is not store:  # a temporary one, needed as long as the handle
+                result.keep(layer.pop_all().close)
             try:
                 work.run()
             except NodeFailed as failure:
+                result.failures = failure.records
                 place = checked.nodes[failure.node].where
                 raise RunFailed(result, failure.records, failure.cause, str(place)) from failure.cause
             except KeyboardInterrupt as interrupt:
                 interrupt.run = result  # type: ignore[attr-defined]
                 raise
-            finally:
-                if opened is not store:  # a temporary one, needed as long as the handle
-                    result.keep(open_things.pop_all().close)
-        if report:
-            try:
-                result.make_report()
-            except Exception as error:
-                result.report_error = f"{type(error).__name__}: {error}"
-                warnings.warn(f"all nodes are done, but the report failed: {result.report_error}", stacklevel=3)
+    if report:
+        try:
+            result.make_report()
+        except Exception as error:
+            result.report_error = f"{type(error).__name__}: {error}"
+            warnings.warn(f"all nodes are done, but the report failed: {result.report_error}", stacklevel=3)
     return result
 
 
+def _files(sources: Sequence[Source], folder: Path) -> list[str]:
+    """The files of graphs; those built in Python are written into the run folder, so that commands can name them."""
+    files = []
+    for source in sources:
+        if isinstance(source, Graph):
+            path = folder / ("graph.yaml" if len(sources) == 1 else f"{source.name}.yaml")
+            source.to_yaml(path)
+            files.append(str(path))
+        else:
+            files.append(str(source))
+    return files
+
+
+class Plan(list["Step"]):
+    """The steps of a run in order, each with name, state (hit, run, unknown), reason and key; as text, a table."""
+
+    def __init__(self, graph: Checked, store: Store, steps: Iterable[Step]) -> None:
+        super().__init__(steps)
+        self.graph, self.store = graph, store
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many nodes are in which state."""
+        return {state: sum(step.state == state for step in self) for state in ("hit", "run", "unknown")}
+
+    def __str__(self) -> str:
+        width = max((len(step.name) for step in self), default=0)
+        lines = [f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip() for step in self]
+        counts = self.counts
+        end = f"{counts['hit']} hit, {counts['run']} to run, {counts['unknown']} unknown (below a node that must run)"
+        return "\n".join([*lines, end])
+
+    def as_json(self) -> dict[str, Any]:
+        """What `exmesh plan --json` writes."""
+        steps = [
+            {"name": s.name, "type": self.graph.nodes[s.name].definition.type, "state": s.state, "reason": s.reason,
+             "key": s.key}
+            for s in self
+        ]  # fmt: skip
+        return {"schema": "exmesh.plan.v1", "graph": self.graph.name, "counts": self.counts, "steps": steps}
+
+
 def plan(
-    graph: Source, *, set: Settings = None, variant: str | None = None, nodes: Names = None, store: Folder = None,
-    shared: str | None = None, **params: Any,
-) -> list[Step]:  # fmt: skip
-    """What a run would do with each node, and why: steps with name, state (hit, run, unknown), reason and key."""
+    graph: Source,
+    *,
+    set: Settings = None,
+    variant: str | None = None,
+    nodes: Names = None,
+    store: Folder = None,
+    shared: str | None = None,
+    session: Session | None = None,
+    **params: Any,
+) -> Plan:
+    """What a run would do with each node, and why."""
     from exmesh_graph.graph.run.plan import plan as steps_of
 
-    checked = checked_graph(graph, set, variant, store, **params)
-    targets = checked.needed_for(named(checked, nodes)) if nodes else None
-    return steps_of(checked, open_store(store, shared), targets)
+    with using(session):
+        checked = checked_graph(graph, set, variant, store, **params)
+        targets = checked.needed_for(named(checked, nodes)) if nodes else None
+        opened = open_store(store, shared)
+        return Plan(checked, opened, steps_of(checked, opened, targets))
 
 
-def open_run(folder: str | os.PathLike[str] = "runs/latest", *, store: Folder = None) -> Run:
+def open_run(
+    folder: str | os.PathLike[str] = "runs/latest", *, store: Folder = None, session: Session | None = None
+) -> Run:
     """The handle of an earlier run, or of one that goes on. Raises ExmeshError where there is none."""
     path = Path(folder)
     record = read_run(path)
-    packs()  # for the wire types that they define
-    used = record.get("store") if store is None else store
-    known = used if used and Path(used).is_dir() else store
-    return Run(path.resolve(), record, open_store(known))
+    with using(session):
+        packs()  # for the wire types that they define
+        used = record.get("store") if store is None else store
+        known = used if used and Path(used).is_dir() else store
+        return Run(path.resolve(), record, open_store(known))
 
 
 def backend_of(workers: int | None, store: Store, kind: str = "local", address: str | None = None) -> Backend:
@@ -197,7 +254,8 @@ def backend_of(workers: int | None, store: Store, kind: str = "local", address: 
     return Inline(store) if workers == 0 else Local(workers)
 
 
-def _tokens(tokens: Mapping[str, float] | str | None) -> Mapping[str, float]:
+def tokens_of(tokens: Mapping[str, float] | str | None) -> Mapping[str, float]:
+    """Tokens as a mapping; a text is what --tokens takes."""
     from exmesh_graph.graph.run.schedule import parse_tokens
 
     return parse_tokens(tokens) if isinstance(tokens, str) else dict(tokens or {})

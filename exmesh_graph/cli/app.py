@@ -6,10 +6,9 @@ Exit codes: 0 done; 1 a node, the store or the report failed; 2 the graph or the
 from __future__ import annotations
 
 import os
-import shlex
 import signal
 import sys
-from functools import partial
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +16,7 @@ import typer
 
 from exmesh_graph.cli import assets, authoring, bench, upkeep, variants, watching
 from exmesh_graph.cli.options import (
+    AsJson,
     BackendChoice,
     BackendName,
     GraphFile,
@@ -27,20 +27,34 @@ from exmesh_graph.cli.options import (
     StoreFolder,
     Targets,
     VariantName,
-    checked_graph,
-    checked_variants,
-    named,
-    open_store,
+    put_json,
     show_notes,
 )
 from exmesh_graph.errors import ExmeshError
 
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from exmesh_graph.version import __version__
+
+        typer.echo(f"exmesh {__version__}")
+        raise typer.Exit
+
+
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     help="Photographs to relightable USD assets, as a cached graph of typed nodes.",
 )
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Photographs to relightable USD assets, as a cached graph of typed nodes."""
 
 
 @app.command()
@@ -66,47 +80,38 @@ def run(
     ] = False,
 ) -> None:
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
-    from exmesh_graph.cli.running import backend_of, run_graph
-    from exmesh_graph.graph.cache.store import writable
-    from exmesh_graph.graph.run.schedule import parse_tokens
+    from exmesh_graph import api
+    from exmesh_graph.cli.running import resumable, show_benchmarks, show_failure, summary
 
-    offered = parse_tokens(tokens)
-    checked, packs = checked_graph(graph, set_, variant, store)
-    targets = checked.needed_for(named(checked, node)) if node else None
-    forced = set(named(checked, force))
-    command = _command(graph, set_, store, runs, variant, shared)
-    command += "" if workers is None else f" --workers {workers}"
-    command += f" --tokens {shlex.quote(tokens)}" if tokens else ""
-    command += " --keep-going" if keep_going else ""
-    if backend is BackendName.ray:
-        command += " --backend ray" + (f" --address {address}" if address else "")
-    only = "".join(f" --node {shlex.quote(name)}" for name in node or ())
-    with writable(open_store(store, shared)) as opened:
-        code = run_graph(
-            checked,
-            opened,
-            runs,
-            packs,
-            partial(backend_of, workers, kind=backend.value, address=address),
-            targets=targets,
-            force=forced,
-            command=command + only,
-            alone=command,
-            overrides=tuple(set_ or ()),
-            tokens=offered,
-            keep_going=keep_going,
-        )
-    raise typer.Exit(code)
+    with resumable():
+        try:
+            done = api.run(
+                graph, set=set_, variant=variant, nodes=node, force=force, store=store, shared=shared, runs=runs,
+                workers=workers, backend=backend.value, address=address, tokens=tokens, keep_going=keep_going,
+                progress=True,
+            )  # fmt: skip
+        except api.RunFailed as failure:
+            show_failure(failure.run)
+            show_notes(failure.run.store)
+            raise typer.Exit(1) from None
+    show_notes(done.store)
+    if done.report_error:
+        typer.echo(f"  again: exmesh report {done.folder}", err=True)
+    summary(done)
+    show_benchmarks(done)
+    raise typer.Exit(1 if done.report_error else 0)
 
 
 @app.command()
 def check(graph: GraphFile, set_: Sets = None, variant: VariantName = None) -> None:
     """Check a graph and its variants: types, wires, parameters, source files; list what --set can change."""
+    from exmesh_graph.api.opening import checked_graph, checked_variants
+
     variants: list[str] = []
     if variant:
-        checked, _ = checked_graph(graph, set_, variant)
+        checked = checked_graph(graph, set_, variant)
     else:
-        rows, _ = checked_variants(graph, set_, repeats=False)
+        rows = checked_variants(graph, set_, repeats=False)
         checked, variants = rows[0].checked, [row.name for row in rows[1:]]
     sources = sum(len(bound.sources) for bound in checked.nodes.values())
     typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
@@ -124,21 +129,17 @@ def plan(
     node: Targets = None,
     store: StoreFolder = None,
     shared: SharedUrl = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a run would do with each node, and why."""
-    from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN
-    from exmesh_graph.graph.run.plan import plan as make_plan
+    from exmesh_graph import api
 
-    checked, _ = checked_graph(graph, set_, variant, store)
-    targets = checked.needed_for(named(checked, node)) if node else None
-    opened = open_store(store, shared)
-    steps = make_plan(checked, opened, targets)
-    width = max(len(step.name) for step in steps)
-    for step in steps:
-        typer.echo(f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip())
-    counts = {state: sum(step.state == state for step in steps) for state in (HIT, RUN, UNKNOWN)}
-    typer.echo(f"{counts[HIT]} hit, {counts[RUN]} to run, {counts[UNKNOWN]} unknown (below a node that must run)")
-    show_notes(opened)
+    steps = api.plan(graph, set=set_, variant=variant, nodes=node, store=store, shared=shared)
+    if as_json:
+        put_json(steps.as_json())
+    else:
+        typer.echo(str(steps))
+    show_notes(steps.store)
 
 
 @app.command()
@@ -149,20 +150,23 @@ def why(
     variant: VariantName = None,
     store: StoreFolder = None,
     runs: RunsFolder = Path("runs"),
+    as_json: AsJson = False,
 ) -> None:
     """Say why a node is a hit or must run: its key, and what differs from the nearest earlier record."""
-    from exmesh_graph.cli.show import read_run, show_why
+    from exmesh_graph.api.results import read_run
+    from exmesh_graph.api.runs import command_words
+    from exmesh_graph.api.why import why as explain
+    from exmesh_graph.cli.show import show_why
 
-    words = _options(set_, store, runs, variant)
+    words = command_words(set_ or (), {"--variant": variant, "--store": store, "--runs": _given(runs)})
     if graph is not None:
         words.insert(0, str(graph))
     else:
         record = read_run(runs / "latest")
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
         variant = variant or record["resolved"].get("variant")
-    checked, _ = checked_graph(graph, set_, variant, store)
-    name = named(checked, [node])[0]
-    show_why(checked, name, open_store(store), words)
+    answer = explain(graph, node, set=set_, variant=variant, store=store)
+    put_json(answer.as_json()) if as_json else show_why(answer, words)
 
 
 @app.command()
@@ -170,15 +174,33 @@ def report(
     run: Annotated[Path, typer.Argument(help="A run folder.")] = Path("runs/latest"), store: StoreFolder = None
 ) -> None:
     """Build a run's report again."""
-    from exmesh_graph.cli.running import make_report
-    from exmesh_graph.cli.show import read_run
-    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph import api
 
-    load_packs()
-    record = read_run(run)
-    folder = run.resolve()
-    make_report(folder, record, open_store(store))
-    typer.echo(str(folder / "report.html"))
+    typer.echo(str(api.open_run(run, store=store).make_report()))
+
+
+@app.command()
+def get(
+    output: Annotated[str, typer.Argument(metavar="NODE.PORT", help="An output: hull.mesh, rounds[3].uv.state.")],
+    run: Annotated[Path, typer.Option("--run", help="A run folder.")] = Path("runs/latest"),
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Where its files go (default: NODE.PORT).")
+    ] = None,
+    store: StoreFolder = None,
+) -> None:
+    """Copy the files of an artifact out of the store, checked, and say what it is."""
+    from exmesh_graph import api
+    from exmesh_graph.api.upkeep import shown_bytes
+
+    folder = api.open_run(run, store=store).save(output, out or Path(output))
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    node, _, port = output.rpartition(".")
+    kind = api.open_run(run, store=store)[node].info["outputs"][port]["type"]
+    typer.echo(f"{folder}: {kind}, {shown_bytes(sum(path.stat().st_size for path in files))}")
+    for path in files[:20]:
+        typer.echo(f"  {path.relative_to(folder)}")
+    if len(files) > 20:
+        typer.echo(f"  ... and {len(files) - 20} more files")
 
 
 assets.register(app)
@@ -193,7 +215,10 @@ def run_app() -> None:
     """Run the command line; every expected error becomes a message and an exit code."""
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        app()
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = _show_warning
+            app()
     except ExmeshError as error:
         typer.echo(str(error), err=True)
         sys.exit(2 if error.code == "graph" else 1)
@@ -208,34 +233,19 @@ def run_app() -> None:
         sys.exit(130)
 
 
+def _show_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+) -> None:
+    """A line for what the front door warns of; what libraries warn of as Python does."""
+    if category is UserWarning:
+        typer.echo(f"warning: {message}", err=True)
+    else:
+        typer.echo(warnings.formatwarning(message, category, filename, lineno), err=True, nl=False)
+
+
 def _interrupt(signum: int, frame: Any) -> None:
     raise KeyboardInterrupt
 
 
-def _command(
-    graph: Path,
-    sets: list[str] | None,
-    store: Path | None,
-    runs: Path,
-    variant: str | None = None,
-    shared: str | None = None,
-) -> str:
-    """The command that runs this again, for the messages."""
-    return shlex.join(["exmesh", "run", str(graph), *_options(sets, store, runs, variant, shared)])
-
-
-def _options(
-    sets: list[str] | None, store: Path | None, runs: Path, variant: str | None, shared: str | None = None
-) -> list[str]:
-    words = []
-    for text in sets or []:
-        words += ["--set", text]
-    if variant:
-        words += ["--variant", variant]
-    if store is not None:
-        words += ["--store", str(store)]
-    if shared:
-        words += ["--shared", shared]
-    if runs != Path("runs"):
-        words += ["--runs", str(runs)]
-    return words
+def _given(runs: Path) -> Path | None:
+    return None if runs == Path("runs") else runs

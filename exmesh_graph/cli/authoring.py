@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from exmesh_graph.cli.options import AsJson, put_json
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands of this module to the `exmesh` command."""
@@ -20,20 +22,24 @@ def nodes(
     markdown: Annotated[
         Path | None, typer.Option("--markdown", metavar="DIR", help="Write a page for every family of nodes.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """List the node types, or describe one."""
+    from exmesh_graph.api import described
     from exmesh_graph.cli.show import show_node, show_nodes
-    from exmesh_graph.graph.declare.packs import load_packs
 
-    packs = load_packs()
     if markdown is not None:
         from exmesh_graph.cli.pages import write_pages
 
-        typer.echo(f"{len(write_pages(packs, markdown))} pages in {markdown}")
+        typer.echo(f"{len(write_pages(described.node_types(), markdown))} pages in {markdown}")
+        return
+    types = described.node_types() if type is None else {type: described.describe(type)}
+    if as_json:
+        put_json(described.as_json(types))
     elif type is None:
-        show_nodes(packs)
+        show_nodes(types, described.broken_modules())
     else:
-        show_node(packs, type)
+        show_node(types[type])
 
 
 def new_node(
@@ -46,11 +52,11 @@ def new_node(
     ] = Path("my_nodes/my_nodes"),
 ) -> None:
     """Write a working node with its test, in a package that graphs find once it is installed."""
+    from exmesh_graph.api.described import node_types
     from exmesh_graph.cli.scaffold import offered, write_node
     from exmesh_graph.errors import GraphError
-    from exmesh_graph.graph.declare.packs import load_packs
 
-    if type in load_packs().types:
+    if type in node_types():
         raise GraphError(f"there is a node type {type!r} already", fix=f"exmesh nodes {type}")
     made = write_node(type, into)
     for path in made:
@@ -66,10 +72,9 @@ def schema(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")] = None,
 ) -> None:
     """Print the JSON schema of graph files with the node types at hand, for editors."""
-    from exmesh_graph.graph.declare.packs import load_packs
-    from exmesh_graph.graph.language.schema import schema_text
+    from exmesh_graph.api.described import schema_text
 
-    text = schema_text(load_packs())
+    text = schema_text()
     if output is None:
         typer.echo(text, nl=False)
     else:

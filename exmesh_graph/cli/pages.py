@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import inspect
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from exmesh_graph.cli.show import parameter_facts, traits
+from exmesh_graph.api.described import ParameterInfo, PortInfo, TypeInfo
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.declare.node import NodeDef
-from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.declare.ports import Port, Signature, link_form, signature
 
 _MARK = "<!-- made by `exmesh nodes --markdown`; edits are lost -->"
 
 
-def node_pages(packs: Packs) -> dict[str, str]:
+def node_pages(types: Mapping[str, TypeInfo]) -> dict[str, str]:
     """{file name: text}: README.md with the list of all types, and FAMILY.md for every family."""
-    families: dict[str, list[NodeDef]] = {}
-    for definition in packs.types.values():
-        families.setdefault(definition.type.partition(".")[0], []).append(definition)
+    families: dict[str, list[TypeInfo]] = {}
+    for info in types.values():
+        families.setdefault(info.type.partition(".")[0], []).append(info)
     index = [_MARK, "", "# Node types", ""]
     pages = {}
     for family, members in families.items():
         index += [f"## [{family}]({family}.md)", "", "| type | what it does |", "| --- | --- |"]
-        index += [f"| [`{d.type}`]({family}.md#{_anchor(d.type)}) | {_cell(_title(d))} |" for d in members] + [""]
-        intro = {inspect.getdoc(sys.modules[d.function.__module__]) or "" for d in members}
+        index += [f"| [`{d.type}`]({family}.md#{_anchor(d.type)}) | {_cell(d.title)} |" for d in members] + [""]
+        intro = {member.family for member in members}
         parts = [
             _MARK,
             f"# {family}",
@@ -37,10 +32,10 @@ def node_pages(packs: Packs) -> dict[str, str]:
     return {"README.md": "\n".join(index).rstrip() + "\n", **pages}
 
 
-def write_pages(packs: Packs, folder: Path) -> list[Path]:
+def write_pages(types: Mapping[str, TypeInfo], folder: Path) -> list[Path]:
     """Write all pages and remove those of families that are gone. Raises ExmeshError before it harms other files."""
     folder.mkdir(parents=True, exist_ok=True)
-    pages = node_pages(packs)
+    pages = node_pages(types)
     for old in folder.glob("*.md"):
         own = old.read_text(encoding="utf-8").startswith(_MARK)
         if own and old.name not in pages:
@@ -52,44 +47,35 @@ def write_pages(packs: Packs, folder: Path) -> list[Path]:
     return [folder / name for name in pages]
 
 
-def _node(definition: NodeDef) -> str:
-    found = signature(definition)
-    facts = ["component" if found.component else "node", f"version {definition.version}"]
-    facts += traits(definition)
-    facts += ["libraries " + ", ".join(definition.libraries)] if definition.libraries else []
-    parts = [f"## {definition.type}", found.doc, f"```yaml\n{_example(definition.type, found)}\n```", "; ".join(facts)]
-    parts += _ports("component" if found.component else "input", found.inputs) + _ports("output", found.outputs)
-    rows = [name for name in found.params.model_fields if name not in found.inputs]
-    if rows:
+def _node(info: TypeInfo) -> str:
+    facts = ["component" if info.component else "node", f"version {info.version}", *info.traits]
+    facts += ["libraries " + ", ".join(info.libraries)] if info.libraries else []
+    parts = [f"## {info.type}", info.doc, f"```yaml\n{_example(info)}\n```", "; ".join(facts)]
+    parts += _ports("component" if info.component else "input", info.inputs) + _ports("output", info.outputs)
+    if info.parameters:
         head = ["| parameter | type | default | range | unit | meaning |", "| --- | --- | --- | --- | --- | --- |"]
-        parts.append("\n".join([*head, *(_parameter(found, name) for name in rows)]))
+        parts.append("\n".join([*head, *map(_parameter, info.parameters)]))
     return "\n\n".join(part for part in parts if part)
 
 
-def _example(kind: str, found: Signature) -> str:
+def _example(info: TypeInfo) -> str:
     """The shortest entry of a graph file that can be right."""
-    needed = [f"{port.name}: {link_form(port)}" for port in found.inputs.values() if not port.optional]
-    names = [name for name, info in found.params.model_fields.items() if info.is_required()]
-    needed += [f"{name}: ..." for name in names if name not in found.inputs]
-    return "name: {" + ", ".join([f"type: {kind}", *needed]) + "}"
+    needed = [f"{port.name}: {port.link}" for port in info.inputs if not port.optional]
+    needed += [f"{one.name}: ..." for one in info.parameters if one.default is None]
+    return "name: {" + ", ".join([f"type: {info.type}", *needed]) + "}"
 
 
-def _ports(title: str, ports: Mapping[str, Port]) -> list[str]:
-    if not ports:
-        return []
-    rows = [f"| `{p.name}` | {_cell(str(p))}{', optional' if p.optional else ''} |" for p in ports.values()]
-    return ["\n".join([f"| {title} | type |", "| --- | --- |", *rows])]
+def _ports(title: str, ports: Iterable[PortInfo]) -> list[str]:
+    rows = [f"| `{p.name}` | {_cell(p.type)}{', optional' if p.optional else ''} |" for p in ports]
+    return ["\n".join([f"| {title} | type |", "| --- | --- |", *rows])] if rows else []
 
 
-def _parameter(found: Signature, name: str) -> str:
-    kind, default, limits, unit, doc, tuning = parameter_facts(found, name)
-    doc += " Not part of the key." if tuning else ""
-    cells = (f"`{name}`", kind, "required" if default is None else f"`{default}`", ", ".join(limits), unit, doc)
-    return "| " + " | ".join(map(_cell, cells)) + " |"
-
-
-def _title(definition: NodeDef) -> str:
-    return signature(definition).doc.partition("\n")[0]
+def _parameter(one: ParameterInfo) -> str:
+    doc = one.doc + (" Not part of the key." if one.tuning else "")
+    default = "required" if one.default is None else f"`{one.default}`"
+    return (
+        "| " + " | ".join(map(_cell, (f"`{one.name}`", one.type, default, ", ".join(one.limits), one.unit, doc))) + " |"
+    )
 
 
 def _cell(text: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,13 +12,9 @@ from exmesh_graph.cli.options import (
     RunsFolder,
     SharedUrl,
     StoreFolder,
-    open_store,
     show_notes,
 )
 from exmesh_graph.errors import ExmeshError
-
-if TYPE_CHECKING:
-    from exmesh_graph.graph.cache.store import Store
 
 
 def register(app: typer.Typer) -> None:
@@ -29,14 +25,14 @@ def register(app: typer.Typer) -> None:
 
 def verify(store: StoreFolder = None) -> None:
     """Read the whole store and check every byte; what is broken goes to quarantine and is made again."""
-    from exmesh_graph.graph.upkeep.verify import verify as check_all
+    from exmesh_graph.api import upkeep
 
-    opened = _existing(store)
+    opened = upkeep.existing(store)
     objects, actions = opened.count()
     quarantine = opened.root / "quarantine"
     before = len(list(quarantine.glob("*")))
     broken = 0
-    for what, reason in check_all(opened):
+    for what, reason in upkeep.verify(store):
         broken += what != "lease"
         typer.echo(f"{what}: {reason}")
     moved = len(list(quarantine.glob("*"))) - before
@@ -53,31 +49,22 @@ def pin(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Keep the results of a run, or of one key, whatever `gc` removes. Without arguments: list the pins."""
-    from exmesh_graph.cli.show import read_run
-    from exmesh_graph.graph.upkeep import pins
+    from exmesh_graph.api import upkeep
 
-    opened = _existing(store)
     if what is None:
-        for entry in pins.pins(opened):
+        for entry in upkeep.pinned(store):
             typer.echo(str(entry))
-        return
-    if name is None:
+    elif name is None:
         raise ExmeshError("a pin needs a name", fix=f"exmesh pin {what} --name NAME")
-    key = pins.key_of_prefix(opened, what)
-    if key is not None:
-        typer.echo(f"pinned: {pins.pin(opened, name, f'key {key[:12]}', [key])}")
-        return
-    folder = Path(what) if (Path(what) / "run.json").is_file() else runs / what
-    record = read_run(folder)
-    keys = [row["key"] for row in record["nodes"] if row["key"]]
-    typer.echo(f"pinned: {pins.pin(opened, name, 'run ' + record['id'], keys)}")
+    else:
+        typer.echo(f"pinned: {upkeep.pin(what, name, store=store, runs=runs)}")
 
 
 def unpin(name: Annotated[str, typer.Argument(help="The pin's name.")], store: StoreFolder = None) -> None:
     """Remove a pin; what it kept goes with the next `gc` that finds no other need for it."""
-    from exmesh_graph.graph.upkeep import pins
+    from exmesh_graph.api import upkeep
 
-    typer.echo(f"removed: {pins.unpin(_existing(store), name)}")
+    typer.echo(f"removed: {upkeep.unpin(name, store)}")
 
 
 def gc(
@@ -93,16 +80,11 @@ def gc(
     ] = None,
 ) -> None:
     """Find what no run and no pin needs any more, and remove it with --delete. Safe beside runs."""
-    from exmesh_graph.graph.upkeep import collect
-    from exmesh_graph.graph.upkeep.units import shown_bytes, to_bytes, to_seconds
+    from exmesh_graph.api import upkeep
+    from exmesh_graph.api.upkeep import shown_bytes
 
-    opened = _existing(store)
-    limit = None if budget is None else to_bytes(budget)
-    found = collect.survey(opened, runs or [Path("runs")], to_seconds(age), limit)
-    gone = found.items
-    if delete:
-        gone, spared = collect.delete(opened, found)
-        found.kept_bytes += sum(item.bytes for item in spared)
+    opened = upkeep.existing(store)
+    gone, found = upkeep.gc(opened, runs=runs or [Path("runs")], age=age, budget=budget, delete=delete)
     for item in gone if len(gone) <= 40 else sorted(gone, key=lambda item: -item.bytes)[:40]:
         typer.echo(f"{shown_bytes(item.bytes):>10}  {item.kind} {item.name[:16]}  {item.why}")
     if len(gone) > 40:
@@ -120,19 +102,12 @@ def gc(
 
 def doctor(store: StoreFolder = None, shared: SharedUrl = None) -> None:
     """Try what runs need: the store's file system, libraries, the GPU. Exits with 1 if runs would fail."""
-    from exmesh_graph.graph.declare.packs import load_packs
-    from exmesh_graph.graph.upkeep.doctor import FAIL, WARN, examine
+    from exmesh_graph.api import upkeep
 
     counts: Counter[str] = Counter()
-    for finding in examine(open_store(store, shared), load_packs()):
+    for finding in upkeep.findings(store, shared):
         typer.echo(str(finding))
         counts[finding.state] += 1
-    typer.echo(f"{counts[FAIL]} to mend, {counts[WARN]} to know" if counts[FAIL] + counts[WARN] else "all is well")
-    raise typer.Exit(1 if counts[FAIL] else 0)
-
-
-def _existing(folder: Path | None) -> Store:
-    opened = open_store(folder)
-    if not opened.root.is_dir():
-        raise ExmeshError("there is no store here", where=str(opened.root), fix="name its folder with --store")
-    return opened
+    mend, know = counts[upkeep.FAIL], counts[upkeep.WARN]
+    typer.echo(f"{mend} to mend, {know} to know" if mend + know else "all is well")
+    raise typer.Exit(1 if mend else 0)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
+import shutil
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,9 +19,11 @@ from exmesh_graph.cli.options import (
     StoreFolder,
     Targets,
     VariantName,
-    checked_graph,
-    open_store,
+    show_notes,
 )
+
+if TYPE_CHECKING:
+    from exmesh_graph.report.drawing.svg import GraphPicture
 
 PictureFile = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="A picture: FILE.svg, FILE.html or FILE.mmd.")
@@ -56,21 +59,32 @@ def sweep(
     address: RayAddress = None,
 ) -> None:
     """Run a graph and all variants it declares, equal nodes once, and compare them in one table."""
-    from exmesh_graph.cli.running import backend_of
-    from exmesh_graph.cli.sweeping import Study, run_sweep, show_plan
-    from exmesh_graph.graph.run.schedule import parse_tokens
+    from exmesh_graph import api
+    from exmesh_graph.api.opening import open_store
+    from exmesh_graph.api.sweeps import Study
+    from exmesh_graph.cli.running import resumable, short_path, show_benchmarks
 
-    offered = parse_tokens(tokens)
-    study = Study.of(graphs, set_ or [], only, node, store)
-    opened = open_store(store, shared)
     if plan:
-        show_plan(study, opened)
+        study = Study.of(graphs, set_ or [], only, node or (), store)
+        typer.echo(str(study))
+        for line in study.plan(open_store(store, shared)):
+            typer.echo(line)
         return
-    given = {"--store": store, "--shared": shared, "--runs": None if runs == Path("runs") else runs,
-             "--backend": "ray" if backend is BackendName.ray else None, "--address": address}  # fmt: skip
-    words = [word for option, value in given.items() if value is not None for word in (option, str(value))]
-    make = partial(backend_of, workers, kind=backend.value, address=address)
-    raise typer.Exit(run_sweep(study, opened, runs, make, words, tokens=offered, keep_going=keep_going))
+    with resumable():
+        done = api.sweep(
+            *graphs, set=set_, only=only, nodes=node, store=store, shared=shared, runs=runs, workers=workers,
+            backend=backend.value, address=address, tokens=tokens, keep_going=keep_going, progress=True,
+            started=lambda study: typer.echo(str(study)),
+        )  # fmt: skip
+    show_notes(done.run.store)
+    show_table(done.table)
+    show_benchmarks(done.run)
+    for record in [record for record in done.run.failures if record["job"] is not None][:5]:
+        typer.echo(
+            f"  {record['node']} alone, on the same inputs: exmesh replay {short_path(done.folder / record['file'])}"
+        )
+    typer.echo(f"  {short_path(done.page)}")
+    raise typer.Exit(1 if done.failures else 0)
 
 
 def diff(
@@ -87,16 +101,16 @@ def diff(
 
     --variant and --set apply to NEW.
     """
-    from exmesh_graph.cli.drawing import Side, check_output, picture_of_difference, put_out, show_difference
+    from exmesh_graph import api
     from exmesh_graph.errors import GraphError
 
-    check_output(out)
+    _check_output(out)
     if new is None and not variant and not set_:
         raise GraphError("diff needs two graphs", where="command line", fix="name NEW, or give --variant or --set")
-    before, after = Side(old, None, None), Side(new or old, set_, variant)
-    show_difference(before, after)
+    comparison = api.diff(old, new, set=set_, variant=variant)
+    typer.echo(str(comparison))
     if out is not None:
-        put_out(picture_of_difference(before, after, rounds), out)
+        _put_out(comparison.picture(rounds), out)
 
 
 def show(
@@ -108,14 +122,84 @@ def show(
     store: StoreFolder = None,
 ) -> None:
     """Draw a graph or a run; without -o as Mermaid text for Markdown files."""
-    from exmesh_graph.cli.drawing import check_output, put_out
-    from exmesh_graph.cli.show import read_run
+    from exmesh_graph.api.opening import checked_graph, open_store
+    from exmesh_graph.api.results import read_run
     from exmesh_graph.report.drawing.states import picture_of_graph, picture_of_run
 
-    check_output(out)
+    _check_output(out)
     if what.is_dir():
         picture = picture_of_run(read_run(what), rounds)
     else:
-        checked, _ = checked_graph(what, set_, variant)
-        picture = picture_of_graph(checked, open_store(store), rounds)
-    put_out(picture, out)
+        picture = picture_of_graph(checked_graph(what, set_, variant), open_store(store), rounds)
+    _put_out(picture, out)
+
+
+def _check_output(path: Path | None) -> None:
+    """Refuse a file type that cannot be written, before any work."""
+    from exmesh_graph.errors import GraphError
+    from exmesh_graph.report.drawing.formats import FORMATS
+
+    if path is not None and path.suffix not in FORMATS:
+        raise GraphError(f"cannot draw {path.name}", where="command line", expected="a name in " + ", ".join(FORMATS))
+
+
+def _put_out(picture: GraphPicture, path: Path | None) -> None:
+    """Write a picture, or print it as Mermaid text."""
+    from exmesh_graph.report.drawing.formats import render, write
+
+    if path is None:
+        typer.echo(render(picture, ".mmd"), nl=False)
+    else:
+        write(picture, path)
+        typer.echo(str(path))
+
+
+def show_table(table: Mapping[str, Any], width: int | None = None) -> None:
+    """The table for a terminal: as many figures as fit, those with a direction first; sweep.csv has all."""
+    from exmesh_graph.api.board import clock
+    from exmesh_graph.report.sweep.table import label_of, text_of
+    from exmesh_graph.report.text import signed
+
+    width = width or shutil.get_terminal_size((110, 24)).columns
+    several = len({row["file"] for row in table["variants"]}) > 1
+    rows = table["variants"]
+    columns = [["variant", *(label_of(row, several) for row in rows)]]
+    tail = [
+        ["seconds", *(clock(row["seconds"]["mean"]) for row in rows)],
+        ["shared", *(f"{row['shared']}/{row['nodes']}" for row in rows)],
+    ]
+    room = width - sum(2 + max(map(len, column)) for column in (*columns, *tail))
+    left_out = 0
+    for figure in table["figures"]:
+        unit = f" {figure['unit']}" if figure["unit"] else ""
+        column = [f"{figure['label']}{unit}"]
+        for row in rows:
+            entry = row["figures"].get(figure["label"], {})
+            difference = ""
+            if "difference" in entry:
+                within = entry["exceeds"] is False and entry["difference"]
+                difference = ("  ≈" if within else "  ") + signed(entry["difference"])
+            column.append(text_of(entry) + difference)
+        need = 2 + max(map(len, column))
+        if need <= room:
+            room -= need
+            columns.append(column)
+        else:
+            left_out += 1
+    columns += tail
+    typer.echo("")
+    for index in range(len(rows) + 1):
+        cells = [column[index] for column in columns]
+        widths = [max(map(len, column)) for column in columns]
+        line = "  ".join(
+            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths, strict=True))
+        )
+        typer.echo(line.rstrip())
+        if index and rows[index - 1]["state"] != "done":
+            typer.echo(f"    {rows[index - 1]['state']}: {rows[index - 1]['reason']}")
+    notes = [f"{left_out} more figures in sweep.csv"] if left_out else []
+    if any(len(row["repeats"]) > 1 for row in rows):
+        notes.append("± over seeds, ≈ within the spread")
+    counts = table["nodes"]
+    notes.append(f"{counts['from_store']} nodes from the store, {counts['run']} run, {clock(table['seconds'] or 0.0)}")
+    typer.echo("\n  " + "; ".join(notes))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from exmesh_graph.cli.options import checked_graph
+from exmesh_graph.api.opening import checked_graph
 from exmesh_graph.errors import GraphError
 from exmesh_graph.io.images import write_image
 from exmesh_graph.io.meshes import write_ply
@@ -67,7 +67,7 @@ def folders(tmp_path_factory):
     ],
 )
 def test_the_graph_checks_on_a_folder_of_the_published_layout(folders, graph, sets, scores):
-    checked, _ = checked_graph(ROOT / "graphs" / f"{graph}.yaml", [text.format(folders) for text in sets])
+    checked = checked_graph(ROOT / "graphs" / f"{graph}.yaml", [text.format(folders) for text in sets])
     assert checked.nodes[scores].definition.type.startswith("benchmark.")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exmesh_graph.cli.options import checked_graph
+from exmesh_graph.api.opening import checked_graph
 from exmesh_graph.evaluate.metrics.image import display, psnr, ssim
 from exmesh_graph.evaluate.metrics.material import albedo_psnr, albedo_scale, roughness_mse
 from exmesh_graph.evaluate.protocols.dtu import DtuTruth, dtu_chamfer

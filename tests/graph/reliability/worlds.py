@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.cli.running import backend_of
+from exmesh_graph.api.runs import backend_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import load_packs
 from exmesh_graph.graph.declare.ports import artifact_types

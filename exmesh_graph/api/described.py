@@ -1,0 +1,143 @@
+"""Node types as data: ports, parameters, what a node takes. For `exmesh nodes`, its pages and its JSON."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from exmesh_graph.api.opening import packs
+from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.ports import Port, Signature, link_form, signature
+from exmesh_graph.graph.problems import nearest
+
+SCHEMA = "exmesh.nodes.v1"
+_LIMITS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "multiple_of": "multiple of",
+           "min_length": "min_length", "max_length": "max_length"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PortInfo:
+    """An input or output: `type` with its facets, how a link to it is written, whether it may be left out."""
+
+    name: str
+    type: str
+    link: str
+    optional: bool
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """A parameter: `default` as text, None where it must be given; `tuning` ones stay out of the key."""
+
+    name: str
+    type: str
+    default: str | None
+    limits: tuple[str, ...]
+    unit: str
+    doc: str
+    tuning: bool
+
+
+@dataclass(frozen=True)
+class TypeInfo:
+    """A node type, or a component type, which has no outputs; `family` is what the module says of all its types."""
+
+    type: str
+    component: bool
+    version: str
+    doc: str
+    traits: tuple[str, ...]
+    libraries: tuple[str, ...]
+    inputs: tuple[PortInfo, ...]
+    outputs: tuple[PortInfo, ...]
+    parameters: tuple[ParameterInfo, ...]
+    family: str = ""
+
+    @property
+    def title(self) -> str:
+        """The first line of its documentation."""
+        return self.doc.partition("\n")[0]
+
+
+def node_types() -> dict[str, TypeInfo]:
+    """All node and component types at hand, by name."""
+    return {name: _described(definition) for name, definition in packs().types.items()}
+
+
+def broken_modules() -> dict[str, str]:
+    """{module: why} of the node modules that cannot be imported."""
+    return packs().broken
+
+
+def schema_text() -> str:
+    """The JSON schema of graph files with the node types at hand, for editors."""
+    from exmesh_graph.graph.language.schema import schema_text as text_of
+
+    return text_of(packs())
+
+
+def describe(type: str) -> TypeInfo:
+    """One type. Raises ExmeshError with the nearest names."""
+    types = packs().types
+    if type not in types:
+        broken = "".join(f"\n  cannot import {module}: {why}" for module, why in packs().broken.items())
+        near = ", ".join(nearest(type, types))
+        raise ExmeshError(f"there is no node type {type!r}{broken}", expected=near, fix="exmesh nodes lists all")
+    return _described(types[type])
+
+
+def as_json(types: Mapping[str, TypeInfo]) -> dict[str, Any]:
+    """What `exmesh nodes --json` writes."""
+    return {"schema": SCHEMA, "types": [asdict(info) for info in types.values()], "broken": packs().broken}
+
+
+def _described(definition: NodeDef) -> TypeInfo:
+    known = signature(definition)
+    traits = [] if definition.deterministic else ["not deterministic"]
+    traits += ["resumable"] if definition.resumable else []
+    traits += [f"takes {name} {n:g}" for name, n in definition.resources.items() if (name, n) != ("cpu", 1)]
+    names = [name for name in known.params.model_fields if name not in known.inputs]
+    return TypeInfo(
+        definition.type,
+        known.component is not None,
+        definition.version,
+        known.doc,
+        tuple(traits),
+        tuple(definition.libraries),
+        tuple(map(_port, known.inputs.values())),
+        tuple(map(_port, known.outputs.values())),
+        tuple(_parameter(known, name) for name in names),
+        inspect.getdoc(sys.modules[definition.function.__module__]) or "",
+    )
+
+
+def _port(port: Port) -> PortInfo:
+    return PortInfo(port.name, str(port), link_form(port), port.optional)
+
+
+def _parameter(known: Signature, name: str) -> ParameterInfo:
+    info = known.params.model_fields[name]
+    kind = getattr(info.annotation, "__name__", "") if isinstance(info.annotation, type) else str(info.annotation)
+    limits = [
+        f"{sign} {getattr(limit, word)}"
+        for limit in info.metadata
+        for word, sign in _LIMITS.items()
+        if getattr(limit, word, None) is not None
+    ]
+    if name in known.decided_by():
+        limits.append(f"or auto, by {known.decided_by()[name]}")
+    default = None if info.is_required() else repr(info.get_default(call_default_factory=True))
+    extra = known.extra(name)
+    return ParameterInfo(
+        name,
+        kind.replace("typing.", "").replace("pathlib.", ""),
+        default,
+        tuple(limits),
+        str(extra.get("unit") or ""),
+        info.description or "",
+        bool(extra.get("tuning")),
+    )

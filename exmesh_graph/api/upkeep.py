@@ -1,0 +1,71 @@
+"""Care of a store and of the machine from Python and for the command line: verify, pins, gc, doctor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from exmesh_graph.api.opening import Folder, open_store, packs
+from exmesh_graph.api.results import read_run
+from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph.upkeep import collect, doctor, pins
+from exmesh_graph.graph.upkeep import verify as verifying
+from exmesh_graph.graph.upkeep.doctor import FAIL, WARN
+from exmesh_graph.graph.upkeep.units import shown_bytes, to_bytes, to_seconds
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.cache.store import Store
+
+__all__ = ["FAIL", "WARN", "existing", "findings", "gc", "pin", "pinned", "shown_bytes", "unpin", "verify"]
+
+
+def existing(store: Folder = None) -> Store:
+    """The store that is there already. Raises ExmeshError."""
+    opened = open_store(store)
+    if not opened.root.is_dir():
+        raise ExmeshError("there is no store here", where=str(opened.root), fix="name its folder with --store")
+    return opened
+
+
+def verify(store: Folder = None) -> Iterator[tuple[str, str]]:
+    """Read every byte of a store; yields (what, why) of each thing that was broken and went to quarantine."""
+    return verifying.verify(existing(store))
+
+
+def pin(what: str, name: str, *, store: Folder = None, runs: Folder = "runs") -> pins.Pin:
+    """Keep the results of a run (its folder or id) or of one key, whatever `gc` removes."""
+    opened = existing(store)
+    key = pins.key_of_prefix(opened, what)
+    if key is not None:
+        return pins.pin(opened, name, f"key {key[:12]}", [key])
+    folder = Path(what) if (Path(what) / "run.json").is_file() else Path(runs or "runs") / what
+    record = read_run(folder)
+    return pins.pin(opened, name, "run " + record["id"], [row["key"] for row in record["nodes"] if row["key"]])
+
+
+def pinned(store: Folder = None) -> list[pins.Pin]:
+    """All pins."""
+    return pins.pins(existing(store))
+
+
+def unpin(name: str, store: Folder = None) -> pins.Pin:
+    """Remove a pin."""
+    return pins.unpin(existing(store), name)
+
+
+def gc(
+    store: Store, *, runs: Iterable[Path] = (), age: str = "1h", budget: str | None = None, delete: bool = False
+) -> tuple[list[collect.Item], collect.Survey]:
+    """What no run and no pin needs, removed if `delete`; and the survey, which knows what stays."""
+    survey = collect.survey(store, runs, to_seconds(age), None if budget is None else to_bytes(budget))
+    gone = survey.items
+    if delete:
+        gone, spared = collect.delete(store, survey)
+        survey.kept_bytes += sum(item.bytes for item in spared)
+    return gone, survey
+
+
+def findings(store: Folder = None, shared: str | None = None) -> Iterator[doctor.Finding]:
+    """What `exmesh doctor` finds: the state of the store's file system, of libraries and of the GPU."""
+    return doctor.examine(open_store(store, shared), packs())
