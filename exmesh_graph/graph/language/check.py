@@ -88,13 +88,10 @@ class Checked:
 
     def needed_for(self, targets: Iterable[str]) -> set[str]:
         """The names of `targets` and of everything upstream of them."""
-        needed: set[str] = set()
-        todo = list(targets)
-        while todo:
-            name = todo.pop()
-            if name not in needed:
-                needed.add(name)
-                todo += [link.node for link in self.nodes[name].inputs.values()]
+        needed = set(targets)
+        for name in reversed(list(self.nodes)):
+            if name in needed:
+                needed |= {link.node for link in self.nodes[name].inputs.values()}
         return needed
 
 

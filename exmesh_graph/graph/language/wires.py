@@ -5,9 +5,11 @@ Facets that an output does not promise are left to the run (see `contracts`).
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 
 from exmesh_graph.graph.declare.ports import Port, Signature, link_form
 from exmesh_graph.graph.language.expand import Graph, NodeSpec
@@ -18,7 +20,7 @@ from exmesh_graph.graph.problems import Problems, Where, nearest
 
 @dataclass
 class Wiring:
-    """The wires found so far: by node and input port, the link and where it was written."""
+    """The wires judged so far: by node and input port, the link and where it was written."""
 
     graph: Graph
     signatures: Mapping[str, Signature]
@@ -58,11 +60,11 @@ class Wiring:
                 wire=f"{str(link)[1:]} (nowhere) -> {name} ({where})", nearest=names or self.suitable(port, user),
             )  # fmt: skip
             return None
-        found = self.signatures.get(link.node)
-        if found is None:
+        kind = self.signatures.get(link.node)
+        if kind is None:
             return None
-        spec, names = self.graph.nodes[link.node], [f"@{link.node}.{output}" for output in found.outputs]
-        if found.component is not None:
+        spec, names = self.graph.nodes[link.node], [f"@{link.node}.{output}" for output in kind.outputs]
+        if kind.component is not None:
             if link.port:
                 self.problems.add(
                     "link", where, f"{link}: {link.node} is a component ({spec.type}), which has no outputs",
@@ -70,24 +72,24 @@ class Wiring:
                     fix=f'link the component itself: "@{link.node}"',
                 )  # fmt: skip
                 return None
-            return Port("", (found.component,))
+            return Port("", (kind.component,))
         if not link.port:
-            fits = [n for n, out in found.outputs.items() if port is None or port.takes(out)]
+            fits = [n for n, out in kind.outputs.items() if port is None or port.takes(out)]
             self.problems.add(
                 "link", where, f"{link}: {link.node} is a node ({spec.type}); a link names one of its outputs",
                 wire=self._wire(link, name, where), expected="" if port is None else str(port),
                 nearest=[f"@{link.node}.{near}" for near in fits] or self.suitable(port, user) or names,
             )  # fmt: skip
             return None
-        if link.port not in found.outputs:
+        if link.port not in kind.outputs:
             self.problems.add(
                 "unknown-port", where, f"{link}: {spec.type} has no output {link.port!r}",
                 wire=self._wire(link, name, where),
-                expected=", ".join(f"{key}: {out}" for key, out in found.outputs.items()),
-                nearest=[f"@{link.node}.{near}" for near in nearest(link.port, found.outputs)] or names,
+                expected=", ".join(f"{key}: {out}" for key, out in kind.outputs.items()),
+                nearest=[f"@{link.node}.{near}" for near in nearest(link.port, kind.outputs)] or names,
             )  # fmt: skip
             return None
-        return found.outputs[link.port]
+        return kind.outputs[link.port]
 
     def judge(self, link: Link, source: Port, port: Port, name: str, where: Where, user: str) -> None:
         """Types, presence and facets of one wire; `name` is its near end, `user` the node that it feeds."""
@@ -97,16 +99,10 @@ class Wiring:
                 what = f"{link} is {words[0]}, but {name} takes {words[1]}"
             else:
                 what = f"{link} does not fit {name}"
-            near = self.suitable(port, user)
             self.problems.add(
-                "wrong-type",
-                where,
-                what,
-                wire=self._wire(link, name, where),
-                expected=str(port),
-                found=str(source),
-                nearest=near,
-            )
+                "wrong-type", where, what, wire=self._wire(link, name, where), expected=str(port), found=str(source),
+                nearest=self.suitable(port, user),
+            )  # fmt: skip
         elif source.optional and not port.optional:
             self.problems.add(
                 "maybe-absent", where, f"{link} may be absent, but {name} needs it",
@@ -130,53 +126,48 @@ class Wiring:
         prefix = user.rpartition(".")[0]
         if port is None:
             return []
-        for name, found in self.signatures.items():
+        for name, kind in self.signatures.items():
             far = not name.startswith(prefix)
-            if name != user and found.component is not None and issubclass(found.component, port.types):
+            if name != user and kind.component is not None and issubclass(kind.component, port.types):
                 fits[f"@{name}"] = (False, far)
-            for output in found.outputs.values() if name != user else ():
+            for output in kind.outputs.values() if name != user else ():
                 if port.takes(output):
                     fits[f"@{name}.{output.name}"] = (not port.facets.keys() <= output.promises.keys(), far)
         return sorted(fits, key=fits.__getitem__)[:3]
 
     def order(self) -> list[str]:
-        """Topological order (Kahn), ties by the order of the file; nodes in and behind a cycle are left out."""
-        rank = {name: index for index, name in enumerate(self.graph.nodes)}
-        waits = {name: {link.node for link, _ in self.wires.get(name, {}).values()} for name in rank}
-        users: dict[str, list[str]] = {name: [] for name in rank}
-        for name, sources in waits.items():
-            for source in sources:
-                users[source].append(name)
-        ready = [rank[name] for name, sources in waits.items() if not sources]
+        """Topological order, ties by the order of the file; nodes in and behind a cycle are left out."""
+        names = list(self.graph.nodes)
+        rank = {name: index for index, name in enumerate(names)}
+        sources = {name: {link.node for link, _ in self.wires.get(name, {}).values()} for name in names}
+        sorter = TopologicalSorter(sources)
+        with contextlib.suppress(CycleError):  # what stands neither in a cycle nor behind one still comes out
+            sorter.prepare()
+        order: list[str] = []
+        ready = [rank[name] for name in sorter.get_ready()]
         heapq.heapify(ready)
-        names, order = list(rank), []
         while ready:
-            name = names[heapq.heappop(ready)]
-            order.append(name)
-            for user in users[name]:
-                waits[user].discard(name)
-                if not waits[user]:
-                    heapq.heappush(ready, rank[user])
-        if len(order) < len(rank):
-            done = set(order)
-            seen: set[str] = set()
-            for name in rank:
-                if name not in done and name not in seen:
-                    self._report_cycle(name, waits, seen)
+            order.append(names[heapq.heappop(ready)])
+            sorter.done(order[-1])
+            for name in sorter.get_ready():
+                heapq.heappush(ready, rank[name])
+        if len(order) < len(names):
+            self._report_cycles(sources, rank)
         return order
 
-    def _report_cycle(self, start: str, waits: Mapping[str, set[str]], seen: set[str]) -> None:
-        """Walk up from `start` until a name comes again; nothing to say where an earlier walk, in `seen`, was there."""
-        path = [start]
-        while path[-1] not in seen:
-            seen.add(path[-1])
-            path.append(min(waits[path[-1]]))
-        if path[-1] not in path[:-1]:
-            return
-        cycle = path[path.index(path[-1]) :]
-        places = {name: self.graph.nodes[name].where for name in cycle}
-        self.problems.add(
-            "cycle", places[cycle[0]], f"the nodes wait for each other: {' <- '.join(cycle)}",
-            wire=" <- ".join(f"{name} ({places[name]})" for name in cycle),
-            fix="take one of these links away; what goes round is the carry of a repeat block",
-        )  # fmt: skip
+    def _report_cycles(self, sources: Mapping[str, set[str]], rank: Mapping[str, int]) -> None:
+        """One cycle out of each knot of nodes that all wait for one another."""
+        import networkx as nx  # takes 0.2 s to import: only where there is something to tell
+
+        graph = nx.DiGraph([(name, source) for name in sources for source in sorted(sources[name])])
+        for knot in nx.strongly_connected_components(graph):
+            first = min(knot, key=rank.__getitem__)
+            if len(knot) > 1 or first in sources[first]:
+                cycle = [name for name, _ in nx.find_cycle(graph.subgraph(knot), first)]
+                cycle.append(cycle[0])
+                places = {name: self.graph.nodes[name].where for name in cycle}
+                self.problems.add(
+                    "cycle", places[cycle[0]], f"the nodes wait for each other: {' <- '.join(cycle)}",
+                    wire=" <- ".join(f"{name} ({places[name]})" for name in cycle),
+                    fix="take one of these links away; what goes round is the carry of a repeat block",
+                )  # fmt: skip

@@ -41,6 +41,14 @@ class Map(dict[Any, Any]):
         self[key] = value
         self.lines[key] = where
 
+    def inner(self, key: Any, where: Where) -> Map:
+        """The mapping under `key`, made at `where` if there is none."""
+        value = self.get(key)
+        if not isinstance(value, Map):
+            value = Map(where)
+            self.put(key, value, where)
+        return value
+
     def copy(self) -> Map:
         """A shallow copy with the same places."""
         other = Map(self.where)

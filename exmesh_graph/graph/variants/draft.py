@@ -53,7 +53,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Spot:
+class LinkPlace:
     """A place where a link stands: `holder[key]`, read in `scope`. `owner` is the node or block it belongs to."""
 
     holder: Map
@@ -61,7 +61,6 @@ class Spot:
     scope: Names
     owner: Names
     label: str
-    round_patch: bool = False
 
     @property
     def text(self) -> str:
@@ -160,7 +159,7 @@ class Draft:
 
     def kinds(self, entry: Map) -> list[Signature]:
         """The signatures a node has over its rounds."""
-        found = [self.kind(holder) for holder in (entry, *(layer for layer, _ in layers_of(entry)))]
+        found = [self.kind(holder) for holder in (entry, *(layer for layer, _, _ in layers_of(entry)))]
         return [kind for kind in found if kind is not None]
 
     def read(self, entry: Map, key: str) -> Any:
@@ -189,14 +188,14 @@ class Draft:
 
     # --- links
 
-    def spots(self) -> Iterator[Spot]:
+    def link_places(self) -> Iterator[LinkPlace]:
         """Every place where a link stands, in the order of the file."""
-        yield from self._spots_in(self.nodes, ())
+        yield from self._places_in(self.nodes, ())
         outputs = self.top.get("outputs")
         if isinstance(outputs, Map):
             yield from _links_of(outputs, (), ("outputs",), "outputs")
 
-    def _spots_in(self, nodes: Map, scope: Names) -> Iterator[Spot]:
+    def _places_in(self, nodes: Map, scope: Names) -> Iterator[LinkPlace]:
         for name, entry in nodes.items():
             path = (*scope, str(name))
             label = ".".join(path)
@@ -206,11 +205,11 @@ class Draft:
                 for key, inner in (("carry", scope), ("next", path)):
                     if isinstance(entry.get(key), Map):
                         yield from _links_of(entry[key], inner, path, f"{label}.{key}")
-                yield from self._spots_in(entry["nodes"], path)
+                yield from self._places_in(entry["nodes"], path)
                 continue
             yield from _links_of(entry, scope, path, label)
-            for layer, title in layers_of(entry):
-                yield from _links_of(layer, scope, path, f"{label} ({title})", round_patch=True)
+            for layer, word, number in layers_of(entry):
+                yield from _links_of(layer, scope, path, f"{label} ({word} {number})")
 
     def source(self, text: str, scope: Names) -> Source | None:
         """What a link means in `scope`; None where it means nothing."""
@@ -227,17 +226,17 @@ class Draft:
             return Source(path, port, text, by_round=True)
         return None
 
-    def users(self, path: Names, port: str | None = None) -> list[tuple[Spot, Source]]:
+    def users(self, path: Names, port: str | None = None) -> list[tuple[LinkPlace, Source]]:
         """The places that link to a node or block (to one of its ports), those inside it left out."""
         found = []
-        for spot in self.spots():
-            if spot.owner[: len(path)] == path:
+        for place in self.link_places():
+            if place.owner[: len(path)] == path:
                 continue
-            source = self.source(spot.text, spot.scope)
+            source = self.source(place.text, place.scope)
             if source is None or source.path is None or source.path[: len(path)] != path:
                 continue
             if port is None or (source.port == port and source.path == path):
-                found.append((spot, source))
+                found.append((place, source))
         return found
 
     def port_of(self, text: str, scope: Names) -> Port | None:
@@ -260,19 +259,19 @@ class Draft:
             seen.add((path, source.port))
             text, scope = str(carry[source.port]), path[:-1]
 
-    def moved(self, text: str, home: Names, spot: Spot, source: Source, where: Where) -> str:
-        """`text`, written in the scope `home`, as it must read at `spot`, which links to `source` in that scope."""
+    def moved(self, text: str, home: Names, place: LinkPlace, source: Source, where: Where) -> str:
+        """`text`, written in the scope `home`, as it must read at `place`, which links to `source` in that scope."""
         meant = self.source(text, home)
-        if meant is None or (meant.path is not None and self.source(text, spot.scope) == meant):
+        if meant is None or (meant.path is not None and self.source(text, place.scope) == meant):
             return text
-        if spot.scope == home and not source.by_round:
+        if place.scope == home and not source.by_round:
             return text
         if source.by_round and meant.path is not None and meant.path[:-1] == home:
             node = source.text.removeprefix("@").rpartition(".")[0].rpartition(".")[0]
             return f"@{node}.{meant.path[-1]}.{meant.port}"
         refuse(
-            where, f"{spot.label} ({spot.where}) links here as {source.text!r}, where {text!r} means something else",
-            fix=f"connect {spot.label} first",
+            where, f"{place.label} ({place.where}) links here as {source.text!r}, where {text!r} means something else",
+            fix=f"connect {place.label} first",
         )  # fmt: skip
 
     def check_free(self, name: Any, scope: Names, where: Where) -> str:
@@ -312,17 +311,17 @@ def is_link(value: Any) -> bool:
     return isinstance(value, str) and value.startswith("@") and not value.startswith("@@")
 
 
-def layers_of(entry: Map) -> Iterator[tuple[Map, str]]:
-    """The settings of single rounds of a node."""
+def layers_of(entry: Map) -> Iterator[tuple[Map, str, Any]]:
+    """(settings, `every` or `at`, number) of single rounds of a node."""
     for key in ("every", "at"):
         rounds = entry.get(key)
         if isinstance(rounds, Map):
             for number, layer in rounds.items():
                 if isinstance(layer, Map):
-                    yield layer, f"{key} {number}"
+                    yield layer, key, number
 
 
-def _links_of(holder: Map, scope: Names, owner: Names, label: str, round_patch: bool = False) -> Iterator[Spot]:
+def _links_of(holder: Map, scope: Names, owner: Names, label: str) -> Iterator[LinkPlace]:
     for key, value in holder.items():
         if is_link(value) and key != "doc":
-            yield Spot(holder, key, scope, owner, f"{label}.{key}", round_patch)
+            yield LinkPlace(holder, key, scope, owner, f"{label}.{key}")

@@ -8,8 +8,18 @@ from typing import Any
 from exmesh_graph.graph.declare.ports import Port, Signature, type_name
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Where, nearest
-from exmesh_graph.graph.variants.draft import Address, Draft, Spot, clone, is_block, is_link, is_part, layers_of, refuse
-from exmesh_graph.graph.variants.values import fixed_spot, need, needed, port_address, round_layer
+from exmesh_graph.graph.variants.draft import (
+    Address,
+    Draft,
+    LinkPlace,
+    clone,
+    is_block,
+    is_link,
+    is_part,
+    layers_of,
+    refuse,
+)
+from exmesh_graph.graph.variants.values import Target, fixed_place, need, port_target
 
 
 def replace(draft: Draft, patch: Map) -> None:
@@ -18,29 +28,29 @@ def replace(draft: Draft, patch: Map) -> None:
     entry = draft.entry(address.path)
     if is_block(entry):
         refuse(where, f"{address} is a repeat block", fix="replace the nodes in it")
-    there = patch.lines[needed(patch, "type", "replace", "a node type")]
-    new, old = draft.known_type(patch["type"], there), draft.kind(entry)
+    wanted, there = need(patch, "type", "replace", "a node type"), patch.lines.get("type", where)
+    new, old = draft.known_type(wanted, there), draft.kind(entry)
     renamed = _renames(patch, old, new)
     given = {key: value for key, value in patch.items() if key not in ("replace", "ports")}
     if address.round is not None:
         if renamed:
             refuse(patch.lines["ports"], "ports cannot be renamed in a single round", fix="replace it in every round")
-        layer = round_layer(draft, entry, address, where)
+        layer = Target(draft, address, entry, entry).round_settings(where)
         for key, value in given.items():
             layer.put(key, clone(value), patch.lines[key])
         return
     used = draft.users(address.path)
-    for spot, source in used:
+    for place, source in used:
         target = renamed.get(source.port, source.port)
         if not target and new.component is None:
             refuse(there, f"{patch['type']} is a node, but {address} is a component", fix="replace it by a component")
         if target and target not in new.outputs:
-            what = f"{patch['type']} has no output {target!r}, which {spot.label} ({spot.where}) uses"
+            what = f"{patch['type']} has no output {target!r}, which {place.label} ({place.where}) uses"
             fix = f"ports: {{{source.port}: {next(iter(new.outputs), '...')}}}"
             refuse(where, what, expected=_ports(new.outputs), fix=fix)
-    for spot, source in used:
+    for place, source in used:
         if source.port in renamed:
-            spot.put(f"{spot.text.rpartition('.')[0]}.{renamed[source.port]}", spot.where)
+            place.put(f"{place.text.rpartition('.')[0]}.{renamed[source.port]}", place.where)
     kept = Map(entry.where)
     for key, value in entry.items():
         into = renamed[key] if renamed.get(key) in new.inputs else key
@@ -57,7 +67,7 @@ def insert(draft: Draft, patch: Map) -> None:
         refuse(where, "insert needs the new node", expected='{insert: {name: ..., type: ..., ...}, on: "pbr.carrier"}')
     on, there = need(patch, "on", "insert", 'a port "pbr.carrier" or a link "@settle.state"'), patch.lines["on"]
     kind = draft.known_type(new["type"], new.lines["type"])
-    spots: list[tuple[Spot, str]]
+    places: list[tuple[LinkPlace, str]]
     if is_link(on):
         meant = draft.source(on, ())
         if meant is None or meant.path is None:
@@ -68,12 +78,12 @@ def insert(draft: Draft, patch: Map) -> None:
         users = draft.users(meant.path, meant.port)
         if not users:
             refuse(there, f"nothing uses {on}", fix=f"{{add: {{name: {new['name']}, type: {new['type']}, ...}}}}")
-        spots = [(spot, draft.moved(text, scope, spot, source, there)) for spot, source in users]
+        places = [(place, draft.moved(text, scope, place, source, there)) for place, source in users]
     else:
-        spot = _wire_into(draft, on, there)
-        scope, text = spot.scope, spot.text
+        place = _wire_into(draft, on, there)
+        scope, text = place.scope, place.text
         name = draft.check_free(new["name"], scope, new.lines["name"])
-        spots = [(spot, text)]
+        places = [(place, text)]
     wire = draft.port_of(text, scope)
     given = {key for key in new if key not in ("name", "type")}
     source_port = _pick(patch, "in", {n: p for n, p in kind.inputs.items() if n not in given}, wire, new, there)
@@ -83,9 +93,9 @@ def insert(draft: Draft, patch: Map) -> None:
         if key != "name":
             entry.put(key, clone(value), new.lines[key])
     entry.put(source_port, text, there)
-    for spot, read in spots:
+    for place, read in places:
         node = read.rpartition(".")[0].rpartition(".")
-        spot.put(f"@{name}.{output}" if spot.scope == scope else f"{node[0]}{node[1] or '@'}{name}.{output}", there)
+        place.put(f"@{name}.{output}" if place.scope == scope else f"{node[0]}{node[1] or '@'}{name}.{output}", there)
     draft.inside(scope).put(name, entry, where)
 
 
@@ -106,13 +116,13 @@ def bypass(draft: Draft, patch: Map) -> None:
     through = {}
     for port in dict.fromkeys(source.port for _, source in used):
         through[port] = _way_through(patch, str(address), kind, wired, port)
-        for layer, title in layers_of(entry):
+        for layer, word, number in layers_of(entry):
             if through[port] in layer:
-                refuse(where, f"{address} gets another {through[port]} in some rounds ({title})",
+                refuse(where, f"{address} gets another {through[port]} in some rounds ({word} {number})",
                        fix=f"{{connect: {address}.{through[port]}, to: ...}} first")  # fmt: skip
-    for spot, source in used:
-        text = draft.moved(entry[through[source.port]], address.scope, spot, source, where)
-        spot.put(text, where)
+    for place, source in used:
+        text = draft.moved(entry[through[source.port]], address.scope, place, source, where)
+        place.put(text, where)
     del draft.inside(address.scope)[address.path[-1]]
 
 
@@ -121,16 +131,16 @@ def remove(draft: Draft, patch: Map) -> None:
     addresses = [_whole_node(draft, n, where, "remove") for n in (value if isinstance(value, list) else [value])]
     gone = [address.path for address in addresses]
     left = [
-        (spot, source)
+        (place, source)
         for path in gone
-        for spot, source in draft.users(path)
-        if not any(spot.owner[: len(other)] == other for other in gone)
+        for place, source in draft.users(path)
+        if not any(place.owner[: len(other)] == other for other in gone)
     ]
     if left:
-        users = ", ".join(f"{spot.label} ({spot.where})" for spot, _ in left[:4])
+        users = ", ".join(f"{place.label} ({place.where})" for place, _ in left[:4])
         more = f" and {len(left) - 4} more" if len(left) > 4 else ""
         names = ", ".join(".".join(path) for path in gone)
-        outputs = [spot.label for spot, _ in left if spot.owner == ("outputs",)]
+        outputs = [place.label for place, _ in left if place.owner == ("outputs",)]
         fix = f"{{disconnect: {outputs[0]}}}" if outputs else f"{{bypass: {names}}}, or remove what uses it as well"
         refuse(where, f"{names} cannot be removed: {users}{more} links to it", fix=f"{fix} first" if outputs else fix)
     for path in sorted(gone, key=len, reverse=True):
@@ -174,12 +184,12 @@ def _whole_node(draft: Draft, text: Any, where: Where, operation: str) -> Addres
     return address
 
 
-def _wire_into(draft: Draft, target: Any, where: Where) -> Spot:
+def _wire_into(draft: Draft, target: Any, where: Where) -> LinkPlace:
     """The one wire into a port."""
-    fixed = fixed_spot(draft, target)
-    if fixed is not None and is_link(fixed[0].get(fixed[1])):
-        return Spot(fixed[0], fixed[1], fixed[2], (), str(target))
-    address = port_address(draft, target, where)
+    fixed = fixed_place(draft, target)
+    if fixed is not None and is_link(fixed.holder.get(fixed.key)):
+        return fixed
+    address = port_target(draft, target, where).address
     if address.round is not None:
         refuse(where, f"a node cannot be inserted in a single round: {target}", fix="insert it in every round")
     entry = draft.entry(address.path)
@@ -187,12 +197,11 @@ def _wire_into(draft: Draft, target: Any, where: Where) -> Spot:
         refuse(where, f"{target} is not connected", fix="add the node and connect both of its ends")
     if any(kind.inputs[address.key].plugged for kind in draft.kinds(entry) if address.key in kind.inputs):
         refuse(where, f"{target} takes a component, which is no wire", fix=f'{{connect: {target}, to: "@component"}}')
-    for layer, title in layers_of(entry):
+    for layer, word, number in layers_of(entry):
         if address.key in layer:
-            refuse(
-                where, f"{target} is wired otherwise in some rounds ({title})", fix="connect it in every round first"
-            )
-    return Spot(entry, address.key, address.scope, address.path, str(target))
+            what = f"{target} is wired otherwise in some rounds ({word} {number})"
+            refuse(where, what, fix="connect it in every round first")
+    return LinkPlace(entry, address.key, address.scope, address.path, str(target))
 
 
 def _renames(patch: Map, old: Signature | None, new: Signature) -> dict[str, str]:

@@ -1,16 +1,80 @@
-"""Operations that change one value or one wire: `set`, `connect`, `disconnect`; see `patches`."""
+"""Operations that change one value or one wire: `set`, `connect`, `disconnect`; see `patches`.
+
+`set` and `connect` reach into sub-graphs: to their parameters and inputs, and to single nodes inside. What a patch says
+of a node inside goes into the `nodes:` of the entry that uses the file, so that the file itself and its other uses stay
+as they are. The other operations act on the graph that holds the node: put variants of a sub-graph into a file that
+extends it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Signature
+from exmesh_graph.graph.language.extends import load_merged, merge_nodes
 from exmesh_graph.graph.language.params import give
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import Where, nearest
-from exmesh_graph.graph.variants.draft import Address, Draft, clone, is_block, is_link, layers_of, refuse
-from exmesh_graph.graph.variants.inside import part_in, put_inside
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where, nearest
+from exmesh_graph.graph.variants.draft import (
+    Address,
+    Draft,
+    LinkPlace,
+    clone,
+    is_block,
+    is_link,
+    is_part,
+    layers_of,
+    refuse,
+)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A key of a node or block that a patch names, in the file of `draft`: the entry that stands there now.
+
+    `holder` takes the change: the same entry, or for a node inside a sub-graph what its user says of it.
+    """
+
+    draft: Draft
+    address: Address
+    entry: Map
+    holder: Map
+
+    def put(self, value: Any, where: Where, known: Callable[[Signature], Collection[str]]) -> None:
+        """Set the key in every round, whatever single rounds had, or in one round; where the type has such a key."""
+        kind = self.draft.kind(self.entry)
+        if self.address.round is not None:
+            layer = self.round_settings(where)
+            self._put(layer, self._names(self.draft.kind(layer) or kind), value, where)
+            return
+        names = self._names(kind)
+        if kind is None or names & set(known(kind)):
+            self._put(self.holder, names, value, where)
+        for layer, word, number in layers_of(self.entry):
+            own = self.draft.kind(layer)
+            names = self._names(own or kind)
+            if names & set(layer if own is None else known(own)):
+                self._put(self.holder.inner(word, where).inner(number, where), names, value, where)
+
+    def _names(self, kind: Signature | None) -> set[str]:
+        """The names that the parameter or port has or had."""
+        return {self.address.key} if kind is None else kind.names_of(self.address.key)
+
+    def _put(self, holder: Map, names: set[str], value: Any, where: Where) -> None:
+        for name in names - {self.address.key}:
+            holder.pop(name, None)
+        holder.put(self.address.key, clone(value), where)
+
+    def round_settings(self, where: Where) -> Map:
+        """The settings of the one round that is named."""
+        scope = self.address.scope
+        count = self.draft.read(self.draft.entry(scope), "repeat") if self.holder is self.entry else None
+        if isinstance(count, int) and not 1 <= (self.address.round or 0) <= count:
+            refuse(where, f"{'.'.join(scope)} has no round {self.address.round}", expected=f"1 to {count}")
+        return self.holder.inner("at", where).inner(self.address.round, where)
 
 
 def set_values(draft: Draft, patch: Map) -> None:
@@ -18,189 +82,168 @@ def set_values(draft: Draft, patch: Map) -> None:
         for target, value in patch["set"].items():
             _set_one(draft, target, value, patch["set"].lines[target], patch["set"].lines[target])
     else:
-        value = need(patch, "to", "set", "a value")
-        _set_one(draft, patch["set"], value, patch.lines["set"], patch.lines["to"])
+        _set_one(draft, patch["set"], need(patch, "to", "set", "a value"), patch.lines["set"], patch.lines["to"])
 
 
-def _set_one(draft: Draft, target: Any, value: Any, where: Where, there: Where) -> None:
-    top = draft.top
-    if isinstance(target, str) and "." not in target:
-        params = top.get("params")
-        if target == "seed":
-            top.put("seed", value, there)
-        elif isinstance(params, Map) and target in params:
-            give(params, target, value, there)
-        else:
-            names = [*(params or ()), "seed"]
-            named = f"a node's parameter is set with {{set: {target}.PARAMETER, to: ...}}"
-            fix = named if target in draft.names() else ""
-            refuse(where, f"the graph has no parameter {target!r}", near=nearest(target, names) or names, fix=fix)
+def _set_one(draft: Draft, text: Any, value: Any, where: Where, there: Where) -> None:
+    if not isinstance(text, str) or "." in text:
+        target = _target_of(draft, text, where, link=False)
+        if target is not None:
+            target.put(value, there, lambda kind: (*kind.params.model_fields, "seed"))
         return
-    part = part_in(draft, target)
-    if part is not None:
-        put_inside(draft, *part, value, where, there, link=False)
-        return
-    address = draft.address(target, where, key=True)
-    entry = draft.entry(address.path)
-    if is_block(entry):
-        if address.key != "repeat" or address.round is not None:
-            refuse(where, f"the block {'.'.join(address.path)} has no parameter {address.key!r}",
-                   near=[f"{'.'.join(address.path)}.repeat"])  # fmt: skip
-        entry.put("repeat", value, there)
-        return
-    kinds = draft.kinds(entry)
-    if address.key != "seed":
-        if any(kind.names_of(address.key) & kind.inputs.keys() for kind in kinds):
-            fix = f'{{connect: {target}, to: "@node.port"}}'
-            refuse(where, f"{target} is an input port, not a parameter", fix=fix)
-        fields = [field for kind in kinds for field in kind.params.model_fields]
-        if kinds and not any(kind.names_of(address.key) & kind.params.model_fields.keys() for kind in kinds):
-            near = [f"{'.'.join(address.path)}.{name}" for name in nearest(address.key, fields) or fields[:5]]
-            refuse(where, f"{entry.get('type')} has no parameter {address.key!r}", near=near)
-    known = lambda kind: {"seed", *kind.params.model_fields}  # noqa: E731
-    _put(draft, entry, address, value, there, known)
+    params = draft.top.get("params")
+    if text == "seed":
+        draft.top.put("seed", value, there)
+    elif isinstance(params, Map) and text in params:
+        give(params, text, value, there)
+    else:
+        names = [*(params or ()), "seed"]
+        fix = f"a node's parameter is set with {{set: {text}.PARAMETER, to: ...}}" if text in draft.names() else ""
+        refuse(where, f"the graph has no parameter {text!r}", near=nearest(text, names) or names, fix=fix)
 
 
 def connect(draft: Draft, patch: Map) -> None:
-    text, where = need(patch, "to", "connect", 'a link "@node.port"'), patch.lines["connect"]
-    there = patch.lines["to"]
-    if not is_link(text):
-        fix = f"{{set: {patch['connect']}, to: {text!r}}} sets a parameter"
-        refuse(there, f"{text!r} is not a link", expected='"@node.port"', fix=fix)
-    spot = fixed_spot(draft, patch["connect"])
-    if spot is not None:
-        _known_source(draft, text, spot[2], there)
-        spot[0].put(spot[1], text, there)
+    link, there = need(patch, "to", "connect", 'a link "@node.port"'), patch.lines["to"]
+    if not is_link(link):
+        fix = f"{{set: {patch['connect']}, to: {link!r}}} sets a parameter"
+        refuse(there, f"{link!r} is not a link", expected='"@node.port"', fix=fix)
+    place = fixed_place(draft, patch["connect"])
+    if place is not None:
+        _check_source(draft, link, place.scope, there)
+        place.put(link, there)
         return
-    part = part_in(draft, patch["connect"])
-    if part is not None:
-        if "." not in part[1]:
-            _known_source(draft, text, part[0][:-1], there)
-        put_inside(draft, *part, text, where, there, link=True)
-        return
-    address = port_address(draft, patch["connect"], where)
-    _known_source(draft, text, address.scope, there)
-    entry = draft.entry(address.path)
-    _put(draft, entry, address, text, there, lambda kind: set(kind.inputs))
+    target = _target_of(draft, patch["connect"], patch.lines["connect"], link=True)
+    if target is not None:
+        if target.draft is draft:
+            _check_source(draft, link, target.address.scope, there)
+        target.put(link, there, lambda kind: kind.inputs)
 
 
 def disconnect(draft: Draft, patch: Map) -> None:
-    target, where = patch["disconnect"], patch.lines["disconnect"]
-    spot = fixed_spot(draft, target)
-    if spot is not None and str(target).startswith("outputs."):
-        if spot[1] not in spot[0]:
-            refuse(where, f"there is no {target}", near=[f"outputs.{name}" for name in spot[0]])
-        del spot[0][spot[1]]
+    text, where = patch["disconnect"], patch.lines["disconnect"]
+    place = fixed_place(draft, text)
+    if place is not None and str(text).startswith("outputs."):
+        if place.key not in place.holder:
+            refuse(where, f"there is no {text}", near=[f"outputs.{name}" for name in place.holder])
+        del place.holder[place.key]
         return
-    address = port_address(draft, target, where)
-    entry = draft.entry(address.path)
-    names = {address.key}.union(*(kind.names_of(address.key) for kind in draft.kinds(entry)))
+    target = port_target(draft, text, where)
+    entry, key, node = target.entry, target.address.key, ".".join(target.address.path)
+    names = {key}.union(*(kind.names_of(key) for kind in draft.kinds(entry)))
     for kind in draft.kinds(entry):
-        port = next((port for name, port in kind.inputs.items() if name in names), None)
+        port = next((kind.inputs[name] for name in names & kind.inputs.keys()), None)
         if port is not None and not port.optional:
-            refuse(where, f"{target} must be connected: {entry.get('type')} needs its {port}",
-                   fix=f"connect something else, or {{bypass: {'.'.join(address.path)}}}")  # fmt: skip
-    holders = (entry, *(layer for layer, _ in layers_of(entry)))
+            refuse(where, f"{text} must be connected: {entry.get('type')} needs its {port}",
+                   fix=f"connect something else, or {{bypass: {node}}}")  # fmt: skip
+    holders = (entry, *(layer for layer, _, _ in layers_of(entry)))
     wired = [(holder, name) for holder in holders for name in names if is_link(holder.get(name))]
     if not wired:
-        linked = [f"{'.'.join(address.path)}.{key}" for key, value in entry.items() if is_link(value)]
-        refuse(where, f"{target} is not connected", near=nearest(str(target), linked))
-    if address.round is not None:
-        round_layer(draft, entry, address, where).put(address.key, None, where)
+        linked = [f"{node}.{other}" for other, value in entry.items() if is_link(value)]
+        refuse(where, f"{text} is not connected", near=nearest(str(text), linked))
+    if target.address.round is not None:
+        target.round_settings(where).put(key, None, where)
         return
     for holder, name in wired:
         del holder[name]
 
 
-def need(patch: Map, key: str, name: str, expected: str) -> Any:
-    return patch[needed(patch, key, name, expected)]
-
-
-def needed(patch: Map, key: str, name: str, expected: str) -> str:
+def need(patch: Map, key: str, operation: str, expected: str) -> Any:
+    """What a patch says under a key that its operation cannot do without."""
     if key not in patch:
-        refuse(patch.where, f"{name} needs {key}:", expected=f"{key}: {expected}")
-    return key
+        refuse(patch.where, f"{operation} needs {key}:", expected=f"{key}: {expected}")
+    return patch[key]
 
 
-def _put(
-    draft: Draft, entry: Map, address: Address, value: Any, where: Where, known: Callable[[Signature], set[str]]
-) -> None:
-    """Set a key in every round, whatever single rounds had, or in one round."""
-    if address.round is not None:
-        layer = round_layer(draft, entry, address, where)
-        own = draft.kind(layer) or draft.kind(entry)
-        _put_one(layer, address.key, own.names_of(address.key) if own else set(), value, where)
-        return
-    kind = draft.kind(entry)
-    names = {address.key} if kind is None else kind.names_of(address.key)
-    if kind is None or names & known(kind):
-        _put_one(entry, address.key, names, value, where)
-    for layer, _ in layers_of(entry):
-        other = draft.kind(layer)
-        if other is not None and other.names_of(address.key) & known(other):
-            _put_one(layer, address.key, other.names_of(address.key), value, where)
-        elif other is None:
-            for name in names:
-                layer.pop(name, None)
+def port_target(draft: Draft, text: Any, where: Where) -> Target:
+    """The input port that a patch names, outside of sub-graphs."""
+    address = draft.address(text, where, key=True)
+    return _checked(
+        Target(draft, address, draft.entry(address.path), draft.entry(address.path)), text, where, link=True
+    )
 
 
-def _put_one(holder: Map, key: str, names: set[str], value: Any, where: Where) -> None:
-    """Set a key in place of all names that the same parameter or port has or had."""
-    for name in names - {key}:
-        holder.pop(name, None)
-    holder.put(key, clone(value), where)
-
-
-def round_layer(draft: Draft, entry: Map, address: Address, where: Where) -> Map:
-    """The settings of one round of a node, made where there are none."""
-    count = draft.read(draft.entry(address.scope), "repeat")
-    if isinstance(count, int) and not 1 <= (address.round or 0) <= count:
-        refuse(where, f"{'.'.join(address.scope)} has no round {address.round}", expected=f"1 to {count}")
-    rounds = entry.get("at")
-    if not isinstance(rounds, Map):
-        rounds = Map(where)
-        entry.put("at", rounds, where)
-    layer = rounds.get(address.round)
-    if not isinstance(layer, Map):
-        layer = Map(where)
-        rounds.put(address.round, layer, where)
-    return layer
-
-
-def port_address(draft: Draft, target: Any, where: Where) -> Address:
-    """The input port that a patch names."""
-    address = draft.address(target, where, key=True)
-    entry = draft.entry(address.path)
-    if is_block(entry):
-        block = ".".join(address.path)
-        carried = [f"{block}.{key}.{name}" for key in ("carry", "next") for name in entry.get(key) or ()]
-        refuse(where, f"{block} is a repeat block", near=carried, fix="name the carried value or a node in the block")
-    kinds = draft.kinds(entry)
-    ports = [port for kind in kinds for port in kind.inputs]
-    if kinds and not any(kind.names_of(address.key) & kind.inputs.keys() for kind in kinds):
-        isparam = any(address.key in kind.params.model_fields for kind in kinds)
-        fix = f"{{set: {target}, to: ...}}" if isparam else ""
-        near = [f"{'.'.join(address.path)}.{name}" for name in nearest(address.key, ports) or ports]
-        refuse(where, f"{entry.get('type')} has no input port {address.key!r}", near=near, fix=fix)
-    return address
-
-
-def fixed_spot(draft: Draft, target: Any) -> tuple[Map, str, tuple[str, ...]] | None:
-    """(mapping, key, scope) of `outputs.asset`, `rounds.carry.state` and `rounds.next.state`."""
+def fixed_place(draft: Draft, target: Any) -> LinkPlace | None:
+    """The place that `outputs.asset`, `rounds.carry.state` or `rounds.next.state` names."""
     parts = target.split(".") if isinstance(target, str) else []
     if len(parts) == 2 and parts[0] == "outputs" and "outputs" not in draft.nodes:
-        if not isinstance(draft.top.get("outputs"), Map):
-            draft.top.put("outputs", Map(draft.top.where), draft.top.where)
-        return draft.top["outputs"], parts[1], ()
+        return LinkPlace(draft.top.inner("outputs", draft.top.where), parts[1], (), (), target)
     path, known = tuple(parts[:-2]), set(draft.paths())
     if len(parts) > 2 and parts[-2] in ("carry", "next") and path in known and is_block(draft.entry(path)):
         holder = draft.entry(path).get(parts[-2])
         if isinstance(holder, Map) and parts[-1] in holder and (*path, parts[-2]) not in known:
-            return holder, parts[-1], path[:-1] if parts[-2] == "carry" else path
+            return LinkPlace(holder, parts[-1], path[:-1] if parts[-2] == "carry" else path, (), target)
     return None
 
 
-def _known_source(draft: Draft, text: str, scope: tuple[str, ...], where: Where) -> None:
+def _target_of(draft: Draft, text: Any, where: Where, *, link: bool) -> Target | None:
+    """The parameter or input port (`link`) that a patch names; None in a file that cannot be read: `check` says why."""
+    names = text.split(".") if isinstance(text, str) else []
+    paths = [tuple(name.partition("[")[0] for name in names[:length]) for length in range(1, len(names))]
+    known = set(draft.paths())
+    path = next((path for path in paths if path in known and is_part(draft.entry(path))), None)
+    if path is None:
+        address = draft.address(text, where, key=True)
+        return _checked(Target(draft, address, draft.entry(address.path), draft.entry(address.path)), text, where, link)
+    user, key = draft.entry(path), ".".join(names[len(path) :])
+    part = _file_of(draft, user)
+    if part is None:
+        return None
+    if "." not in key:
+        own = part.get("inputs" if link else "params") or ()
+        if key not in own and (link or key != "seed"):
+            name, word = ".".join(path), "input" if link else "parameter"
+            near = [f"{name}.{other}" for other in nearest(key, own) or own]
+            refuse(where, f"the sub-graph {name} has no {word} {key!r}", near=near)
+        return Target(draft, Address(path, None, key), user, user)
+    inner = Draft(part, draft.packs)
+    address = inner.address(key, where, key=True)
+    if is_part(inner.entry(address.path)):
+        refuse(where, f"{text} lies in a sub-graph of a sub-graph", fix="patch the file that uses it")
+    holder = user
+    for name in address.path:
+        holder = holder.inner("nodes", where).inner(name, where)
+    return _checked(Target(inner, address, inner.entry(address.path), holder), text, where, link)
+
+
+def _checked(target: Target, text: Any, where: Where, link: bool) -> Target:
+    """The target, refused where its node or block has no such parameter, or port (`link`)."""
+    entry, key, name = target.entry, target.address.key, str(text).rpartition(".")[0]
+    if is_block(entry):
+        if link:
+            carried = [f"{name}.{word}.{other}" for word in ("carry", "next") for other in entry.get(word) or ()]
+            fix = "name the carried value or a node in the block"
+            refuse(where, f"{name} is a repeat block", near=carried, fix=fix)
+        if key != "repeat" or target.address.round is not None:
+            refuse(where, f"the block {name} has no parameter {key!r}", near=[f"{name}.repeat"])
+        return target
+    kinds = target.draft.kinds(entry)
+    ports = [port for kind in kinds for port in kind.inputs]
+    fields = [*(field for kind in kinds for field in kind.params.model_fields), "seed"]
+    known, names = ports if link else fields, {key}.union(*(kind.names_of(key) for kind in kinds))
+    if kinds and not names & set(known):
+        near = [f"{name}.{other}" for other in nearest(key, known) or known[:5]]
+        if names & set(ports):
+            refuse(where, f"{text} is an input port, not a parameter", fix=f'{{connect: {text}, to: "@node.port"}}')
+        fix = f"{{set: {text}, to: ...}}" if link and names & set(fields) else ""
+        word = "input port" if link else "parameter"
+        refuse(where, f"{entry.get('type')} has no {word} {key!r}", near=near, fix=fix)
+    return target
+
+
+def _file_of(draft: Draft, entry: Map) -> Map | None:
+    """The merged file of a sub-graph with the patches of its use; None where it cannot be read."""
+    name = draft.read(entry, "graph")
+    path = entry.lines["graph"].base / Path(name if isinstance(name, str) else "").expanduser()
+    try:
+        part = load_merged(path.resolve(), Problems()).copy()
+    except GraphErrors:
+        return None
+    if isinstance(part.get("nodes"), Map) and isinstance(entry.get("nodes"), Map):
+        part["nodes"] = merge_nodes(part["nodes"], entry["nodes"], Problems())
+    return part
+
+
+def _check_source(draft: Draft, text: str, scope: tuple[str, ...], where: Where) -> None:
     """Refuse a link to nowhere; whether its type fits is left to `check`, which looks at every wire."""
     source = draft.source(text, scope)
     if source is None:
