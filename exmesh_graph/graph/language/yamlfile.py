@@ -10,11 +10,9 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.problems import Where, fail, nearest
 
 MAX_VALUES = 100_000
@@ -57,13 +55,6 @@ class Map(dict[Any, Any]):
         return other
 
 
-class Reader:
-    """How a session reads texts: with `parse_yaml`, or with what `parsed.remembered` made of it."""
-
-    def __init__(self) -> None:
-        self.read: Callable[[str, Path | None], Any] = parse_yaml
-
-
 def load_yaml(path: Path) -> Map:
     """Read the graph file `path`. Raises GraphErrors for anything that is not one plain YAML 1.2 mapping."""
     where = Where(path, 1)
@@ -71,15 +62,14 @@ def load_yaml(path: Path) -> Map:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1)
         if len(raw) > MAX_BYTES:
-            fail(
-                "file", where, f"a graph file holds at most {MAX_BYTES >> 10} KiB", fix="split it: extends, sub-graphs"
-            )
+            what = f"a graph file holds at most {MAX_BYTES >> 10} KiB"
+            fail("file", where, what, fix="split it: extends, sub-graphs")
         text = raw.decode("utf-8")
     except FileNotFoundError:
         fail("file", where, "no such graph file", nearest=files_like(path))
     except (OSError, UnicodeDecodeError) as error:
         fail("file", where, f"cannot read the graph file: {error}")
-    value = current().part(Reader).read(text, path)
+    value = parse_yaml(text, path)
     if not isinstance(value, Map):
         fail("yaml", where, "a graph file is a mapping", expected="name:, nodes:, ...")
     return value
