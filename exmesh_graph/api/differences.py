@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Settings, Source, checked_graph, using
 from exmesh_graph.api.results import Run, read_run
-from exmesh_graph.graph.variants import identities
+from exmesh_graph.graph.variants.merge import identities
 from exmesh_graph.graph.variants.compare import (
     CHANGED,
     REMOVED,

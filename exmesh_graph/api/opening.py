@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
     from exmesh_graph.graph.language.check import Checked
     from exmesh_graph.graph.session import Session
-    from exmesh_graph.graph.variants import CheckedVariant
+    from exmesh_graph.graph.variants.checked import CheckedVariant
 
 Source = str | os.PathLike[str] | Graph
 Settings = Mapping[str, Any] | Iterable[str] | None

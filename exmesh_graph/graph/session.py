@@ -24,7 +24,7 @@ from exmesh_graph.graph.problems import Problems
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef
-    from exmesh_graph.graph.variants import CheckedVariant
+    from exmesh_graph.graph.variants.checked import CheckedVariant
 
 Folder = str | os.PathLike[str] | None
 
@@ -69,7 +69,7 @@ class Session:
         packs, path = self.packs(), Path(graph)
         with self:
             if variant:
-                from exmesh_graph.graph.variants import check_variant
+                from exmesh_graph.graph.variants.checked import check_variant
 
                 return check_variant(path, overrides, packs, variant, top=top)
             if top is None:
@@ -81,7 +81,7 @@ class Session:
         self, graph: str | os.PathLike[str], overrides: Iterable[str] = (), **options: Any
     ) -> list[CheckedVariant]:
         """A graph file and all variants that it declares, checked; `options` are those of `check_variants`."""
-        from exmesh_graph.graph.variants import check_variants
+        from exmesh_graph.graph.variants.checked import check_variants
 
         packs = self.packs()
         with self:

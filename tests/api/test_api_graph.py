@@ -10,7 +10,7 @@ import pytest
 
 import exmesh_graph as ex
 from exmesh_graph.graph.problems import GraphErrors
-from exmesh_graph.graph.variants import identities
+from exmesh_graph.graph.variants.merge import identities
 from exmesh_graph.types import Mesh
 
 GRAPHS = Path(__file__).parent.parent.parent / "graphs"

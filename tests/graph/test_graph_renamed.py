@@ -15,7 +15,7 @@ from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.session import Session
-from exmesh_graph.graph.variants import check_variant, check_variants
+from exmesh_graph.graph.variants.checked import check_variant, check_variants
 from exmesh_graph.types import Metrics
 
 

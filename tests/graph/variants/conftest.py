@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.language.check import Checked
-from exmesh_graph.graph.variants import check_variant
+from exmesh_graph.graph.variants.checked import check_variant
 
 BASE = """
 name: toy

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.language.check import Checked
-from exmesh_graph.graph.variants import identities
 from exmesh_graph.graph.variants.compare import compare, named_in_short, rerun
+from exmesh_graph.graph.variants.merge import identities
 
 Patched = Callable[..., Checked]
 

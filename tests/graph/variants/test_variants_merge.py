@@ -13,7 +13,9 @@ from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.language.yamlfile import parse_yaml
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Run
-from exmesh_graph.graph.variants import apply_patches, check_variants, merge
+from exmesh_graph.graph.variants.checked import check_variants
+from exmesh_graph.graph.variants.merge import merge
+from exmesh_graph.graph.variants.patches import apply_patches
 
 TEXT = """
 variants:

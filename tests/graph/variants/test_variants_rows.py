@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.problems import GraphErrors
-from exmesh_graph.graph.variants import MAX_VARIANTS, CheckedVariant, check_variant, check_variants
+from exmesh_graph.graph.variants.checked import CheckedVariant, check_variant, check_variants
+from exmesh_graph.graph.variants.declared import MAX_VARIANTS
 
 
 def rows(bench: Any, text: str, *sets: str, only: list[str] | None = None) -> list[CheckedVariant]:

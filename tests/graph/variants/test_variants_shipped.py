@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.variants import check_variants, merge
+from exmesh_graph.graph.variants.checked import check_variants
+from exmesh_graph.graph.variants.merge import merge
 
 ABLATIONS = Path(__file__).parent.parent.parent.parent / "graphs" / "ablations"
 
