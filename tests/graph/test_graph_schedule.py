@@ -21,7 +21,7 @@ nodes:
 """
 
 
-def wishing(bench: Any, **resources: float) -> Any:
+def asking(bench: Any, **resources: float) -> Any:
     bound = bench.check(CHAIN).nodes["a"]
     return replace(bound, definition=replace(bound.definition, resources=resources))
 
@@ -35,13 +35,13 @@ def test_the_longest_remaining_path_counts(bench: Any) -> None:
 
 def test_wishes_are_cut_or_refused(bench: Any) -> None:
     pool = Pool({"cpu": 4, "jobs": 4, "gpu": 1})
-    assert pool.wish(wishing(bench))["cpu"] == 1
-    assert pool.wish(wishing(bench, cpu=0))["cpu"] == 4
-    assert pool.wish(wishing(bench, cpu=64))["cpu"] == 4
-    assert pool.wish(wishing(bench, **{"gpu?": 9}))["gpu"] == pool.most["gpu"]
-    assert "gpu" not in Pool({"cpu": 4, "gpu": 0, "jobs": 9}).wish(wishing(bench, **{"gpu?": 1}))
+    assert pool.wanted(asking(bench))["cpu"] == 1
+    assert pool.wanted(asking(bench, cpu=0))["cpu"] == 4
+    assert pool.wanted(asking(bench, cpu=64))["cpu"] == 4
+    assert pool.wanted(asking(bench, **{"gpu?": 9}))["gpu"] == pool.most["gpu"]
+    assert "gpu" not in Pool({"cpu": 4, "gpu": 0, "jobs": 9}).wanted(asking(bench, **{"gpu?": 1}))
     with pytest.raises(GraphError, match="asks for gpu=2, licence=1, and there is gpu=1, licence=0"):
-        pool.wish(wishing(bench, gpu=2, licence=1))
+        pool.wanted(asking(bench, gpu=2, licence=1))
 
 
 def test_gpus_are_lent_whole_or_in_parts() -> None:
@@ -107,8 +107,8 @@ def test_gpu_memory_is_asked_for_where_a_node_needs_it(
     tool.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     pool = Pool({"cpu": 4, "jobs": 4, "gpu": 2})
-    assert pool.wish(wishing(bench, gpu=1, vram_gb=40))["vram_gb"] == 40
+    assert pool.wanted(asking(bench, gpu=1, vram_gb=40))["vram_gb"] == 40
     assert pool.capacity["vram_gb"] == pytest.approx(51.5, abs=0.1)
     tool.unlink()
     with pytest.raises(GraphError, match="asks for vram_gb=1"):
-        Pool({"cpu": 4, "jobs": 4, "gpu": 2}).wish(wishing(bench, vram_gb=1))
+        Pool({"cpu": 4, "jobs": 4, "gpu": 2}).wanted(asking(bench, vram_gb=1))

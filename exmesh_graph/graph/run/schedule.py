@@ -1,4 +1,4 @@
-"""Which node goes first, what may run at once, and who computes what: the longest path, tokens, claims of keys."""
+"""Which node goes first, what may run at once, and who computes what: the longest path, tokens, leases of keys."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def parse_tokens(text: str) -> dict[str, float]:
 
 
 class Pool:
-    """Tokens in use and free. `cpu: 0` asks for every cpu of a machine; a cpu wish is cut to what one has."""
+    """Tokens in use and free. `cpu: 0` asks for every cpu of a machine; a request for cpus is cut to what one has."""
 
     def __init__(self, capacity: Tokens, largest: Tokens | None = None) -> None:
         self.capacity = dict(capacity)
@@ -68,7 +68,7 @@ class Pool:
         self.shares = [1.0] * int(self.capacity.get("gpu", 0))  # free part of each GPU
         self.lent: dict[str, dict[int, float]] = {}
 
-    def wish(self, bound: Bound) -> dict[str, float]:
+    def wanted(self, bound: Bound) -> dict[str, float]:
         """What a node asks for, one `jobs` token and by default one cpu. Raises GraphError if it can never get it."""
         if {"vram_gb", "vram_gb?"} & set(bound.definition.resources) and "vram_gb" not in self.capacity:
             self.capacity["vram_gb"] = self.free["vram_gb"] = self.most["vram_gb"] = gpu_memory()
@@ -112,8 +112,8 @@ class Pool:
         return dict.fromkeys(free[:number], share) if len(free) >= number else None
 
 
-class Claims:
-    """The keys that this run computes, under leases whose hearts beat in a thread; `elsewhere`: nodes of other runs."""
+class KeyLeases:
+    """The leases of the keys that this run computes, kept alive by a thread; `elsewhere`: nodes that others compute."""
 
     def __init__(self, root: Path, say: Callable[[str, str], None]) -> None:
         self.leases, self.say = Leases(root), say
@@ -125,17 +125,17 @@ class Claims:
 
     def take(self, name: str, key: str) -> bool:
         """Whether this run may compute a key now; else another process does, and its record will come."""
-        found = self.leases.acquire(key)
-        if isinstance(found, Holder):
+        lease = self.leases.acquire(key)
+        if isinstance(lease, Holder):
             if name not in self.elsewhere:
-                self.say(name, f"waits for {found}, which computes the same")
-            self.elsewhere[name] = found
+                self.say(name, f"waits for {lease}, which computes the same")
+            self.elsewhere[name] = lease
             return False
         self.elsewhere.pop(name, None)
-        self.held[name] = found
-        if found.notice and found.notice not in self.notices:
-            self.notices.add(found.notice)
-            self.say(name, found.notice)
+        self.held[name] = lease
+        if lease.notice and lease.notice not in self.notices:
+            self.notices.add(lease.notice)
+            self.say(name, lease.notice)
         if self.heart is None:
             self.heart = threading.Thread(target=self._beat, daemon=True)
             self.heart.start()

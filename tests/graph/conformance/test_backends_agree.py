@@ -283,8 +283,8 @@ def test_ray_is_imported_only_where_it_is_used() -> None:
 def test_a_job_may_have_at_most_what_one_machine_has(bench: Any) -> None:
     pool = Pool({"cpu": 12, "jobs": 12, "ram_gb": 90}, {"cpu": 4, "ram_gb": 30})
     nodes = bench.check('nodes: {a: {type: toy.const}, w: {type: toy.wide, number: "@a.number"}}').nodes
-    assert pool.wish(nodes["w"])["cpu"] == 4
-    pool.take("first", pool.wish(nodes["w"]))
-    assert pool.fits(pool.wish(nodes["w"]))
+    assert pool.wanted(nodes["w"])["cpu"] == 4
+    pool.take("first", pool.wanted(nodes["w"]))
+    assert pool.fits(pool.wanted(nodes["w"]))
     few = Pool({"cpu": 2, "jobs": 2}, {"cpu": 4})
-    assert few.wish(nodes["w"])["cpu"] == 2
+    assert few.wanted(nodes["w"])["cpu"] == 2
