@@ -15,7 +15,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from exmesh_graph.graph import files
@@ -29,7 +29,7 @@ CHECKPOINT_AGE, QUARANTINE_AGE = 30 * DAY, 7 * DAY
 SETTLE = 0.2  # seconds for a look-up under way to note its use
 
 
-@dataclass
+@dataclass(frozen=True)
 class Item:
     """A file or folder that may go: its bytes, the time of its last use, the objects it refers to, and why it goes."""
 
@@ -64,13 +64,17 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
     Raises StoreError when a pin or a run cannot be read.
     """
     roots = find_roots(store, runs)
-    found = Survey(roots, notes=list(roots.notes))
+    result = Survey(roots, notes=list(roots.notes))
     recent = min([_now(store) - age, *_starts_of_work(store)])
-    records, objects = list(_records(store)), {item.name: item for item in _objects(store)}
-    kept = [item for item in records if _stays(item, roots, recent)]
-    going = [item for item in records if not _stays(item, roots, recent)]
-    for item in going:
-        item.why = "no run or pin shows it"
+    objects = {item.name: item for item in _items(store, "object", "objects/*/*")}
+    held, fixed = roots.pinned | roots.shown | roots.busy, roots.pinned | roots.busy
+    kept: list[Item] = []
+    going: list[Item] = []
+    for item in _records(store):
+        if item.name in held or item.used > recent:
+            kept.append(item)
+        else:
+            going.append(replace(item, why="no run or pin shows it"))
     others = [*_checkpoints(store, roots, age), *_quarantine(store), *_drafts(store)]
     needed = Counter(digest for item in kept for digest in item.objects)
     size = sum(item.bytes for item in kept) + sum(i.bytes for d, i in objects.items() if d in needed or i.used > recent)
@@ -78,33 +82,34 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
         for item in sorted(kept, key=lambda item: item.used):
             if size <= budget:
                 break
-            if item.name in roots.pinned or item.name in roots.busy or item.used > recent:
+            if item.name in fixed or item.used > recent:
                 continue
-            item.why = "the store is over its budget, and this was used longest ago"
-            going.append(item)
+            going.append(replace(item, why="the store is over its budget, and this was used longest ago"))
             kept.remove(item)
             size -= item.bytes
             needed.subtract(item.objects)
             size -= sum(objects[d].bytes for d in set(item.objects) if d in objects and not needed[d])
         if size > budget:
-            found.notes.append("what is pinned, in use or new is more than the budget")
-    loose = [item for digest, item in objects.items() if not needed[digest] and item.used <= recent]
-    for item in loose:
-        item.why = "no record that stays refers to it"
-    found.items = [*going, *loose, *others]
-    found.kept = Counter(result=len(kept), object=len(objects) - len(loose))
-    found.kept_bytes = size
-    return found
+            result.notes.append("what is pinned, in use or new is more than the budget")
+    loose = [
+        replace(item, why="no record that stays refers to it")
+        for digest, item in objects.items()
+        if not needed[digest] and item.used <= recent
+    ]
+    result.items = [*going, *loose, *others]
+    result.kept = Counter(result=len(kept), object=len(objects) - len(loose))
+    result.kept_bytes = size
+    return result
 
 
-def delete(store: Store, found: Survey) -> tuple[list[Item], list[Item]]:
-    """Remove what a survey found; returns (removed, left or put back since it is in use again)."""
+def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
+    """Remove what a survey lists; returns (removed, left or put back since it is in use again)."""
     files.sweep_abandoned(store.root / "trash")
     Leases(store.root).sweep()
     removed: list[tuple[Item, Path]] = []
     spared: list[Item] = []
     with files.writing("the store", store.root, "--store"), files.own_folder(store.root / "trash") as trash:
-        for number, item in enumerate(found.items):
+        for number, item in enumerate(survey.items):
             aside = trash / str(number)
             if _used(item.path) == item.used and _rename(item.path, aside):
                 removed.append((item, aside))
@@ -129,58 +134,46 @@ def _needed_again(store: Store, records: list[tuple[Item, Path]]) -> set[Path]:
     return {item.path for item in again} | {store.data(digest).parent for digest in digests}
 
 
-def _stays(item: Item, roots: Roots, recent: float) -> bool:
-    return item.name in roots.pinned or item.name in roots.shown or item.name in roots.busy or item.used > recent
+def _items(store: Store, kind: str, pattern: str) -> Iterator[Item]:
+    """What lies in the store under a pattern; what goes away meanwhile is left out."""
+    for path in sorted(store.root.glob(pattern)):
+        with contextlib.suppress(OSError):
+            status = path.stat()
+            size = sum(files.sizes(path).values()) if path.is_dir() else status.st_size
+            yield Item(kind, path.name.removesuffix(".json"), path, size, status.st_mtime)
 
 
 def _records(store: Store) -> Iterator[Item]:
-    for path in sorted((store.root / "actions").glob("*/*.json")):
-        with contextlib.suppress(OSError):
-            status = path.stat()
-            action = store.read(path)
-            if action is not None:
-                digests = tuple(s.digest for s in action.outputs.values() if s.digest != NOTHING.digest)
-                yield Item("result", path.stem, path, status.st_size, status.st_mtime, digests)
-
-
-def _objects(store: Store) -> Iterator[Item]:
-    for path in sorted((store.root / "objects").glob("*/*")):
-        with contextlib.suppress(OSError):
-            yield Item("object", path.name, path, sum(files.sizes(path).values()), path.stat().st_mtime)
+    for item in _items(store, "result", "actions/*/*.json"):
+        action = store.read(item.path)
+        if action is not None:
+            digests = tuple(s.digest for s in action.outputs.values() if s.digest != NOTHING.digest)
+            yield replace(item, objects=digests)
 
 
 def _checkpoints(store: Store, roots: Roots, age: float) -> Iterator[Item]:
-    now = _now(store)
-    for path in sorted((store.root / "checkpoints").glob("*")):
-        with contextlib.suppress(OSError):
-            item = Item("checkpoint", path.name, path, sum(files.sizes(path).values()), path.stat().st_mtime)
-            if path.name in roots.busy:
-                continue
-            if store.look_up(path.name, use=False) is not None:
-                item.why = "its result is recorded"
-            elif now - item.used > max(age, CHECKPOINT_AGE):
-                item.why = f"older than {max(age, CHECKPOINT_AGE) / DAY:.0f} days"
-            if item.why:
-                yield item
+    now, oldest = _now(store), max(age, CHECKPOINT_AGE)
+    for item in _items(store, "checkpoint", "checkpoints/*"):
+        if item.name in roots.busy:
+            continue
+        if store.look_up(item.name, use=False) is not None:
+            yield replace(item, why="its result is recorded")
+        elif now - item.used > oldest:
+            yield replace(item, why=f"older than {oldest / DAY:.0f} days")
 
 
 def _quarantine(store: Store) -> Iterator[Item]:
-    for path in sorted((store.root / "quarantine").glob("*")):
-        with contextlib.suppress(OSError):
-            since = path.suffix[1:]
-            if since.isdigit() and time.time() - int(since) / 1e9 > QUARANTINE_AGE:
-                size = sum(files.sizes(path).values()) if path.is_dir() else path.stat().st_size
-                why = f"in quarantine for more than {QUARANTINE_AGE / DAY:.0f} days"
-                yield Item("quarantine", path.name, path, size, path.stat().st_mtime, why=why)
+    for item in _items(store, "quarantine", "quarantine/*"):
+        since = item.path.suffix[1:]
+        if since.isdigit() and time.time() - int(since) / 1e9 > QUARANTINE_AGE:
+            yield replace(item, why=f"in quarantine for more than {QUARANTINE_AGE / DAY:.0f} days")
 
 
 def _drafts(store: Store) -> Iterator[Item]:
     """What machines that died left half-sent in a shared store."""
-    for path in sorted((store.root / "drafts").glob("*")):
-        with contextlib.suppress(OSError):
-            status = path.stat()
-            if time.time() - status.st_mtime > DAY:
-                yield Item("draft", path.name, path, status.st_size, status.st_mtime, why="half-sent a day ago")
+    for item in _items(store, "draft", "drafts/*"):
+        if time.time() - item.used > DAY:
+            yield replace(item, why="half-sent a day ago")
 
 
 def _starts_of_work(store: Store) -> Iterator[float]:
