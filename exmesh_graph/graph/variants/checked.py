@@ -15,7 +15,8 @@ from exmesh_graph.graph.language.spec import tree_of
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 from exmesh_graph.graph.variants.declared import BASE, Repeats, Row, repeats_of, rows_of, setting
-from exmesh_graph.graph.variants.draft import Draft, is_part, refuse
+from exmesh_graph.graph.variants.draft import Draft
+from exmesh_graph.graph.variants.entries import is_part, refuse
 from exmesh_graph.graph.variants.patches import apply_patches
 
 

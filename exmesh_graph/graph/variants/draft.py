@@ -7,16 +7,17 @@ empty one is the graph itself); links are read in the scope they stand in, inner
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any
 
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, Signature, signature
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.spec import Value, resolve_params, substitute
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
+from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.variants.entries import is_block, is_link, is_part, layers_of, refuse
 
 Names = tuple[str, ...]
 _PART = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d+)\])?\Z")
@@ -72,11 +73,6 @@ class LinkPlace:
 
     def put(self, text: str, where: Where) -> None:
         self.holder.put(self.key, text, where)
-
-
-def refuse(where: Where, what: str, *, near: Iterable[str] = (), **more: Any) -> NoReturn:
-    """A patch whose precondition does not hold; `more` are Problem's expected, found and fix."""
-    raise GraphErrors([Problem("patch", where, what, nearest=tuple(near), **more)])
 
 
 @dataclass
@@ -266,13 +262,11 @@ class Draft:
             return text
         if place.scope == home and not source.by_round:
             return text
-        if source.by_round and meant.path is not None and meant.path[:-1] == home:
-            node = source.text.removeprefix("@").rpartition(".")[0].rpartition(".")[0]
-            return f"@{node}.{meant.path[-1]}.{meant.port}"
-        refuse(
-            where, f"{place.label} ({place.where}) links here as {source.text!r}, where {text!r} means something else",
-            fix=f"connect {place.label} first",
-        )  # fmt: skip
+        if not source.by_round or meant.path is None or meant.path[:-1] != home:
+            what = f"{place.label} ({place.where}) links here as {source.text!r}, where {text!r} means something else"
+            refuse(where, what, fix=f"connect {place.label} first")
+        node = source.text.removeprefix("@").rpartition(".")[0].rpartition(".")[0]
+        return f"@{node}.{meant.path[-1]}.{meant.port}"
 
     def check_free(self, name: Any, scope: Names, where: Where) -> str:
         """Refuse a new node's name that is taken, or that would hide another node from links."""
@@ -284,41 +278,6 @@ class Draft:
                 what = f"there is a node {taken!r} already" if path[:-1] == scope else f"{name!r} would hide {taken!r}"
                 refuse(where, what, fix=f"choose another name, or change the node: {{replace: {taken}, type: ...}}")
         return name
-
-
-def clone(value: Any) -> Any:
-    """A deep copy of plain values, places kept."""
-    if isinstance(value, Map):
-        other = Map(value.where)
-        for key, item in value.items():
-            other.put(key, clone(item), value.lines[key])
-        return other
-    return [clone(item) for item in value] if isinstance(value, list) else value
-
-
-def is_block(entry: Any) -> bool:
-    """Whether an entry is a repeat block with nodes."""
-    return isinstance(entry, Map) and "repeat" in entry and isinstance(entry.get("nodes"), Map)
-
-
-def is_part(entry: Any) -> bool:
-    """Whether an entry uses a graph file as a sub-graph."""
-    return isinstance(entry, Map) and "graph" in entry
-
-
-def is_link(value: Any) -> bool:
-    """Whether a value is a link (`@@` begins a plain string)."""
-    return isinstance(value, str) and value.startswith("@") and not value.startswith("@@")
-
-
-def layers_of(entry: Map) -> Iterator[tuple[Map, str, Any]]:
-    """(settings, `every` or `at`, number) of single rounds of a node."""
-    for key in ("every", "at"):
-        rounds = entry.get(key)
-        if isinstance(rounds, Map):
-            for number, layer in rounds.items():
-                if isinstance(layer, Map):
-                    yield layer, key, number
 
 
 def _links_of(holder: Map, scope: Names, owner: Names, label: str) -> Iterator[LinkPlace]:

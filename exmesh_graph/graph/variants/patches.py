@@ -22,7 +22,8 @@ from typing import Any
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Where, nearest
-from exmesh_graph.graph.variants.draft import Draft, clone, refuse
+from exmesh_graph.graph.variants.draft import Draft
+from exmesh_graph.graph.variants.entries import clone, refuse
 from exmesh_graph.graph.variants.rewire import add, bypass, insert, remove, replace
 from exmesh_graph.graph.variants.values import connect, disconnect, set_values
 

@@ -8,17 +8,8 @@ from typing import Any
 from exmesh_graph.graph.declare.ports import Port, Signature, type_name
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Where, nearest
-from exmesh_graph.graph.variants.draft import (
-    Address,
-    Draft,
-    LinkPlace,
-    clone,
-    is_block,
-    is_link,
-    is_part,
-    layers_of,
-    refuse,
-)
+from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace
+from exmesh_graph.graph.variants.entries import clone, is_block, is_link, is_part, layers_of, refuse
 from exmesh_graph.graph.variants.values import Target, fixed_place, need, port_target
 
 

@@ -18,17 +18,8 @@ from exmesh_graph.graph.language.extends import load_merged, merge_nodes
 from exmesh_graph.graph.language.params import give
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, nearest
-from exmesh_graph.graph.variants.draft import (
-    Address,
-    Draft,
-    LinkPlace,
-    clone,
-    is_block,
-    is_link,
-    is_part,
-    layers_of,
-    refuse,
-)
+from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace
+from exmesh_graph.graph.variants.entries import clone, is_block, is_link, is_part, layers_of, refuse
 
 
 @dataclass(frozen=True)
