@@ -55,7 +55,8 @@ class Dataflow:
         self.needed.subtract(read)
         for user in self.users[name]:
             self.look_again(user)
-        return [digest for digest in {*read, *(s.digest for s in outputs.values())} if self.needed[digest] <= 0]
+        own = [stored.digest for stored in outputs.values()]
+        return [digest for digest in (*own, *read) if self.needed[digest] <= 0]
 
     def lose(self, name: str) -> None:
         """The outputs of a node are no longer known: it will run again."""
