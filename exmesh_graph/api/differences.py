@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Settings, Source, checked_graph, using
 from exmesh_graph.api.results import Run, read_run
-from exmesh_graph.graph.variants.merge import identities
 from exmesh_graph.graph.variants.compare import (
     CHANGED,
     REMOVED,
@@ -20,6 +19,7 @@ from exmesh_graph.graph.variants.compare import (
     named_in_short,
     rerun,
 )
+from exmesh_graph.graph.variants.merge import identities
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.session import Session
