@@ -12,14 +12,13 @@ from typing import Any
 
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
 from exmesh_graph.report.collect import collect
-from exmesh_graph.report.contents import Curve, Figure, Node, Report, stage_costs
+from exmesh_graph.report.contents import Curve, Figure, Report, stage_costs
 from exmesh_graph.report.decisions import decision_tables
+from exmesh_graph.report.drawing.states import fold_boxes
 from exmesh_graph.report.drawing.svg import Box, fold_edges, fold_loops, fold_name, graph_picture
 from exmesh_graph.report.templates import asset_text, page_of, replace_text
 from exmesh_graph.report.text import number
 from exmesh_graph.report.widgets import comparison, viewer_section
-
-_STATES = ("failed", "running", "done", "hit")  # the most telling state of a folded block comes first
 
 
 def build_report(run_folder: Path, run_record: Mapping[str, Any], load_artifact: Callable[[str], Any]) -> Path:
@@ -45,7 +44,7 @@ def render_page(report: Report) -> str:
     """HTML text of the report; works offline."""
     from markupsafe import Markup
 
-    boxes = fold_nodes(report.nodes)
+    boxes = fold_boxes(Box(node.name, node.type, node.state, node.seconds, 1, node.bytes) for node in report.nodes)
     return page_of(
         __package__,
         "report.html",
@@ -53,7 +52,7 @@ def render_page(report: Report) -> str:
         style=Markup(asset_text(__package__, "style.css")),
         tiles=[_tile(figure) for figure in _last_stages(report.headline)],
         bars=Markup(bar_chart([(_label(box), box.seconds or 0.0, box.state) for box in boxes])),
-        error_charts=[Markup(chart) for chart in _error_charts(report.stages)],
+        error_charts=[Markup(chart) for chart in error_charts(report.stages)],
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
         graph=Markup(graph_picture(boxes, fold_edges(report.edges), fold_loops(report.edges))),
         viewer=Markup(viewer_section([(f"{model.title} ({model.node})", model) for model in reversed(report.models)])),
@@ -64,21 +63,6 @@ def render_page(report: Report) -> str:
         tables={node: list(metric_rows(values)) for node, values in report.metrics.items()},
         hits=sum(node.state == "hit" for node in report.nodes),
     )
-
-
-def fold_nodes(nodes: list[Node]) -> list[Box]:
-    """One box per node of the graph file: rounds of a repeat block are summed."""
-    groups: dict[str, list[Node]] = {}
-    for node in nodes:
-        groups.setdefault(fold_name(node.name), []).append(node)
-    boxes = []
-    for name, members in groups.items():
-        types = list(dict.fromkeys(node.type for node in members))
-        states = [node.state for node in members]
-        state = next((state for state in _STATES if state in states), states[0])
-        spent, stored = sum(node.seconds for node in members), sum(node.bytes for node in members)
-        boxes.append(Box(name, " / ".join(types), state, spent, len(members), stored))
-    return boxes
 
 
 def _label(box: Box) -> str:
@@ -112,7 +96,7 @@ def _tile(figure: Figure) -> dict[str, Any]:
     return tile
 
 
-def _error_charts(figures: list[Figure]) -> list[str]:
+def error_charts(figures: list[Figure]) -> list[str]:
     """For each measure its value at every scored stage, over the time spent until then (a single one from the floor at
     0 s) and over each other quantity that the stages name; log axes where values span more than a factor of two."""
     charts = []

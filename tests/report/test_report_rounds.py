@@ -11,7 +11,7 @@ from exmesh_graph.evaluate.carrier import score_stage
 from exmesh_graph.gallery.rounds import atlas_panels, round_gallery
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.report.contents import Figure
-from exmesh_graph.report.page import _error_charts
+from exmesh_graph.report.page import error_charts
 from exmesh_graph.types import Carrier, SceneTruth
 from exmesh_graph.uv.unwrap import unwrap
 
@@ -92,9 +92,9 @@ def test_each_quantity_gets_a_chart_of_its_own():
         Figure("Chamfer", y, "mm", series="Chamfer", after=x, over={"vertices": v})
         for x, y, v in ((30.0, 2.0, 500), (10.0, 3.0, 100), (90.0, 1.0, 2000))
     ]
-    charts = _error_charts(figures)
+    charts = error_charts(figures)
     assert len(charts) == 2
     assert "seconds spent" in charts[0]
     assert "vertices" in charts[1]
     assert "at 2\u202f000 vertices" in charts[1]
-    assert len(_error_charts(figures[:1])) == 0
+    assert len(error_charts(figures[:1])) == 0

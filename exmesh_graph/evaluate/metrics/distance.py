@@ -57,9 +57,9 @@ def _distances(
     for members, tree in classes:
         reach = np.sqrt(best) * (1 + 1e-9) + radii[members].max()
         lists = tree.query_ball_point(points, reach, return_sorted=False)
-        counts = np.fromiter((len(found) for found in lists), np.int64, len(lists))
+        counts = np.fromiter((len(near) for near in lists), np.int64, len(lists))
         owner = np.repeat(np.arange(len(points)), counts)
-        triangle = members[np.concatenate([np.asarray(found, np.int64) for found in lists])]
+        triangle = members[np.concatenate([np.asarray(near, np.int64) for near in lists])]
         gap = np.linalg.norm(points[owner] - centroids[triangle], axis=1) - radii[triangle]
         close = gap <= np.sqrt(best)[owner]
         owner, triangle = owner[close], triangle[close]

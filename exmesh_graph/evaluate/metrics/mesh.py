@@ -82,23 +82,23 @@ def mesh_report(vertices: np.ndarray, faces: np.ndarray, *, self_intersections: 
     the share of edges whose faces turn by more than 150 degrees. `self_intersections` asks pymeshlab for the number of
     faces that cut others.
     """
-    found = inspect(vertices, faces)
+    soundness = inspect(vertices, faces)
     parts = int(face_components(faces, len(vertices)).max()) + 1 if len(faces) else 0
     euler = euler_characteristic(faces)
-    manifold = found.crowded_edges == 0 and found.turned_edges == 0
-    solid = found.closed and manifold and found.pinched_vertices == 0
+    manifold = soundness.crowded_edges == 0 and soundness.turned_edges == 0
+    solid = soundness.closed and manifold and soundness.pinched_vertices == 0
     report: dict[str, Any] = {
         "vertices": len(vertices),
         "faces": len(faces),
         "components": parts,
-        "closed": found.closed,
+        "closed": soundness.closed,
         "edge_manifold": manifold,
         "euler": int(euler),
         "genus": (2 * parts - int(euler)) // 2 if solid else None,
         "area": float(face_areas(vertices, faces).sum()),
-        "volume": signed_volume(vertices, faces) if found.closed else None,
+        "volume": signed_volume(vertices, faces) if soundness.closed else None,
         "folded": folded_share(vertices, faces),
-        **asdict(found),
+        **asdict(soundness),
     }
     if self_intersections:
         report["self_intersections"] = count_self_intersections(vertices, faces)

@@ -60,10 +60,10 @@ def rephotograph(
             cosine = (here * there).sum(-1).clamp(-1, 1)
             weight = torch.exp(-(torch.rad2deg(torch.acos(cosine)) / _SPREAD).square()) + 1e-6
             total += torch.where((sees & (depth > 0))[..., None], weight[..., None] * colour, 0.0)
-        found = total[..., 3] > 0
-        images.append(torch.where(found[..., None], total[..., :3] / total[..., 3:].clamp(min=1e-12), 0.0))
+        photographed = total[..., 3] > 0
+        images.append(torch.where(photographed[..., None], total[..., :3] / total[..., 3:].clamp(min=1e-12), 0.0))
         covered.append(depth > 0)
-        seen.append(found)
+        seen.append(photographed)
     return Rephotographs(*(torch.stack(items).numpy() for items in (images, covered, seen)))
 
 

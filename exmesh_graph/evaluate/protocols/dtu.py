@@ -240,9 +240,9 @@ def _observed(points: np.ndarray, truth: DtuTruth) -> np.ndarray:
     """bool [P]: whether the nearest voxel of the observability mask is set."""
     index = np.around((points - truth.box[0]) / truth.voxel).astype(int)
     inside = ((index >= 0) & (index < truth.observed.shape)).all(1)
-    found = np.zeros(len(points), bool)
-    found[inside] = truth.observed[tuple(index[inside].T)]
-    return found
+    observed = np.zeros(len(points), bool)
+    observed[inside] = truth.observed[tuple(index[inside].T)]
+    return observed
 
 
 def _mean_below(distances: np.ndarray) -> float:

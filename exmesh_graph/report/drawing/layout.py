@@ -32,10 +32,6 @@ class BlockFrame:
     width: float
     height: float
 
-    def holds(self, x: float, y: float) -> bool:
-        """Whether a point lies inside."""
-        return 0 <= x - self.x <= self.width and 0 <= y - self.y <= self.height
-
 
 @dataclass(frozen=True)
 class Piece:
