@@ -57,9 +57,9 @@ class Case:
 def load_case(path: Path, downscale: int, most: int) -> Case:
     """A folder in the NeRF-Synthetic, the IDR (with mono_depth/ beside, where there is one) or Middlebury's layout.
 
-    Real scenes hold out every eighth view. Masks give the hull's field, one dissenting view allowed in Middlebury's.
+    Real scenes hold out every eighth view. Masks give the hull's field, one wrong mask allowed in Middlebury's.
     """
-    mono, dissent = None, 0
+    mono, wrong_masks = None, 0
     if (path / "transforms_train.json").is_file():
         scene = load_blender(path, BlenderOptions(downscale=downscale, max_views=most))
     elif any(path.glob("cameras*.npz")):
@@ -67,13 +67,13 @@ def load_case(path: Path, downscale: int, most: int) -> Case:
         if (path / "mono_depth").is_dir():
             mono = load_depths(scene.train, path / "mono_depth", DepthOptions(units="relative"))
     elif any(path.glob("*_par.txt")):
-        scene, dissent = load_middlebury(path, MiddleburyOptions(downscale=downscale, max_views=most)), 1
+        scene, wrong_masks = load_middlebury(path, MiddleburyOptions(downscale=downscale, max_views=most)), 1
     else:
         sys.exit(f"{path}: expected transforms_train.json, cameras*.npz or *_par.txt")
     views, truth, field = scene.train, scene.truth, None
     if views.masked.all():
         field = SilhouetteField.from_masks(
-            views.alpha, views.intrinsics, views.world_to_camera, names=views.names, dissent=dissent
+            views.alpha, views.intrinsics, views.world_to_camera, names=views.names, wrong_masks=wrong_masks
         )
     has_mesh = truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None
     mesh = (truth.mesh_vertices, truth.mesh_faces) if has_mesh else None
@@ -89,7 +89,7 @@ def fitted(case: Case, iterations: int) -> DepthMaps:
     """Depth maps of planar Gaussians, from points in the hull, or at random in the unit sphere without masks."""
     gaussians, history = pgsr(
         case.train,
-        PgsrSettings(iterations=iterations, max_gaussians=MOST_GAUSSIANS, dissent=1 if case.truth is None else 0),
+        PgsrSettings(iterations=iterations, max_gaussians=MOST_GAUSSIANS, wrong_masks=1 if case.truth is None else 0),
     )
     print(f"{'':24s} {len(gaussians)} Gaussians, {history['psnr'][-1]:.1f} dB", flush=True)
     return depth_maps(Gaussians.of(gaussians), prepare_targets(case.train), DepthSettings())[0]

@@ -6,7 +6,7 @@
 
 For every scene its up axis in the files' own axes and, where the true mesh is known, how far that reaches from the
 origin, in the normalised world and back in the scene's units. Then, where there are masks, hulls with no and with one
-dissenting mask: intersection over union of hull and mask at the pixels' centres, mean and least over the training
+wrong mask allowed: intersection over union of hull and mask at the pixels' centres, mean and least over the training
 views, and processor seconds of the hull. Middlebury's pictures are halved, and tried with the pixel centres at +0.5 and
 at 0.
 """
@@ -77,15 +77,25 @@ def measure(name: str, views: Views, frame: Frame, truth: SceneTruth | None, gri
         return [world]
     field = SilhouetteField.from_masks(views.alpha, views.intrinsics, views.world_to_camera)
     rows = [world]
-    for dissent in (0, 1):
-        field = SilhouetteField.from_masks(views.alpha, views.intrinsics, views.world_to_camera, dissent=dissent)
+    for wrong_masks in (0, 1):
+        field = SilhouetteField.from_masks(
+            views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=wrong_masks
+        )
         began = time.process_time()
         vertices, faces = visual_hull(field, resolution=grid)
         seconds = time.process_time() - began
         shares = overlap(taubin(vertices, faces, 10), faces, views)
-        row = {"scene": name, "dissent": dissent, "iou": shares.mean(), "least": shares.min(), "seconds": seconds}
+        row = {
+            "scene": name,
+            "wrong_masks": wrong_masks,
+            "iou": shares.mean(),
+            "least": shares.min(),
+            "seconds": seconds,
+        }
         rows.append(row)
-        print(f"  dissent {dissent}: IoU {row['iou']:.3f}, least {row['least']:.3f}; {seconds:.1f} s", flush=True)
+        print(
+            f"  wrong_masks {wrong_masks}: IoU {row['iou']:.3f}, least {row['least']:.3f}; {seconds:.1f} s", flush=True
+        )
     return rows
 
 

@@ -151,7 +151,7 @@ def scenes(options: argparse.Namespace):  # type: ignore[no-untyped-def]
     for path in options.middlebury:
         params = data.MiddleburyParams(path=path, holdout=8, downscale=2 * options.downscale)
         found = data.middlebury(ctx, p=params)
-        yield path.name, hull_carrier(ctx, found.train, dissent=1), found.train, found.test, None
+        yield path.name, hull_carrier(ctx, found.train, wrong_masks=1), found.train, found.test, None
     if options.decide and not options.no_own:
         for name, carrier, train in odd_scenes():
             yield name, carrier, train, train, None
@@ -191,9 +191,9 @@ def odd_scenes():  # type: ignore[no-untyped-def]
     )
 
 
-def hull_carrier(ctx: Quiet, train: Views, dissent: int = 0) -> Carrier:
+def hull_carrier(ctx: Quiet, train: Views, wrong_masks: int = 0) -> Carrier:
     """The visual hull, unwrapped and coloured: a coarse carrier where no true mesh is known."""
-    hull = init.visual_hull(ctx, train, p=init.HullParams(resolution=96, dissent=dissent)).mesh
+    hull = init.visual_hull(ctx, train, p=init.HullParams(resolution=96, wrong_masks=wrong_masks)).mesh
     coarse = init.clean(ctx, hull, p=init.CleanParams(faces=5000)).mesh
     atlas = uv.unwrap(ctx, coarse, p=uv.UnwrapParams(texture_size=512)).carrier
     return stage1.init(ctx, atlas, train, p=stage1.InitParams()).state

@@ -5,7 +5,7 @@
 
 Faults: every 10th mask missing (the photograph over a patterned ground instead);
 one camera turned by 2 degrees; an object that is black, on black ground; the exposure of every other view halved. Rows
-marked + do what the warning advises: the named views left out, `dissent: 1` for the hull, `gains: true`. Chamfer in
+marked + do what the warning advises: the named views left out, `wrong_masks: 1` for the hull, `gains: true`. Chamfer in
 thousandths of the bounding radius, PSNR over the clean held-out views (with one gain a view where exposures differ: the
 texture's own exposure is then arbitrary).
 """
@@ -57,7 +57,7 @@ def main() -> None:
         "clean": (views, {}),
         "10 % of masks missing": (unmasked(views, every), {}),
         "one camera off by 2 degrees": (turned(views, wrong), {}),
-        "+ dissent 1": (turned(views, wrong), {"dissent": 1}),
+        "+ wrong_masks 1": (turned(views, wrong), {"wrong_masks": 1}),
         "+ the named view left out": (without(views, [wrong]), {}),
         "black on black": (replace(views, images=views.images * 1e-3), {}),
         "every other exposure halved": (exposed(views), {}),
@@ -80,10 +80,10 @@ def main() -> None:
         options.json.write_text(json.dumps(rows, indent=1))
 
 
-def run(views: Views, test: Views, truth, rounds, *, dissent: int = 0, gains: bool = False):
+def run(views: Views, test: Views, truth, rounds, *, wrong_masks: int = 0, gains: bool = False):
     """(scores, suspects, warnings) of a short Stage I."""
     ctx = Listening()
-    mesh = init.visual_hull(ctx, views, p=init.HullParams(resolution=96, dissent=dissent)).mesh
+    mesh = init.visual_hull(ctx, views, p=init.HullParams(resolution=96, wrong_masks=wrong_masks)).mesh
     mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=rounds[0][0])).mesh
     carrier = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=views.width)).carrier
     state = stage1.init(ctx, carrier, views, p=stage1.InitParams(device="cpu")).state

@@ -24,7 +24,7 @@ class AutoParams(Params):
     resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Of the hull or the fusion.")
     faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
     close_holes: int = param(60, ge=0, unit="edges", doc="Without masks: fill holes of at most so many edges.")
-    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point.")
+    wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point.")
     device: Literal["auto", "cpu", "cuda"] = param("auto", doc="Where to compute; auto takes a CUDA device if any.")
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
@@ -75,7 +75,7 @@ def auto(
             "method: tsdf fuses depth maps, and none are wired in", where=ctx.node,
             fix='wire depths: "@<a prior>.depths", or set method: auto',
         )  # fmt: skip
-    outline = init.HullParams(resolution=p.resolution, dissent=p.dissent)
+    outline = init.HullParams(resolution=p.resolution, wrong_masks=p.wrong_masks)
     if method == "hull":
         mesh = init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
@@ -84,7 +84,9 @@ def auto(
         if method == "pgsr":
             depths = _fitted_depths(ctx, views, points, iterations, factor, p)
         assert depths is not None
-        whole = init.TsdfParams(resolution=p.resolution, solid=True, truncation=3, min_weight=2, dissent=p.dissent)
+        whole = init.TsdfParams(
+            resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks
+        )
         bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
         mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
         if p.method == "auto" and method == "pgsr" and masks and len(views) >= ENOUGH_VIEWS:
@@ -105,7 +107,7 @@ def _fitted_depths(
 
     fit = gaussians.PgsrParams(
         iterations=iterations, count=p.count, max_gaussians=max(40000, 2 * (len(points) if points else p.count)),
-        dissent=p.dissent, downscale=factor, device=p.device, threads=p.threads,
+        wrong_masks=p.wrong_masks, downscale=factor, device=p.device, threads=p.threads,
     )  # fmt: skip
     fitted = gaussians.pgsr(ctx, views, points, p=fit).gaussians
     drawing = gaussians.DepthParams(device=p.device, threads=p.threads)

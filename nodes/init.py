@@ -33,7 +33,9 @@ class ManifoldMeshOut(NamedTuple):
 
 class HullParams(Params):
     resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the object's longest side.")
-    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point; 1 for hand-made masks.")
+    wrong_masks: int = param(
+        0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point; 1 for hand-made masks."
+    )
     smooth: int = param(
         10, ge=0, le=200, unit="steps", doc="Taubin smoothing steps (no shrinking) after marching cubes."
     )
@@ -48,7 +50,12 @@ def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullParams) -> ClosedMes
     from exmesh_graph.geometry.hull import visual_hull as hull
 
     field = SilhouetteField.from_masks(
-        views.alpha, views.intrinsics, views.world_to_camera, dissent=p.dissent, names=views.names, chunk=p.chunk
+        views.alpha,
+        views.intrinsics,
+        views.world_to_camera,
+        wrong_masks=p.wrong_masks,
+        names=views.names,
+        chunk=p.chunk,
     )
     vertices, faces = hull(field, resolution=p.resolution)
     vertices = taubin(vertices, faces, p.smooth)
@@ -85,7 +92,7 @@ class TsdfParams(Params):
         doc="Cut what the depth maps look through out of the visual hull, which fills what they do not see: closed "
         "(needs masks; resolution is along the object's longest side).",
     )
-    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point (solid).")
+    wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point (solid).")
     incidence: float = param(
         0.0, ge=0, le=90, unit="degrees", doc="Ignore surfaces seen at more than this angle; 0: none ignored."
     )
@@ -115,7 +122,7 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
                 "solid needs a mask for every view", where=ctx.node, fix="set solid: false, then init.clean close_holes"
             )
         field = SilhouetteField.from_masks(
-            views.alpha, views.intrinsics, views.world_to_camera, dissent=p.dissent, names=views.names
+            views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=p.wrong_masks, names=views.names
         )
         vertices, faces = carve(
             field, views, depths, resolution=p.resolution, truncation=p.truncation, min_weight=p.min_weight

@@ -1,8 +1,8 @@
 """Visual hull: the largest shape that agrees with all silhouettes, as a closed triangle mesh.
 
 A point's field is the smallest, over the views, of the silhouette's signed distance at its projection, turned from
-pixels into world units by depth / f; the hull is where it is positive. Real masks err here and there, so `dissent`
-views may be outvoted at each point (the (dissent + 1)-th smallest value counts).
+pixels into world units by depth / f; the hull is where it is positive. Real masks err here and there, so `wrong_masks`
+views may be outvoted at each point (the (wrong_masks + 1)-th smallest value counts).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class SilhouetteField:
 
     distances        float32 [N, H, W], from `silhouette_distance`
     intrinsics       float64 [N, 3, 3];  world_to_camera float64 [N, 4, 4], OpenCV
-    dissent          number of views that may be outvoted at each point
+    wrong_masks          number of views that may be outvoted at each point
     chunk            points handled at once; bounds the memory, does not change the result
 
     A point that projects outside an image takes the value of the nearest border pixel, less its distance to the image
@@ -55,7 +55,7 @@ class SilhouetteField:
     distances: np.ndarray
     intrinsics: np.ndarray
     world_to_camera: np.ndarray
-    dissent: int = 0
+    wrong_masks: int = 0
     chunk: int = 1 << 18
 
     @classmethod
@@ -65,11 +65,11 @@ class SilhouetteField:
         intrinsics: np.ndarray,
         world_to_camera: np.ndarray,
         *,
-        dissent: int = 0,
+        wrong_masks: int = 0,
         names: Sequence[str] = (),
         chunk: int = 1 << 18,
     ) -> SilhouetteField:
-        """Field of alpha [N, H, W]. DataError for no views, empty silhouettes, or `dissent` >= N."""
+        """Field of alpha [N, H, W]. DataError for no views, empty silhouettes, or `wrong_masks` >= N."""
         names = list(names) or [f"view {i}" for i in range(len(alpha))]
         if len(alpha) == 0:
             raise DataError("the visual hull needs views, there are none", expected="at least one training view")
@@ -79,12 +79,12 @@ class SilhouetteField:
                 "the mask is empty: no pixel has alpha >= 0.5", where=", ".join(empty),
                 expected="a silhouette in every view", fix="leave these views out, or mend their masks",
             )  # fmt: skip
-        if dissent >= len(alpha):
+        if wrong_masks >= len(alpha):
             raise DataError(
-                f"dissent {dissent} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
+                f"wrong_masks {wrong_masks} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
             )
         distances = np.stack([silhouette_distance(a) for a in alpha])
-        return cls(distances, np.asarray(intrinsics, float), np.asarray(world_to_camera, float), dissent, chunk)
+        return cls(distances, np.asarray(intrinsics, float), np.asarray(world_to_camera, float), wrong_masks, chunk)
 
     def __call__(self, points: np.ndarray, floor: float = -np.inf) -> np.ndarray:
         """Field float32 [P], world units, at points [P, 3]. Values below `floor` may be any value below it."""
@@ -103,10 +103,10 @@ class SilhouetteField:
     def _evaluate(self, points: np.ndarray, floor: float) -> np.ndarray:
         result = np.full(len(points), np.inf, np.float32)
         live = np.arange(len(points))
-        lowest = np.full((self.dissent + 1, len(points)), np.inf, np.float32)
+        lowest = np.full((self.wrong_masks + 1, len(points)), np.inf, np.float32)
         for view in range(len(self.distances)):
             value = self._vote(view, points)
-            for rank in range(self.dissent + 1):  # keep the dissent + 1 smallest, in order
+            for rank in range(self.wrong_masks + 1):  # keep the wrong_masks + 1 smallest, in order
                 smaller = np.minimum(lowest[rank], value)
                 value = np.maximum(lowest[rank], value)
                 lowest[rank] = smaller
@@ -185,7 +185,7 @@ def occupied_box(field: SilhouetteField, low: np.ndarray, high: np.ndarray, reso
             f"the silhouettes of {len(field.distances)} views have no common part inside the search box",
             expected="cameras and masks of one object",
             fix="check the cameras' convention (axes, intrinsics for this image size) and the masks; "
-            "with loose masks raise `dissent`",
+            "with loose masks raise `wrong_masks`",
         )
     margin = 1.5 * grid.step
     return points[near].min(0) - margin, points[near].max(0) + margin
@@ -235,7 +235,7 @@ def surface(values: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     if not (values > 0).any():
         raise GeometryError(
             "the surface is empty: no grid point lies inside", where="visual hull",
-            fix="raise `resolution`, or `dissent` where masks are too tight",
+            fix="raise `resolution`, or `wrong_masks` where masks are too tight",
         )  # fmt: skip
     vertices, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="ascent", allow_degenerate=False)
     vertices = (grid.origin + grid.step * vertices).astype(np.float32)

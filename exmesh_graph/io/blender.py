@@ -68,7 +68,7 @@ def load_blender(path: Path, options: BlenderOptions | None = None) -> Scene:
     options = options or BlenderOptions()
     train, test, own = list_blender(path, options)
     scene = load_scene(
-        train, test, up=options.up, downscale=options.downscale, dissent=options.dissent, box=options.box,
+        train, test, up=options.up, downscale=options.downscale, wrong_masks=options.wrong_masks, box=options.box,
         metres_per_unit=options.metres_per_unit,
     )  # fmt: skip
     if not options.truth:

@@ -39,7 +39,7 @@ def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Sce
     options = options or MiddleburyOptions()
     train, test = list_middlebury(path, options)
     return load_scene(
-        train, test, up=options.up, downscale=options.downscale, dissent=options.dissent, box=options.box,
+        train, test, up=options.up, downscale=options.downscale, wrong_masks=options.wrong_masks, box=options.box,
         metres_per_unit=options.metres_per_unit,
     )  # fmt: skip
 

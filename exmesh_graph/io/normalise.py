@@ -77,7 +77,7 @@ def sphere_from_masks(
     intrinsics: np.ndarray,
     camera_to_world: np.ndarray,
     *,
-    dissent: int = 0,
+    wrong_masks: int = 0,
     names: Sequence[str] = (),
 ) -> tuple[np.ndarray, float]:
     """Bounding sphere (centre [3], radius) of the masks' visual hull, in the world of the cameras.
@@ -88,7 +88,7 @@ def sphere_from_masks(
     """
     masked = (alpha < 1).any(axis=(1, 2))
     centre, radius = _from_mask_rays(alpha[masked], intrinsics[masked], camera_to_world[masked])
-    field = SilhouetteField.from_masks(alpha, intrinsics, np.linalg.inv(camera_to_world), dissent=dissent)
+    field = SilhouetteField.from_masks(alpha, intrinsics, np.linalg.inv(camera_to_world), wrong_masks=wrong_masks)
     low, high = centre - 1.3 * radius, centre + 1.3 * radius
     inside = np.zeros((0, 3))
     for _ in range(2):

@@ -12,7 +12,7 @@ Lens = Literal["pinhole", "radial", "opencv"]
 Way = Literal["auto", "incremental", "easier", "global"]
 
 _UP = "The up axis of the files' world; auto: found from level cameras."
-_DISSENT = "Masks that may be wrong at a point, for normalisation."
+_WRONG_MASKS = "Masks that may be wrong at a point, for normalisation."
 _BOX = "The object's box in the files' units; default: found from the masks."
 _METRES = "Metres in one unit of the files; 0 = unknown."
 _DOWNSCALE = "Reduce by this factor, by exact area averaging in linear light."
@@ -38,7 +38,7 @@ class BlenderOptions(Params):
     min_test_views: int = param(2, ge=1, unit="views", doc="Fewer test frames than this count as none (auto).")
     up: UpAxis = param("z", doc=_UP)
     truth: bool = param(True, doc="Read true mesh, maps, light and relit pictures where they are there.")
-    dissent: int = param(0, ge=0, unit="views", doc=_DISSENT)
+    wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)
     box: Box | None = param(None, doc=_BOX)
     metres_per_unit: float = param(0.0, ge=0, unit="m", doc=_METRES)
 
@@ -64,7 +64,7 @@ class MiddleburyOptions(RingOptions):
     downscale: int = param(2, ge=1, le=16, doc=_DOWNSCALE)
     up: UpAxis = param("y", doc=_UP)
     masks: bool = param(True, doc="Use mask/ where it is there.")
-    dissent: int = param(1, ge=0, unit="views", doc=_DISSENT)
+    wrong_masks: int = param(1, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)
     box: Box | None = param(None, doc=_BOX)
     metres_per_unit: float = param(1.0, ge=0, unit="m", doc=_METRES)
 
@@ -123,7 +123,7 @@ class PhotosOptions(MotionSettings):
     downscale: int = param(1, ge=1, le=16, doc=_DOWNSCALE)
     holdout: int = param(8, ge=2, unit="views", doc=_HOLDOUT)
     first: int = param(3, ge=0, doc=_FIRST)
-    dissent: int = param(1, ge=0, unit="views", doc=_DISSENT)
+    wrong_masks: int = param(1, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)
 
 
 class DepthOptions(Params):

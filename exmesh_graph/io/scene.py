@@ -40,13 +40,13 @@ def load_scene(
     *,
     up: UpAxis,
     downscale: int = 1,
-    dissent: int = 0,
+    wrong_masks: int = 0,
     box: Sequence[Sequence[float]] | None = None,
     sphere: tuple[np.ndarray, float] | None = None,
     metres_per_unit: float = 0.0,
 ) -> Scene:
     """Read both splits, check them, and normalise: by `box` or `sphere` (data set's units) where given, else by the
-    training masks (`dissent` of which may be wrong at a point), else by the cameras alone.
+    training masks (`wrong_masks` of which may be wrong at a point), else by the cameras alone.
     """
     fit = load_shots(train, split="training", downscale=downscale)
     held = load_shots(test, split="test", downscale=downscale)
@@ -74,9 +74,9 @@ def load_scene(
     elif sphere is not None:
         centre, radius = sphere
     elif fit.has_masks:
-        few = min(dissent, max(len(train) - 2, 0))
+        few = min(wrong_masks, max(len(train) - 2, 0))
         centre, radius = sphere_from_masks(
-            fit.silhouettes, fit.silhouette_intrinsics, fit.camera_to_world, dissent=few, names=fit.names
+            fit.silhouettes, fit.silhouette_intrinsics, fit.camera_to_world, wrong_masks=few, names=fit.names
         )
     else:
         height, width = fit.alpha.shape[1:]

@@ -77,7 +77,7 @@ def started(
 ) -> Gaussians:
     """Where the fit begins, as `settings.start` says.
 
-    points: from `points`; hull: `count` points in the visual hull of the masks, of which `dissent` may be wrong;
+    points: from `points`; hull: `count` points in the visual hull of the masks, of which `wrong_masks` may be wrong;
     random: `count` points in the unit sphere; auto: points where there are any, else hull where all views have masks,
     else random. Raises DataError where the chosen start lacks what it needs.
     """
@@ -94,7 +94,7 @@ def started(
                 where=where, fix="add masks, leave these views out, or set start: random",
             )  # fmt: skip
         field = SilhouetteField.from_masks(
-            views.alpha, views.intrinsics, views.world_to_camera, dissent=settings.dissent, names=views.names
+            views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=settings.wrong_masks, names=views.names
         )
         places, normals = hull_points(field, count, seed=seed)
         log(f"starts from {len(places)} points on and in the visual hull")

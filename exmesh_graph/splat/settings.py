@@ -22,7 +22,7 @@ class PgsrSettings(Params):
     )
     count: int = param(20000, ge=1, doc="Gaussians at the start (hull, random).")
     max_gaussians: int = param(40000, ge=1, doc="Gaussians at most.")
-    dissent: int = param(0, ge=0, unit="views", doc="Masks that may be wrong at a point (hull).")
+    wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point (hull).")
     degree: int = param(3, ge=0, le=3, doc="Degree of the spherical harmonics at the end.")
     ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of 1 - SSIM in the colour loss.")
     mask_weight: float = param(0.2, ge=0, doc="Weight of coverage against the mask, where there is one.")

@@ -124,7 +124,7 @@ def _suspects(figures: Residuals, targets: Targets, gains: bool) -> dict[str, st
             words[name] = (
                 f"the photograph lies {float(size[i]):.1f} pixels beside the rendering ({right:+.1f} right, "
                 f"{down:+.1f} down), as if its camera were turned by {angle:.1f} degrees: correct its pose, "
-                "or leave the view out, or let the hull bear it (init.visual_hull, dissent: 1)"
+                "or leave the view out, or let the hull bear it (init.visual_hull, wrong_masks: 1)"
             )
         elif far_mask[i]:
             much = "covers more than" if figures.bias[i] < 0 else "leaves out parts of"

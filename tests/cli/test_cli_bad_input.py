@@ -86,7 +86,7 @@ WRITTEN = [  # (text of the graph, what stands there instead, words of the messa
     ("resolution: 16", "resolution: 3", ("g.yaml:6: [parameter]", "greater than or equal to 16", "voxels")),
     ("resolution: 16", "resolution: high", ("g.yaml:6: [parameter] hull: resolution", "found: 'high'")),
     ("resolution: 16", "resolution: .nan", ("g.yaml:6: [parameter] hull: resolution",)),
-    ("resolution: 16", "dissent: true", ("g.yaml:6: [parameter] hull: dissent", "not true or false")),
+    ("resolution: 16", "wrong_masks: true", ("g.yaml:6: [parameter] hull: wrong_masks", "not true or false")),
     ('"{name}"', '"../{name}"', ("g.yaml:7: [parameter] depth: pattern",)),
     ("${scene}", "${scne}", ("g.yaml:5: [param]", "nearest: scene")),
     ("scene: scene", "scene: elsewhere", ("g.yaml:5: [source]", "does not exist", "/elsewhere", "`path`")),
@@ -101,6 +101,12 @@ def test_a_fault_in_the_graph(exmesh: Exmesh, folder: Path, old: str, new: str, 
     for word in words:
         assert word in shown
     assert not (folder / "runs").exists()
+
+
+def test_the_old_name_of_a_parameter_works_with_a_note(exmesh: Exmesh, folder: Path) -> None:
+    (folder / "g.yaml").write_text(GRAPH.replace("resolution: 16", "resolution: 16, dissent: 1", 1))
+    done = exmesh("check", "g.yaml")
+    assert "'dissent' is now called 'wrong_masks'" in " ".join((done.stdout + done.stderr).split())
 
 
 SETS = [

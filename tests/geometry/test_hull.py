@@ -103,8 +103,8 @@ def test_field_is_the_lowest_vote_in_world_units():
     """Reference: one point and one view at a time, straight from the definition."""
     alpha, k, pose = sphere_masks(5, 48, 0.6)
     points = np.random.default_rng(1).uniform(-0.9, 0.9, (40, 3))
-    for dissent in (0, 1, 2):
-        field = SilhouetteField.from_masks(alpha, k, pose, dissent=dissent)
+    for wrong_masks in (0, 1, 2):
+        field = SilhouetteField.from_masks(alpha, k, pose, wrong_masks=wrong_masks)
         expected = []
         for point in points:
             votes = []
@@ -115,17 +115,17 @@ def test_field_is_the_lowest_vote_in_world_units():
                 d = field.distances[view][r : r + 2, c : c + 2]
                 w = np.outer([1 - (v - r), v - r], [1 - (u - c), u - c])
                 votes.append((d * w).sum() * z / k[view, 0, 0])
-            expected.append(sorted(votes)[dissent])
+            expected.append(sorted(votes)[wrong_masks])
         assert field(points) == pytest.approx(np.array(expected), abs=2e-5)
 
 
-def test_dissent_outvotes_one_wrong_mask():
+def test_one_wrong_mask_is_outvoted():
     alpha, k, pose = sphere_masks(20, 64, 0.6)
     alpha[3] = 0
     alpha[3, :8, :8] = 1
     with pytest.raises(DataError, match="no common part"):
         visual_hull(SilhouetteField.from_masks(alpha, k, pose), resolution=32)
-    vertices, _ = visual_hull(SilhouetteField.from_masks(alpha, k, pose, dissent=1), resolution=48)
+    vertices, _ = visual_hull(SilhouetteField.from_masks(alpha, k, pose, wrong_masks=1), resolution=48)
     assert np.median(np.linalg.norm(vertices, axis=1)) == pytest.approx(0.6, abs=0.04)
 
 
@@ -157,7 +157,7 @@ def test_bad_views():
     with pytest.raises(DataError, match=r"b: the mask is empty"):
         SilhouetteField.from_masks(alpha, k, pose, names=("a", "b", "c"))
     with pytest.raises(DataError, match="no view to decide"):
-        SilhouetteField.from_masks(alpha[:1], k[:1], pose[:1], dissent=1)
+        SilhouetteField.from_masks(alpha[:1], k[:1], pose[:1], wrong_masks=1)
     with pytest.raises(GeometryError, match="empty"):
         surface(np.full((4, 4, 4), -1.0), Grid(np.zeros(3), 1.0, (4, 4, 4)))
 

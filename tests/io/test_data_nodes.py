@@ -91,7 +91,7 @@ def test_blender_passes_on_notes(blender_scene, context):
 
 
 def test_middlebury(middlebury_scene, context):
-    p = data.MiddleburyParams(path=middlebury_scene, downscale=1, dissent=0)
+    p = data.MiddleburyParams(path=middlebury_scene, downscale=1, wrong_masks=0)
     out = data.middlebury(context, p=p)
     centre = check_views(out, 9, 1)
     assert out.test.names == ("v03",)

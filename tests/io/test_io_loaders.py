@@ -308,7 +308,7 @@ class TestBadBlender:
 
 
 class TestMiddlebury:
-    options = MiddleburyOptions(downscale=1, holdout=4, first=2, dissent=0)
+    options = MiddleburyOptions(downscale=1, holdout=4, first=2, wrong_masks=0)
 
     def test_loading(self, middlebury_scene):
         scene = load_middlebury(middlebury_scene, self.options)
@@ -327,13 +327,13 @@ class TestMiddlebury:
         assert scene.frame.scene_from_normalised[:3, 3] == pytest.approx(CENTRE)
         assert scene.frame.scene_from_normalised[0, 0] == pytest.approx(RADIUS * np.sqrt(3) / FILL)
 
-    def test_one_wrong_mask_needs_dissent(self, middlebury_scene):
+    def test_one_wrong_mask_is_outvoted(self, middlebury_scene):
         mask = np.zeros((SIZE, SIZE))
         mask[:6, :6] = 1
         write_image(middlebury_scene / "mask" / "v04.png", mask)
         with pytest.raises(DataError, match="no common part"):
             load_middlebury(middlebury_scene, self.options)
-        scene = load_middlebury(middlebury_scene, self.options.replaced(dissent=1))
+        scene = load_middlebury(middlebury_scene, self.options.replaced(wrong_masks=1))
         assert scene.frame.scene_from_normalised[:3, 3] == pytest.approx(CENTRE, abs=0.08)
 
     @pytest.mark.parametrize(
