@@ -3,10 +3,10 @@
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.call import call
 from exmesh_graph.api.differences import Comparison, diff
+from exmesh_graph.api.node import Node, UnknownPort
 from exmesh_graph.api.opening import check
 from exmesh_graph.api.results import Figure, NodeRun, Run
 from exmesh_graph.api.runs import Plan, RunFailed, open_run, plan, run
-from exmesh_graph.api.scope import Node, UnknownPort
 from exmesh_graph.api.sweeps import Sweep, sweep
 from exmesh_graph.api.values import Parameter, Wire, component
 from exmesh_graph.graph.session import Session

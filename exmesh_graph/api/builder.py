@@ -22,7 +22,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.api.scope import Node, Scope, child
+from exmesh_graph.api.node import Node
+from exmesh_graph.api.scope import Scope, child
 from exmesh_graph.api.values import Parameter, Place, Wire, here, plain
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
@@ -30,7 +31,7 @@ from exmesh_graph.graph.language.extends import over_base
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml
 from exmesh_graph.graph.problems import Problems, Where
-from exmesh_graph.graph.session import current_session
+from exmesh_graph.graph.session import Session, current_session
 
 
 class Graph(Scope):
@@ -55,6 +56,7 @@ class Graph(Scope):
 
     def _begin(self) -> None:
         self.name = str(self.tree["name"])
+        self._packs: tuple[Session, Packs] | None = None
         self._extended = Map(self.tree.where)
         if "extends" in self.tree:
             problems, only = Problems(), Map(self.tree.where)
@@ -85,11 +87,14 @@ class Graph(Scope):
     @property
     def packs(self) -> Packs:
         """The node types at hand."""
-        return current_session().packs()
+        session = current_session()
+        if self._packs is None or self._packs[0] is not session:
+            self._packs = session, session.packs()  # what is declared later comes into the same object
+        return self._packs[1]
 
     def signature(self, kind: str) -> Signature | None:
         """Ports and parameters of a node type; None for one that is not known."""
-        definition = self.packs.types.get(kind)
+        definition = self.packs.find(kind)
         try:
             return None if definition is None else signature(definition)
         except (TypeError, NameError):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.api.scope import Node
+from exmesh_graph.api.node import Node
 from exmesh_graph.api.values import Place, Plug, Wire, here, plain
 from exmesh_graph.graph.declare.components import BoundComponent, Component
 from exmesh_graph.graph.declare.node import NodeDef
@@ -81,6 +81,7 @@ def call(
             f"{kind} is a component, which is not called",
             fix=f'give it to a node: component("{kind}")',
         )
+    values = {known.renamed.get(name, name): value for name, value in values.items()}
     inputs, plugs, fields = {}, {}, {}
     for name, port in known.inputs.items():
         value = values.pop(name, None)
@@ -116,9 +117,11 @@ def call(
 
 def _declared(declared: Any, packs: Packs, where: Place) -> tuple[NodeDef, Signature]:
     """Definition and signature of a type, or of the function that declares it."""
-    for name, definition in packs.types.items():
-        if declared == name or declared is definition.function:
-            return definition, signature(definition)
+    definition = packs.find(declared) if isinstance(declared, str) else None
+    for other in packs.types.values():
+        definition = other if other.function is declared else definition
+    if definition is not None:
+        return definition, signature(definition)
     shown = declared if isinstance(declared, str) else getattr(declared, "__qualname__", repr(declared))
     near, fix = nearest(str(shown), packs.types), "exmesh nodes lists all types"
     return fail("node-type", where, f"there is no node type {shown!r}", nearest=near, fix=fix)

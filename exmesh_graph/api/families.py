@@ -8,7 +8,8 @@ from exmesh_graph.api.values import here
 from exmesh_graph.graph.problems import fail, nearest
 
 if TYPE_CHECKING:
-    from exmesh_graph.api.builder import Node, Scope
+    from exmesh_graph.api.node import Node
+    from exmesh_graph.api.scope import Scope
 
 
 class Families:
@@ -27,7 +28,10 @@ class Families:
 
 
 class Family:
-    """The types of one family, as functions that add a node; `name` is the node's, by default that of the type."""
+    """The types of one family, as functions that add a node. Its name comes first or as `name=`; default: the type's.
+
+    Where a type has a parameter called `name`, that is meant by it.
+    """
 
     def __init__(self, scope: Scope, family: str) -> None:
         self._scope, self._family = scope, family
@@ -35,15 +39,20 @@ class Family:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        kind, types = f"{self._family}.{name}", self._scope.graph.packs.types
-        if kind not in types:
+        kind, packs = f"{self._family}.{name}", self._scope.graph.packs
+        definition = packs.find(kind)
+        if definition is None:
             what = f"there is no node type {kind!r}"
-            fail("node-type", here(), what, nearest=nearest(kind, types), fix="exmesh nodes lists all types")
+            fail("node-type", here(), what, nearest=nearest(kind, packs.types), fix="exmesh nodes lists all types")
 
-        def add(*, name: str = "", **fields: Any) -> Node:
-            return self._scope.add(name or _free(kind.rpartition(".")[2], self._scope), kind, **fields)
+        known = self._scope.graph.signature(kind)
+        own_name = known is not None and ("name" in known.inputs or "name" in known.params.model_fields)
 
-        add.__name__, add.__doc__ = kind, types[kind].function.__doc__
+        def add(node_name: str = "", /, **fields: Any) -> Node:
+            called = node_name or ("" if own_name else fields.pop("name", ""))
+            return self._scope.add(called or _free(kind.rpartition(".")[2], self._scope), kind, **fields)
+
+        add.__name__, add.__doc__ = kind, definition.function.__doc__
         return add
 
     def __dir__(self) -> list[str]:

@@ -24,7 +24,7 @@ def judge(scope: Scope, name: str) -> Problems:
     entry, _ = scope.entry(name)
     specs = _neighbours(scope, name)
     known = scope.graph.signature(kind)
-    names = set() if known is None else {*known.inputs, *known.params.model_fields}
+    names = set() if known is None else {*known.inputs, *known.params.model_fields, *known.renamed}
     fields: dict[str, Value] = {}
     for key, value in entry.items():
         if key in _OWN:
@@ -49,7 +49,7 @@ def _neighbours(scope: Scope | None, name: str) -> dict[str, NodeSpec]:
     while scope is not None:
         for other in scope:
             kind = scope.type_of(other)
-            if other != name and kind in scope.graph.packs.types:
+            if other != name and scope.graph.packs.find(kind) is not None:
                 specs.setdefault(other, NodeSpec(other, kind, {}, scope.where_of(other), 0))
         scope = scope.outer
     return specs
@@ -62,7 +62,7 @@ def _link(scope: Scope, text: str, specs: dict[str, NodeSpec]) -> Link | Broken:
         return Broken()
     name, home, port = source
     kind = home.type_of(name)
-    if kind not in home.graph.packs.types:
+    if home.graph.packs.find(kind) is None:
         return Broken()
     shown = name if home.outer is None or home == scope else f"{home.name}.{name}"
     specs.setdefault(shown, NodeSpec(shown, kind, {}, home.where_of(name), 0))

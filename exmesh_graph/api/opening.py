@@ -133,7 +133,7 @@ def _text(name: str, value: Any) -> str:
 
 def _linked(value: Any) -> Any:
     """A node as a link, so that a setting may rewire."""
-    from exmesh_graph.api.scope import Node
+    from exmesh_graph.api.node import Node
 
     return str(value) if isinstance(value, Node) else value
 

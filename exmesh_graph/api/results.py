@@ -271,4 +271,4 @@ def _shown(value: Any) -> str:
 
 def _unknown(kind: str, name: str, known: Any, owner: str) -> UnknownName:
     near = nearest(name, known) or list(known)[:8]
-    return UnknownName(f"{owner} has no {kind} {name!r}", expected=", ".join(near))
+    return UnknownName(f"{owner} has no {kind} {name!r}", expected=", ".join(near) or f"none: there are no {kind}s")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from exmesh_graph.api.families import Families
 from exmesh_graph.api.judge import judge
+from exmesh_graph.api.node import Node, UnknownPort
 from exmesh_graph.api.values import Parameter, Plug, Wire, here, plain
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.components import Component
@@ -20,42 +21,6 @@ from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, f
 
 if TYPE_CHECKING:
     from exmesh_graph.api.builder import Graph
-
-
-class UnknownPort(GraphErrors, AttributeError):
-    """A node was asked for an output that it does not have."""
-
-
-class Node:
-    """A node of a graph; its outputs are its attributes: `views.train`, or `views["train"]`. Made by `add`."""
-
-    def __init__(self, scope: Scope, name: str) -> None:
-        self._scope, self._name = scope, name
-
-    def __getattr__(self, port: str) -> Wire[Any]:
-        if port.startswith("_"):
-            raise AttributeError(port)
-        return self[port]
-
-    def __getitem__(self, port: str) -> Wire[Any]:
-        known = self._scope.outputs_of(self._name)
-        if known is not None and port not in known:
-            what = f"{self._name} ({self._scope.type_of(self._name)}) has no output {port!r}"
-            fix = "" if known else "a component has none: give the component itself"
-            problem = Problem("unknown-port", here(), what, expected=", ".join(known), fix=fix,
-                              nearest=tuple(nearest(port, known) or known))  # fmt: skip
-            raise UnknownPort([problem])
-        return Wire(self._scope, self._name, port)
-
-    def __dir__(self) -> list[str]:
-        return list(self._scope.outputs_of(self._name) or ())
-
-    def __str__(self) -> str:
-        return f"@{self._name}"
-
-    def __repr__(self) -> str:
-        outputs = ", ".join(self._scope.outputs_of(self._name) or ())
-        return f"<{self._scope.type_of(self._name)} {self._name}{': ' + outputs if outputs else ''}>"
 
 
 class Scope:
@@ -231,7 +196,7 @@ class Scope:
         """Put values into an entry and judge the node. Raises GraphErrors, and leaves the entry as it was."""
         before, known = entry.copy(), self.graph.signature(self.type_of(name))
         for key, value in fields.items():
-            port = known.inputs.get(key) if known else None
+            port = known.inputs.get(known.renamed.get(key, key)) if known else None
             entry.put(key, self._value(f"{name}.{key}", value, port, where, problems), where)
         if not problems:
             self._judge(name, problems)

@@ -1,4 +1,4 @@
-"""Commands for those who write graphs and nodes: `exmesh nodes`, `schema`, `new-node`."""
+"""Commands for those who write graphs and nodes: `exmesh nodes`, `schema`, `stubs`, `new-node`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands of this module to the `exmesh` command."""
     app.command()(nodes)
     app.command()(schema)
+    app.command()(stubs)
     app.command("new-node")(new_node)
 
 
@@ -80,3 +81,18 @@ def schema(
     else:
         output.write_text(text, encoding="utf-8")
         typer.echo(str(output))
+
+
+def stubs(
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")] = None,
+    install: Annotated[bool, typer.Option("--install", help="Write it where editors look: into the package.")] = False,
+) -> None:
+    """Print the types of all node types at hand, with which editors complete graphs that are built in Python."""
+    from exmesh_graph.api.stubs import SHIPPED, stub_text
+
+    text, target = stub_text(), SHIPPED if install else output
+    if target is None:
+        typer.echo(text, nl=False)
+    else:
+        target.write_text(text, encoding="utf-8")
+        typer.echo(str(target))
