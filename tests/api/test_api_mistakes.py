@@ -88,7 +88,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str, str, str]] = {
     "a store that is a file": (lambda: run(base()[0], store=written("s", "")), "not a folder", "", "--store"),
     "a run that failed": (failed, "too small", "", "run again"),
     "no such run": (lambda: ex.open_run("runs/x"), "no run folder", "", "exmesh status"),
-    "a broken run": (lambda: ex.open_run(written("r/run.json", "{").parent), "cannot be read", "", "run the graph again"),
+    "a broken run": (lambda: ex.open_run(written("r/run.json", "{").parent), "cannot be read", "", "the graph again"),
     "no such node of a run": (lambda: run(base()[0])["on"], "no node 'on'", "one", ""),
     "no such output of a run": (lambda: run(base()[0])["one"].numbr, "numbr", "number", ""),
     "no such figure": (lambda: run(base()[0]).metrics["psnr"], "psnr", "Seconds", ""),
