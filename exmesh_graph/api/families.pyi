@@ -153,7 +153,7 @@ class _Benchmark(Family):
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
 class _Data(Family):
-    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, dissent: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
+    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
         """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes.
 
         path: Folder with transforms_train.json (or transforms.json).
@@ -166,7 +166,7 @@ class _Data(Family):
         min_test_views: Fewer test frames than this count as none (auto). [views, >= 1]
         up: The up axis of the files' world; auto: found from level cameras.
         truth: Read true mesh, maps, light and relit pictures where they are there.
-        dissent: Masks that may be wrong at a point, for normalisation. [views, >= 0]
+        wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
@@ -189,7 +189,7 @@ class _Data(Family):
         masks: Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, dissent: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
+    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the Middlebury multi-view layout (templeRing and others).
 
         path: Folder with <name>_par.txt, image/ and mask/.
@@ -200,11 +200,11 @@ class _Data(Family):
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         up: The up axis of the files' world; auto: found from level cameras.
         masks: Use mask/ where it is there.
-        dissent: Masks that may be wrong at a point, for normalisation. [views, >= 0]
+        wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, dissent: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
+    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
         """A plain folder of photographs: cameras and sparse points by structure from motion (needs pycolmap).
 
         path: Folder of pictures of one size (or its images/), with masks/ beside them or alpha.
@@ -221,7 +221,7 @@ class _Data(Family):
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         holdout: Every how many views one is held out for testing. [views, >= 2]
         first: Index of the first test view, counted from 0. [>= 0]
-        dissent: Masks that may be wrong at a point, for normalisation. [views, >= 0]
+        wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
         """
     def stanford_orb(self, name: str = "", *, path: str | PathLike[str] | Parameter, downscale: int | Parameter = 4, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, max_novel_views: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNovelNode:
         """A capture of Stanford-ORB: HDR photographs, scanned truth, and views under two other measured lights.
@@ -372,7 +372,7 @@ class _Gallery(Family):
     def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 128, faces: int | Parameter = 5000, close_holes: int | Parameter = 60, dissent: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 128, faces: int | Parameter = 5000, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
         """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
 
         method: auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere.
@@ -383,7 +383,7 @@ class _Init(Family):
         resolution: Of the hull or the fusion. [voxels, >= 16, <= 512]
         faces: Face budget of the result. [faces, >= 20]
         close_holes: Without masks: fill holes of at most so many edges. [edges, >= 0]
-        dissent: Masks that may be wrong at a point. [views, >= 0]
+        wrong_masks: Masks that may be wrong at a point. [views, >= 0]
         device: Where to compute; auto takes a CUDA device if any.
         threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
@@ -408,14 +408,14 @@ class _Init(Family):
         path: OBJ or PLY file.
         units: The file's space: the normalised world, the Y-up scene, or the data set's own axes and units.
         """
-    def pgsr(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, begin: Wire[PlanarGaussians] | Node | None = None, iterations: int | Parameter = 1500, start: Literal["auto", "points", "hull", "random"] | Parameter = "auto", count: int | Parameter = 20000, max_gaussians: int | Parameter = 40000, dissent: int | Parameter = 0, degree: int | Parameter = 3, ssim_weight: float | Parameter = 0.2, mask_weight: float | Parameter = 0.2, flatten_weight: float | Parameter = 100.0, normal_weight: float | Parameter = 0.015, geometric_weight: float | Parameter = 0.03, photometric_weight: float | Parameter = 0.15, geometry_from: float | Parameter = 0.25, samples: int | Parameter = 4096, mean_rate: float | Parameter = 0.002, mean_decay: float | Parameter = 0.01, scale_rate: float | Parameter = 0.005, rotation_rate: float | Parameter = 0.002, opacity_rate: float | Parameter = 0.05, colour_rate: float | Parameter = 0.005, densify: float | Parameter = 0.0002, densify_absolute: float | Parameter = 0.0008, densify_from: float | Parameter = 0.08, densify_to: float | Parameter = 0.6, densify_rounds: int | Parameter = 15, min_opacity: float | Parameter = 0.01, reset_at: float | Parameter = 0.0, gains: bool | Parameter = False, downscale: int | Parameter = 1, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GaussiansHistoryNode:
+    def pgsr(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, begin: Wire[PlanarGaussians] | Node | None = None, iterations: int | Parameter = 1500, start: Literal["auto", "points", "hull", "random"] | Parameter = "auto", count: int | Parameter = 20000, max_gaussians: int | Parameter = 40000, wrong_masks: int | Parameter = 0, degree: int | Parameter = 3, ssim_weight: float | Parameter = 0.2, mask_weight: float | Parameter = 0.2, flatten_weight: float | Parameter = 100.0, normal_weight: float | Parameter = 0.015, geometric_weight: float | Parameter = 0.03, photometric_weight: float | Parameter = 0.15, geometry_from: float | Parameter = 0.25, samples: int | Parameter = 4096, mean_rate: float | Parameter = 0.002, mean_decay: float | Parameter = 0.01, scale_rate: float | Parameter = 0.005, rotation_rate: float | Parameter = 0.002, opacity_rate: float | Parameter = 0.05, colour_rate: float | Parameter = 0.005, densify: float | Parameter = 0.0002, densify_absolute: float | Parameter = 0.0008, densify_from: float | Parameter = 0.08, densify_to: float | Parameter = 0.6, densify_rounds: int | Parameter = 15, min_opacity: float | Parameter = 0.01, reset_at: float | Parameter = 0.0, gains: bool | Parameter = False, downscale: int | Parameter = 1, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GaussiansHistoryNode:
         """Fit planar Gaussians to the photographs (PGSR): a coarse surface that opens what no outline shows.
 
         iterations: Length of the fit, one view each; every schedule is a share of it. [>= 1]
         start: points wired in, in the visual hull of the masks, or at random in the unit sphere; auto: the first of these that there is.
         count: Gaussians at the start (hull, random). [>= 1]
         max_gaussians: Gaussians at most. [>= 1]
-        dissent: Masks that may be wrong at a point (hull). [views, >= 0]
+        wrong_masks: Masks that may be wrong at a point (hull). [views, >= 0]
         degree: Degree of the spherical harmonics at the end. [>= 0, <= 3]
         ssim_weight: Share of 1 - SSIM in the colour loss. [>= 0, <= 1]
         mask_weight: Weight of coverage against the mask, where there is one. [>= 0]
@@ -458,7 +458,7 @@ class _Init(Family):
         faces: Upper limit; a sphere has 20, 80, 320, 1280, 5120, ... faces. [faces, >= 20]
         radius: Around the origin of the normalised world, which the unit sphere bounds. [> 0, <= 1]
         """
-    def tsdf(self, name: str = "", *, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node, resolution: int | Parameter = 128, truncation: float | Parameter = 4.0, masked: bool | Parameter = True, min_weight: float | Parameter = 1.0, radius: float | Parameter = 0.0, solid: bool | Parameter = False, dissent: int | Parameter = 0, incidence: float | Parameter = 0.0, agreeing: int | Parameter = 0, tolerance: float | Parameter = 0.01, parts: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
+    def tsdf(self, name: str = "", *, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node, resolution: int | Parameter = 128, truncation: float | Parameter = 4.0, masked: bool | Parameter = True, min_weight: float | Parameter = 1.0, radius: float | Parameter = 0.0, solid: bool | Parameter = False, wrong_masks: int | Parameter = 0, incidence: float | Parameter = 0.0, agreeing: int | Parameter = 0, tolerance: float | Parameter = 0.01, parts: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull.
 
         resolution: Voxels along the unit sphere's diameter. [voxels, >= 16, <= 512]
@@ -467,17 +467,17 @@ class _Init(Family):
         min_weight: Views that must have seen a voxel. [views, >= 1]
         radius: Ignore depth of points farther than this from the origin; 0: none. [>= 0]
         solid: Cut what the depth maps look through out of the visual hull, which fills what they do not see: closed (needs masks; resolution is along the object's longest side).
-        dissent: Masks that may be wrong at a point (solid). [views, >= 0]
+        wrong_masks: Masks that may be wrong at a point (solid). [views, >= 0]
         incidence: Ignore surfaces seen at more than this angle; 0: none ignored. [degrees, >= 0, <= 90]
         agreeing: Neighbours that must show the same point; 0: none asked. [views, >= 0]
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
         parts: Connected parts to keep, largest area first; 0 = all. [>= 0]
         """
-    def visual_hull(self, name: str = "", *, views: Wire[Views] | Node, resolution: int | Parameter = 128, dissent: int | Parameter = 0, smooth: int | Parameter = 10, chunk: int | Parameter = 262144, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
+    def visual_hull(self, name: str = "", *, views: Wire[Views] | Node, resolution: int | Parameter = 128, wrong_masks: int | Parameter = 0, smooth: int | Parameter = 10, chunk: int | Parameter = 262144, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """The largest closed shape that agrees with the masks.
 
         resolution: Voxels along the object's longest side. [voxels, >= 16, <= 512]
-        dissent: Masks that may be wrong at a point; 1 for hand-made masks. [views, >= 0]
+        wrong_masks: Masks that may be wrong at a point; 1 for hand-made masks. [views, >= 0]
         smooth: Taubin smoothing steps (no shrinking) after marching cubes. [steps, >= 0, <= 200]
         chunk: Points handled at once; bounds memory. [points, >= 4096]
         """
