@@ -10,6 +10,7 @@ What this page names is imported when it is first used, so that `import exmesh_g
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.version import __version__
@@ -70,8 +71,20 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from exmesh_graph import api
 
+    _show_in_notebooks()
     return getattr(api, name)
 
 
 def __dir__() -> list[str]:
     return __all__
+
+
+def _show_in_notebooks() -> None:
+    """Graphs, runs and wire types show themselves where IPython runs."""
+    if "IPython" in sys.modules:
+        from exmesh_graph.notebook import register
+
+        register()
+
+
+_show_in_notebooks()

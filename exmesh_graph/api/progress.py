@@ -6,8 +6,8 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from exmesh_graph.api.board import Board, clock
 from exmesh_graph.graph.language.check import Checked
@@ -16,22 +16,33 @@ from exmesh_graph.graph.run.runner import Listener
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from exmesh_graph.api.results import Run
+
 _SHOWN = 12  # finished nodes kept on the screen
 _EVERY, _SHARE = 5.0, 0.1  # a plain progress line at most every 5 s, and every tenth of the node's time
 _BAR = 20  # columns
 
 
 Progress = bool | Literal["auto"]
-#: How a notebook shows a run: (graph, run id) -> a context that gives a listener; set by the module that draws there.
-notebook_view: Callable[[Checked, str], contextlib.AbstractContextManager[Listener]] | None = None
+
+
+class Display(Protocol):
+    """How a notebook shows a run: a listener while it runs, and its summary at the end."""
+
+    def view(self, graph: Checked, run: str) -> contextlib.AbstractContextManager[Listener]: ...
+
+    def finish(self, run: Run) -> None: ...
+
+
+notebook: Display | None = None  # set by the room that draws there
 
 
 @contextlib.contextmanager
 def listening(progress: Progress, listener: Listener | None, graph: Checked, run: str) -> Iterator[Listener]:
     """One listener for a run's events: the view that `progress` asks for, and `listener`."""
     shown: contextlib.AbstractContextManager[Listener]
-    if progress and in_notebook() and notebook_view is not None:
-        shown = notebook_view(graph, run)
+    if progress and in_notebook() and notebook is not None:
+        shown = notebook.view(graph, run)
     elif progress is True or (progress == "auto" and sys.stdout.isatty()):
         shown = view(graph, run)
     else:
@@ -44,6 +55,12 @@ def listening(progress: Progress, listener: Listener | None, graph: Checked, run
                 listener(event)
 
         yield listen
+
+
+def finished(run: Run) -> None:
+    """The last picture of a run that was shown in a notebook."""
+    if notebook is not None:
+        notebook.finish(run)
 
 
 def in_notebook() -> bool:

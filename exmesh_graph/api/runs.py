@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Folder, Settings, Source, checked_graph, named, open_store, packs, texts_of, using
-from exmesh_graph.api.progress import Progress, listening
+from exmesh_graph.api.progress import Progress, finished, listening
 from exmesh_graph.api.results import Run, read_run
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.run.runner import Listener, NodeFailed
@@ -161,6 +161,7 @@ def run_checked(
         except Exception as error:
             result.report_error = f"{type(error).__name__}: {error}"
             warnings.warn(f"all nodes are done, but the report failed: {result.report_error}", stacklevel=3)
+    finished(result)
     return result
 
 

@@ -22,6 +22,10 @@ def _shown_by(module: str, function: str) -> Callable[[Any], str | None]:
 #: (module, class) -> what makes its HTML; named by text, so that nothing is imported for it.
 SHOWN = {
     ("exmesh_graph.types.artifact", "Artifact"): _shown_by("values", "artifact_html"),
+    ("exmesh_graph.graph.language.check", "Checked"): _shown_by("runs", "checked_html"),
+    ("exmesh_graph.api.builder", "Graph"): _shown_by("runs", "graph_html"),
+    ("exmesh_graph.api.results", "Run"): _shown_by("runs", "run_html"),
+    ("exmesh_graph.api.results", "NodeRun"): _shown_by("runs", "node_html"),
 }
 
 
@@ -34,4 +38,13 @@ def register(shell: Any = None) -> bool:
     html = shell.display_formatter.formatters["text/html"]
     for (module, name), show in SHOWN.items():
         html.for_type_by_name(module, name, show)
+    if (progress := sys.modules.get("exmesh_graph.api.progress")) is not None and progress.notebook is None:
+        from exmesh_graph.notebook.runs import Cells
+
+        progress.notebook = Cells()  # type: ignore[attr-defined]
     return True
+
+
+def load_ipython_extension(shell: Any) -> None:
+    """For `%load_ext exmesh_graph.notebook` where the project was imported before IPython."""
+    register(shell)

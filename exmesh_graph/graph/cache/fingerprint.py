@@ -2,7 +2,7 @@
 
 It covers the node function, the module-level definitions that the function uses (transitively, its Params and output
 classes included), and every project module that these import, transitively and also inside functions. Project modules
-are those of exmesh_graph (but for graph, api and cli, which cannot change a result) and of the node's own pack.
+are those of exmesh_graph (but for graph, api, notebook, cli: they change no result) and of the node's own pack.
 Comments, docstrings, formatting, `param(...)` declarations (their values are in the key) and the `@node(...)`
 decorator do not count; decorators, calls and subclasses that may fill a table when the module is imported do. Not
 seen: modules imported by a computed name or only for their effect, what other modules patch or register, docstrings
@@ -47,7 +47,7 @@ from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo
 
 OWN = "exmesh_graph"
-IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.api", "exmesh_graph.params")
+IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.api", "exmesh_graph.notebook", "exmesh_graph.params")
 
 
 @dataclass(frozen=True)
