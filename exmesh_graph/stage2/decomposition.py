@@ -17,7 +17,7 @@ from exmesh_graph.stage2.init import check_start, is_uniform, neutral_asset
 from exmesh_graph.stage2.light.model import LightModel
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.light.sampled import SampledLight
-from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, TangentFrames
 from exmesh_graph.types import Asset, Carrier, Transport, Views
@@ -92,7 +92,7 @@ class Decomposition:
         """
         radiance = envmap.radiance_of(self.environment)
         values, environment = self.factor.share(self.maps.values(), radiance)
-        light = self.light.prepare(self.maps, values, environment, strength, step)
+        light = self.light.prepare(Appearance(self.maps, values, environment, strength, step))
         return Prepared(values, radiance * self.factor.parameter.detach().exp(), light)
 
     def settle_factor(self) -> None:
@@ -114,8 +114,8 @@ class Decomposition:
     @torch.no_grad()
     def measure(self, strength: float, generator: torch.Generator) -> None:
         """Let the light model measure again, at the current maps and environment."""
-        values, environment = self.maps.values(), envmap.radiance_of(self.environment)
-        self.light.measure(self.maps, values, environment, strength, self.buffers, generator)
+        now = Appearance(self.maps, self.maps.values(), envmap.radiance_of(self.environment), strength)
+        self.light.measure(now, self.buffers, generator)
 
     @torch.no_grad()
     def level_light(self) -> None:

@@ -99,3 +99,19 @@ class MaterialMaps:
     def rows(self, flat: torch.Tensor) -> torch.Tensor:
         """Rows of the table of flat texel positions, which must be among `texels`."""
         return torch.searchsorted(self.texels, flat)
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """Maps and environment as one step of a fit has them: what a light model computes from.
+
+    values       [T, C], MaterialMaps.values()
+    environment  [H, W, 3], radiance
+    strength     lambda_ind of eq. 20
+    """
+
+    maps: MaterialMaps
+    values: torch.Tensor
+    environment: torch.Tensor
+    strength: float = 1.0
+    step: int = 0

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from exmesh_graph.shading.transport import trace_transport
-from exmesh_graph.stage2.probe.baked import Baked
-from exmesh_graph.stage2.probe.compare import FLOOR, Gain, paired_gain, tiles_of
 from exmesh_graph.stage2.probe.decide import decide_bounces, decide_environment, decide_part, pays, required, with_noise
+from exmesh_graph.stage2.probe.gain import FLOOR, Gain, Work, paired_gain, tiles_of
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, measure_shape, texel_budget
-from exmesh_graph.stage2.probe.sample import sample_views
-from exmesh_graph.stage2.probe.work import Work
+from exmesh_graph.stage2.probe.light import Baked
+from exmesh_graph.stage2.probe.short import sample_views
 from exmesh_graph.types import Views
 from tests.stage2 import probe_scenes
 

@@ -12,10 +12,9 @@ from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.probe import scene, short
-from exmesh_graph.stage2.probe.sample import sample_views
-from exmesh_graph.stage2.probe.sampling import sampling_gain
+from exmesh_graph.stage2.probe.light import sampling_gain
 from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
-from exmesh_graph.stage2.probe.short import ShortFit
+from exmesh_graph.stage2.probe.short import ShortFit, sample_views
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from tests.stage2 import probe_scenes

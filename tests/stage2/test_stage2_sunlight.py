@@ -13,6 +13,7 @@ from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.stage2 import render
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.light import traced
+from exmesh_graph.stage2.maps import Appearance
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types.state import load_state, save_state
 
@@ -144,7 +145,7 @@ def test_the_suns_light_is_linear_in_its_texels_and_survives_a_checkpoint(
     material = model.maps.read(values, buffer.texel, buffer.texel_weight)
 
     def total(environment):
-        return light.radiance(buffer, material, light.prepare(model.maps, values, environment, 1.0, 0)).sum()
+        return light.radiance(buffer, material, light.prepare(Appearance(model.maps, values, environment))).sum()
 
     whole = total(sky)
     (gradient,) = torch.autograd.grad(whole, sky)

@@ -20,36 +20,25 @@ from typing import Any, Protocol
 import torch
 
 from exmesh_graph.stage2.gbuffer import ViewBuffer, ViewLight
-from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
 
 
 class LightModel(ViewLight, Protocol):
     """Direct and indirect light of a frozen carrier, differentiable in maps and environment.
 
-    `values` is MaterialMaps.values(), `environment` the radiance [H, W, 3], `strength` lambda_ind of eq. 20. `prepared`
-    is whatever `prepare` returned for the step; `buffer.light` is whatever `view` returned for the buffer.
+    `prepared` is whatever `prepare` returned for the step; `buffer.light` is whatever `view` returned for the buffer.
     """
 
     def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
         """Whatever must be measured before the first step."""
 
-    def prepare(
-        self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
-    ) -> Any:
+    def prepare(self, appearance: Appearance) -> Any:
         """What all pixels share under the current maps and environment."""
 
     def radiance(self, buffer: ViewBuffer, material: Material, prepared: Any) -> torch.Tensor:
         """Radiance [N, 3] that the view's pixels send to the camera."""
 
-    def measure(
-        self,
-        maps: MaterialMaps,
-        values: torch.Tensor,
-        environment: torch.Tensor,
-        strength: float,
-        buffers: Iterable[ViewBuffer],
-        generator: torch.Generator,
-    ) -> None:
+    def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:
         """Measure again, under the current maps and environment, whatever steps only approximate. No gradients."""
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:

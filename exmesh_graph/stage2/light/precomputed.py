@@ -29,7 +29,7 @@ from exmesh_graph.shading.operators import LightTransport, VectorTransport, at_s
 from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, mean_visibility, reflectance_table
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.light.traced import FittedSuns, find_fitted_suns, traced_specular
-from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import (
     CarrierGeometry,
@@ -119,14 +119,13 @@ class PrecomputedLight:
         for buffer in buffers:
             self._keep(buffer, initial_specular_scale(self, buffer, roughness))
 
-    def prepare(
-        self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
-    ) -> PreparedTransport:
+    def prepare(self, appearance: Appearance) -> PreparedTransport:
+        environment, strength = appearance.environment, appearance.strength
         rest = environment if self.suns is None else self.suns.suns.without(environment)
         binned = torch.sparse.mm(self.binning, rest.reshape(-1, 3))
         diffuse = None
         if self.operators.bounces and strength > 0:
-            diffuse = self.lattice_diffuse(maps, values)
+            diffuse = self.lattice_diffuse(appearance.maps, appearance.values)
         if self.suns is None:
             irradiance = self.operators.irradiance(binned, diffuse, strength)
             vector = None
@@ -192,18 +191,11 @@ class PrecomputedLight:
         return brdf.diffuse(at_points.base_color, at_points.metallic)
 
     @torch.no_grad()
-    def measure(
-        self,
-        maps: MaterialMaps,
-        values: torch.Tensor,
-        environment: torch.Tensor,
-        strength: float,
-        buffers: Iterable[ViewBuffer],
-        generator: torch.Generator,
-    ) -> None:
+    def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:
+        maps, values, environment = appearance.maps, appearance.values, appearance.environment
         if self.frames is None:  # their light is kept per pixel, for its smooth normal
             self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
-        prepared = self.prepare(maps, values, environment, strength, 0)
+        prepared = self.prepare(appearance)
         arriving = prepared.irradiance
         if self.suns is not None and prepared.flux is not None:
             arriving = arriving + self.suns.lattice @ prepared.flux

@@ -20,7 +20,7 @@ from exmesh_graph.shading import monte_carlo
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Coarse, MonteCarloLight, Points, SampleCache, coarse_points
 from exmesh_graph.stage2.gbuffer import ViewBuffer
-from exmesh_graph.stage2.maps import Material, MaterialMaps
+from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, TangentFrames, mapped_surface, texel_footprint
 from exmesh_graph.uv.raster import rasterize_atlas
 
@@ -33,14 +33,11 @@ _MARGIN = 1.5
 
 @dataclass
 class PreparedSamples:
-    """A step's light: the environment, how to draw from it, and what secondary hits read."""
+    """A step's light: how to draw from the environment, and what secondary hits read."""
 
-    maps: MaterialMaps
-    environment: torch.Tensor
+    appearance: Appearance
     sampler: EnvSampler
     query: monte_carlo.Query | None
-    strength: float
-    step: int
 
 
 @dataclass(frozen=True)
@@ -84,36 +81,27 @@ class SampledLight:
     def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
         """Nothing to measure; rays are kept from the first measurement on."""
 
-    def prepare(
-        self, maps: MaterialMaps, values: torch.Tensor, environment: torch.Tensor, strength: float, step: int
-    ) -> PreparedSamples:
-        query = self._query(maps, values) if self.settings.bounces and strength > 0 else None
-        return PreparedSamples(maps, environment, EnvSampler(environment), query, strength, step)
+    def prepare(self, appearance: Appearance) -> PreparedSamples:
+        bounced = self.settings.bounces and appearance.strength > 0
+        query = self._query(appearance.maps, appearance.values) if bounced else None
+        return PreparedSamples(appearance, EnvSampler(appearance.environment), query)
 
     def radiance(self, buffer: ViewBuffer, material: Material, prepared: PreparedSamples) -> torch.Tensor:
         points = self._points(buffer, material)
-        here = _material(material)
+        here, now = _material(material), prepared.appearance
         if self.frozen is None:
-            number = self.seed * 1_000_003 + prepared.step
-            coarse = self._coarse(buffer.light, points, prepared.step)
+            number = self.seed * 1_000_003 + now.step
+            coarse = self._coarse(buffer.light, points, now.step)
             drawn = self.light.draw(points, here, prepared.query, prepared.sampler, number, coarse)
         else:
             cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
-            drawn = cache.get(prepared.step, self._keeping(buffer, prepared))
-        return self.light.shade(drawn, points, here, prepared.query, prepared.environment, prepared.strength)
+            drawn = cache.get(now.step, self._keeping(buffer, prepared))
+        return self.light.shade(drawn, points, here, prepared.query, now.environment, now.strength)
 
-    def measure(
-        self,
-        maps: MaterialMaps,
-        values: torch.Tensor,
-        environment: torch.Tensor,
-        strength: float,
-        buffers: Iterable[ViewBuffer],
-        generator: torch.Generator,
-    ) -> None:
+    def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:
         """Draw kept rays anew from here on, for these maps and this environment."""
         if self.settings.kept:
-            self.frozen, self.caches = (values.clone(), environment.clone()), {}
+            self.frozen, self.caches = (appearance.values.clone(), appearance.environment.clone()), {}
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
         return {"frozen": None if self.frozen is None else list(self.frozen)}
@@ -126,12 +114,12 @@ class SampledLight:
     def _keeping(self, buffer: ViewBuffer, prepared: PreparedSamples) -> Callable[[int], monte_carlo.Drawn]:
         """How a slot of the view's kept rays is drawn: from the frozen maps and environment, by a seed of its own."""
         assert self.frozen is not None
-        values, environment = self.frozen
+        (values, environment), maps = self.frozen, prepared.appearance.maps
 
         def draw(slot: int) -> monte_carlo.Drawn:
-            read = prepared.maps.read(values, buffer.texel, buffer.texel_weight)
+            read = maps.read(values, buffer.texel, buffer.texel_weight)
             points, material = self._points(buffer, read), _material(read)
-            query = None if prepared.query is None else self._query(prepared.maps, values)
+            query = None if prepared.query is None else self._query(maps, values)
             number = self.seed * 1_000_003 + buffer.number * self.settings.kept + slot
             coarse = self._coarse(buffer.light, points, slot)
             return self.light.draw(points, material, query, EnvSampler(environment), number, coarse, turning=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from exmesh_graph.stage2.probe.baked import Baked
-from exmesh_graph.stage2.probe.compare import Gain
+from exmesh_graph.stage2.probe.gain import Gain
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, TexelBudget
+from exmesh_graph.stage2.probe.light import Baked
 from exmesh_graph.types import Decision
 
 #: A gain must exceed this many standard errors, this many dB, and what the same work buys when it is spent on more

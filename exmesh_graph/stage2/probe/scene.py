@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from exmesh_graph.shading.settings import TransportSettings
-from exmesh_graph.stage2.probe.baked import baked_light
-from exmesh_graph.stage2.probe.compare import Gain, paired_gain
 from exmesh_graph.stage2.probe.decide import (
     decide_bounces,
     decide_environment,
@@ -18,11 +16,10 @@ from exmesh_graph.stage2.probe.decide import (
     pays,
     with_noise,
 )
+from exmesh_graph.stage2.probe.gain import Gain, Work, paired_gain
 from exmesh_graph.stage2.probe.geometry import fed_side, measure_shape, texel_budget
-from exmesh_graph.stage2.probe.sample import sample_views
-from exmesh_graph.stage2.probe.sampling import sampling_gain
-from exmesh_graph.stage2.probe.short import Part, ShortFit
-from exmesh_graph.stage2.probe.work import Work
+from exmesh_graph.stage2.probe.light import baked_light, sampling_gain
+from exmesh_graph.stage2.probe.short import Part, ShortFit, sample_views
 from exmesh_graph.types import Carrier, Decision, SceneNeeds, Views
 
 Progress = Callable[[int, int], None]

@@ -1,10 +1,10 @@
-"""Short fits of coarse pictures, continued with and without one more part of the model."""
+"""The few coarse pictures that a probe looks at, and short fits of them, with and without a part of the model."""
 
 from __future__ import annotations
 
 import copy
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,18 +18,15 @@ from exmesh_graph.shading.transport import direct_transport, with_bounces
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
-from exmesh_graph.stage2.maps import MaterialMaps
+from exmesh_graph.stage2.maps import Appearance, MaterialMaps
 from exmesh_graph.stage2.objective import encode_srgb, weighted_terms
-from exmesh_graph.stage2.probe.compare import tiles_of
-from exmesh_graph.stage2.probe.sample import Sample
+from exmesh_graph.stage2.probe.gain import sums_over_tiles
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
-from exmesh_graph.types import Carrier, Transport
+from exmesh_graph.types import Carrier, Transport, Views
 
 #: The probe's light transport.
 TRANSPORT = TransportSettings(points=2500, directions=64)
 LAST_RATE = 0.05
-#: Tiles along a held-out picture's side: the clusters of the paired comparison.
-CLUSTERS = 4
 #: The short schedule of docs/stage2.md on coarse maps. Interreflection is switched by `bounces`, not by its weight.
 SHORT = DecompositionSettings(
     environment_height=32,
@@ -43,6 +40,60 @@ SHORT = DecompositionSettings(
     indirect_ramp=1,
     correction_samples=8,
 )
+
+
+#: Views to fit and to keep out, object pixels of a coarse view, and from how many views on whole ones are kept out.
+FITTED, HELD, VIEW_PIXELS, ENOUGH = 12, 4, 2000, 6
+#: Where whole views cannot be spared, one pixel in five of each is kept out, none beside another.
+APART = 5
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Coarse views: the first `fitted` rows are fitted, the rest held out. `factor` pixels became one."""
+
+    views: Views
+    fitted: int
+    factor: int
+
+
+def sample_views(views: Views, fitted: int = FITTED, held: int = HELD, view_pixels: int = VIEW_PIXELS) -> Sample:
+    """Some views, evenly over their order, reduced so that the object covers about `view_pixels` of each.
+
+    With fewer than `ENOUGH` views none can be spared: every fifth pixel of each is kept out instead.
+    """
+    count = len(views)
+    if count >= ENOUGH:
+        held = min(held, max(2, count // 4))
+        chosen = np.unique(np.linspace(0, count - 1, min(count, fitted + held)).round().astype(int))
+        middle = (np.arange(held) + 0.5) * len(chosen) / held
+        out = np.zeros(len(chosen), bool)
+        out[middle.astype(int)] = True
+        order = np.concatenate([chosen[~out], chosen[out]])
+        coarse, factor = _coarse(views, order, view_pixels)
+        return Sample(coarse, int((~out).sum()), factor)
+    coarse, factor = _coarse(views, np.arange(count), view_pixels)
+    row, column = np.indices(coarse.alpha.shape[1:])
+    kept_out = (row + 2 * column) % APART == 0
+    doubled = coarse.subset(np.concatenate([np.arange(count)] * 2))
+    alpha = doubled.alpha * np.where(np.arange(2 * count)[:, None, None] < count, ~kept_out, kept_out)
+    return Sample(replace(doubled, alpha=alpha.astype(np.float32)), count, factor)
+
+
+def _coarse(views: Views, order: np.ndarray, view_pixels: int) -> tuple[Views, int]:
+    inside = max(float((views.alpha[order] > 0.5).mean(axis=0).sum()), 1.0)
+    factor = max(1, min(round(np.sqrt(inside / view_pixels)), min(views.height, views.width) // 8))
+    height, width = views.height // factor, views.width // factor
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        cut = values[order][:, : height * factor, : width * factor]
+        blocks = cut.reshape(len(order), height, factor, width, factor, *values.shape[3:])
+        return blocks.mean(axis=(2, 4), dtype=np.float64).astype(np.float32)
+
+    intrinsics = np.array(views.intrinsics[order], np.float64)
+    intrinsics[:, :2] /= factor
+    chosen = views.subset(order)
+    return replace(chosen, images=mean(views.images), alpha=mean(views.alpha), intrinsics=intrinsics), factor
 
 
 @dataclass(frozen=True)
@@ -136,9 +187,9 @@ class ShortFit:
     def measure(self) -> ShortFit:
         """Let rays measure the specular term at the current maps, for this fit and all its forks."""
         model = self.model
-        values, environment = model.maps.values(), envmap.radiance_of(model.environment)
+        now = Appearance(model.maps, model.maps.values(), envmap.radiance_of(model.environment))
         generator = torch.Generator().manual_seed(self.seed)
-        model.light.measure(model.maps, values, environment, 1.0, [*self.fitted, *self.held], generator)
+        model.light.measure(now, [*self.fitted, *self.held], generator)
         return self
 
     @torch.no_grad()
@@ -154,9 +205,9 @@ class ShortFit:
             shown, _ = self.model.shade(buffer, prepared)
             wrong = (encode_srgb(shown) - encode_srgb(buffer.target)) ** 2
             wrong = torch.where(buffer.clipped, torch.zeros_like(wrong), wrong).mean(dim=1)[known]
-            tile = tiles_of(buffer.pixel[known].numpy(), self.size[1], self.size[0], CLUSTERS)
-            errors.append(np.bincount(tile, weights=wrong.double().numpy(), minlength=CLUSTERS**2))
-            pixels.append(np.bincount(tile, minlength=CLUSTERS**2).astype(np.float64))
+            sums = sums_over_tiles(wrong.double().numpy(), buffer.pixel[known].numpy(), self.size)
+            errors.append(sums[0])
+            pixels.append(sums[1])
         return np.concatenate(errors), np.concatenate(pixels)
 
     def irradiance(self, binned: torch.Tensor, diffuse: torch.Tensor, bounces: int) -> torch.Tensor:

@@ -1,6 +1,7 @@
-"""What leaving interreflection out would cost under another light: its share ends up in the base colour.
+"""What light models gain at the maps and the sky of a short fit: interreflection, and where Monte Carlo samples go.
 
-On the fitted views themselves nothing tells: diffuse interreflection looks the same from everywhere, so base colour
+Interreflection: what leaving it out would cost under another light, since its share ends up in the base colour. On the
+fitted views themselves nothing tells: diffuse interreflection looks the same from everywhere, so base colour
 takes it up, a' = a I_n / I_(n-1). Under another light the same a' is wrong. Both follow from the operators of the light
 transport at the maps and sky of a short fit, with no further fit.
 """
@@ -8,14 +9,18 @@ transport at the maps and sky of a short fit, with no further fit.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
 from exmesh_graph.shading import envmap
+from exmesh_graph.shading.monte_carlo import Sampler
+from exmesh_graph.shading.settings import MonteCarloSettings
+from exmesh_graph.stage2.light.sampled import SampledLight
+from exmesh_graph.stage2.maps import Appearance
 from exmesh_graph.stage2.objective import encode_srgb
-from exmesh_graph.stage2.probe.compare import Gain, paired_gain
+from exmesh_graph.stage2.probe.gain import Gain, paired_gain, sums_over_tiles
 from exmesh_graph.stage2.probe.short import ShortFit
 
 #: Quarter turns of the fitted sky stand for the other light; runs of neighbouring points are the clusters.
@@ -75,3 +80,36 @@ def _median_ratio(true: torch.Tensor, fitted: torch.Tensor, weight: torch.Tensor
     """The factor per channel that scores take out of base colour: the median of true / fitted where pictures look."""
     used = weight > 0
     return (true[used] / fitted[used].clamp_min(1e-6)).median(dim=0).values if bool(used.any()) else torch.ones(3)
+
+
+#: The paper's samples per pixel, and the views to look at.
+SAMPLES, VIEWS = 8, 2
+
+
+def sampling_gain(fit: ShortFit, technique: Sampler, seed: int) -> Gain:
+    """By how many dB direct light is less noisy with `technique` than with the paper's environment samples."""
+    before, pixels = _noise(fit, "environment", seed)
+    after, _ = _noise(fit, technique, seed)
+    return paired_gain(before, after, pixels)
+
+
+@torch.no_grad()
+def _noise(fit: ShortFit, technique: Sampler, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Half the squared difference of two independent estimates (display values) and pixels, summed over clusters."""
+    model = fit.model
+    settings = MonteCarloSettings(technique=technique, samples=SAMPLES, bounces=0)
+    light = SampledLight(settings, model.geometry, fit.light.tracer, seed)
+    values, environment = model.maps.values(), envmap.radiance_of(model.environment)
+    errors, counts = [], []
+    for number, buffer in enumerate(fit.fitted[:VIEWS]):
+        seen = replace(buffer, light=light.view(buffer.samples(model.geometry), buffer.pixel, fit.size[1], number))
+        material = model.maps.read(values, buffer.texel, buffer.texel_weight)
+        pair = []
+        for step in (2 * number, 2 * number + 1):
+            prepared = light.prepare(Appearance(model.maps, values, environment, 0.0, step))
+            pair.append(encode_srgb(light.radiance(seen, material, prepared)))
+        wrong = ((pair[0] - pair[1]) ** 2).mean(1) / 2
+        sums = sums_over_tiles(wrong.double().numpy(), buffer.pixel.numpy(), fit.size)
+        errors.append(sums[0])
+        counts.append(sums[1])
+    return np.concatenate(errors), np.concatenate(counts)
