@@ -91,13 +91,6 @@ def resample(environment: np.ndarray, height: int, width: int) -> np.ndarray:
     return mean.numpy().astype(np.float32)
 
 
-def rotate(environment: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """The map as it looks after the light is turned by `rotation` [3, 3]: new(d) = old(rotation^T d)."""
-    height, width = environment.shape[:2]
-    source = torch.from_numpy(texel_directions(height, width) @ np.asarray(rotation, np.float64))
-    return lookup(torch.from_numpy(environment.astype(np.float64)), source).numpy().astype(np.float32)
-
-
 def radiance_of(parameter: torch.Tensor) -> torch.Tensor:
     """The non-negative map of a free parameter: E = softplus(parameter)."""
     return F.softplus(parameter)

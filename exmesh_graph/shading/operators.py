@@ -82,7 +82,7 @@ class LightTransport:
 
         `strength` is lambda_ind. Without bounces (or without `diffuse`) the direct light I_0.
 
-        Equations: 18, 20.
+        Equations: 18, 19.
         """
         if diffuse is None or self.gather is None or strength == 0:
             return _Direct.apply(radiance, self)

@@ -16,17 +16,23 @@ def indirect_strength(settings: DecompositionSettings, step: int) -> float:
     return settings.indirect_weight * min(1.0, (step + 1) / max(settings.indirect_ramp, 1))
 
 
-def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-    """The weighted terms of eq. 22 for one view, and its predicted radiance [N, 3] (detached).
+def chroma_strength(settings: DecompositionSettings, step: int) -> float:
+    """lambda_chroma at `step`: linear from its start to 0.
 
-    Equations: 21, 22, 24.
+    Equation: 24.
+    """
+    return settings.chroma_weight * (1 - step / settings.iterations)
+
+
+def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    """The weighted terms of one view, and its predicted radiance [N, 3] (detached).
+
+    Equation: 22.
     """
     settings = model.settings
     prepared = model.prepare(indirect_strength(settings, step), step)
     predicted, material = model.shade(buffer, prepared)
-    terms = {"image": settings.log_weight * log_l1(predicted, buffer.target, buffer.clipped, buffer.coverage)}
-    if settings.ssim_weight > 0:
-        terms["ssim"] = settings.ssim_weight * _d_ssim(predicted, buffer)
+    terms = image_terms(settings, predicted, buffer)
     if settings.material_weight > 0:
         terms["material"] = settings.material_weight * pair_variation(material.table, buffer.pairs)
     if not prepared.environment.requires_grad:  # a known light
@@ -34,9 +40,21 @@ def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple
     if settings.environment_weight > 0:
         terms["environment"] = settings.environment_weight * envmap.total_variation(prepared.environment)
     if settings.chroma_weight > 0:
-        weight = settings.chroma_weight * (1 - step / settings.iterations)
-        terms["chroma"] = weight * envmap.chroma(prepared.environment)
+        terms["chroma"] = chroma_strength(settings, step) * envmap.chroma(prepared.environment)
     return terms, predicted.detach()
+
+
+def image_terms(
+    settings: DecompositionSettings, predicted: torch.Tensor, buffer: ViewBuffer
+) -> dict[str, torch.Tensor]:
+    """What sets `predicted` [N, 3] apart from the photograph: log-L1 in linear light, D-SSIM of display values.
+
+    Equation: 21.
+    """
+    terms = {"image": settings.log_weight * log_l1(predicted, buffer.target, buffer.clipped, buffer.coverage)}
+    if settings.ssim_weight > 0:
+        terms["ssim"] = settings.ssim_weight * _d_ssim(predicted, buffer)
+    return terms
 
 
 def view_psnr(predicted: torch.Tensor, buffer: ViewBuffer) -> float:
@@ -49,8 +67,6 @@ def log_l1(predicted: torch.Tensor, target: torch.Tensor, clipped: torch.Tensor,
     """Mean of |log(1 + predicted) - log(1 + target)| over pixels [N, 3], weighted by coverage [N].
 
     Where the photograph is `clipped` at the top of its range, any prediction above the target is right.
-
-    Equation: 21.
     """
     residual = torch.log1p(predicted) - torch.log1p(target)
     residual = torch.where(clipped, residual.clamp(max=0), residual)

@@ -94,7 +94,7 @@ def render_views(
     """
     light = transport or render_transport(asset, bounces)
     check_fits(light, asset.vertices, asset.faces)
-    scene = _Scene(asset, light, asset.environment if environment is None else environment, device)
+    scene = Scene(asset, light, asset.environment if environment is None else environment, device)
     generator = torch.Generator().manual_seed(seed)
     results = []
     for number in range(len(intrinsics)):
@@ -106,7 +106,7 @@ def render_views(
     return Rendered(*columns)
 
 
-class _Scene:
+class Scene:
     """An asset under one environment: its maps, irradiance and leaving radiance at the lattice points."""
 
     def __init__(self, asset: Asset, light: Transport, environment: np.ndarray, device: str) -> None:
@@ -193,7 +193,7 @@ class _Scene:
 
 @torch.no_grad()
 def _render(
-    scene: _Scene,
+    scene: Scene,
     intrinsics: np.ndarray,
     camera_to_world: np.ndarray,
     height: int,

@@ -68,7 +68,7 @@ def test_a_small_suns_light_and_shadow_lie_where_they_should(true_asset, cameras
     for sharp in (True, False):
         if not sharp:
             monkeypatch.setattr(render, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
-        scene = render._Scene(asset, light, asset.environment, "cpu")
+        scene = render.Scene(asset, light, asset.environment, "cpu")
         assert len(scene.suns) == int(sharp)
         surface = _surface(scene, cameras[0][0], cameras[1][0])
         generator = torch.Generator().manual_seed(0)
