@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from exmesh_graph.shading.operators import at_surface
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.light.precomputed import initial_specular_scale, lattice_radiance
+from exmesh_graph.stage2.light.precomputed import initial_specular_scale
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import texel_footprint
 
@@ -57,7 +58,11 @@ def test_hits_send_diffuse_times_irradiance(model):
     transport = model.light.operators.light
     count = len(transport.points)
     irradiance = torch.rand(count, 3, generator=torch.Generator().manual_seed(1))
-    radiance = lattice_radiance(transport, model.light.lattice_diffuse(model.maps, values) * irradiance)
+    sent = model.light.lattice_diffuse(model.maps, values) * irradiance
+
+    def radiance(face, bary):
+        return at_surface(transport, sent, face, bary)
+
     corners = model.geometry.uvs[model.geometry.uv_faces[torch.from_numpy(transport.point_face.astype(np.int64))]]
     uv = (corners * torch.from_numpy(transport.point_bary)[..., None]).sum(1)
     index, weight = texel_footprint(uv, model.maps.size)
@@ -73,7 +78,7 @@ def test_hits_send_diffuse_times_irradiance(model):
             bary = torch.eye(3)[i : i + 1]
             found = radiance(torch.tensor([face]), bary)[0]
             torch.testing.assert_close(found, leaving[int(transport.face_points[face, number])], rtol=1e-5, atol=1e-6)
-    middle = lattice_radiance(transport, leaving)(torch.tensor([3]), torch.tensor([[0.5, 0.5, 0.0]]))[0]
+    middle = at_surface(transport, leaving, torch.tensor([3]), torch.tensor([[0.5, 0.5, 0.0]]))[0]
     torch.testing.assert_close(radiance(torch.tensor([3]), torch.tensor([[0.5, 0.5, 0.0]]))[0], middle)
 
 
@@ -110,7 +115,7 @@ def test_traced_specular_is_the_same_over_warp_as_over_embree(carrier, transport
             torch.full((600, 3), 0.04, device=where),
             Pyramid(sky.to(where)),
             tracer,
-            lattice_radiance(transport, leaving.to(where)),
+            lambda face, bary, sent=leaving.to(where): at_surface(transport, sent, face, bary),
             8,
             torch.rand(600, 2, generator=torch.Generator().manual_seed(0)),
         )
