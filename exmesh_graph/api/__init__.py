@@ -9,12 +9,14 @@ from exmesh_graph.api.results import Figure, NodeRun, Run
 from exmesh_graph.api.runs import Plan, RunFailed, open_run, plan, run
 from exmesh_graph.api.sweeps import Sweep, sweep
 from exmesh_graph.api.values import Parameter, Wire, component
+from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.session import Session
 
 __all__ = [
     "Comparison",
     "Figure",
     "Graph",
+    "GraphErrors",
     "Node",
     "NodeRun",
     "Parameter",
