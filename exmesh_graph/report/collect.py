@@ -71,7 +71,7 @@ def _node(entry: Mapping[str, Any]) -> Node:
         type=str(entry.get("type") or ""),
         state=str(entry.get("state") or ""),
         seconds=float(entry.get("seconds") or 0.0),
-        peak_rss=int(entry.get("peak_rss") or 0),
+        peak_memory=int(entry.get("peak_rss") or 0),
         bytes=sum(int(output.get("bytes") or 0) for output in outputs),
         warnings=tuple(str(text) for text in entry.get("warnings") or ()),
     )
@@ -89,7 +89,7 @@ def _figures(entries: Any, node: str, after: float) -> Iterator[Figure]:
             better=str(entry.get("better") or ""),
             node=node,
             series=str(entry.get("series") or ""),
-            after=after,
+            after_seconds=after,
             over={str(name): float(x) for name, x in (entry.get("over") or {}).items()},
         )
 

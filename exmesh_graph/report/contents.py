@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ class Node:
     type: str
     state: str
     seconds: float
-    peak_rss: int
+    peak_memory: int
     bytes: int
     warnings: tuple[str, ...] = ()
 
@@ -34,7 +34,7 @@ class Node:
 class Figure:
     """One headline figure. `floor` is the score of an uninformed guess, `goal` what was aimed at.
 
-    `series` groups figures of one measure over stages; `after` is the time spent until the scored value was there;
+    `series` groups figures of one measure over stages; `after_seconds` the time spent until the scored value was there;
     `over` holds other quantities that the value may be drawn against, by name.
     """
 
@@ -46,7 +46,7 @@ class Figure:
     better: str = ""
     node: str = ""
     series: str = ""
-    after: float | None = None
+    after_seconds: float | None = None
     over: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -129,60 +129,17 @@ class Report:
         """The documented content of `report.json`."""
         return {
             "schema": SCHEMA,
-            "name": self.name,
-            "run": self.run,
-            "graph": self.graph,
-            "command": self.command,
-            "state": self.state,
+            **{name: getattr(self, name) for name in ("name", "run", "graph", "command", "state")},
             "seconds": {"this_run": self.wall_seconds, "all_results": self.total_seconds},
-            "headline": {
-                figure.label: {
-                    "value": figure.value,
-                    "unit": figure.unit,
-                    "floor": figure.floor,
-                    "goal": figure.goal,
-                    "better": figure.better,
-                    "node": figure.node,
-                    "series": figure.series,
-                    "after_seconds": figure.after,
-                }
-                for figure in self.headline
-            },
-            "stages": [
-                {
-                    "label": figure.label,
-                    "value": figure.value,
-                    "unit": figure.unit,
-                    "node": figure.node,
-                    "series": figure.series,
-                    "after_seconds": figure.after,
-                    "over": dict(figure.over),
-                }
-                for figure in self.stages
-            ],
+            "headline": {figure.label: _fields(figure, "label", "over") for figure in self.headline},
+            "stages": [_fields(figure, "floor", "goal", "better") for figure in self.stages],
             "metrics": self.metrics,
             "costs": stage_costs(self.nodes),
-            "nodes": [
-                {
-                    "name": node.name,
-                    "type": node.type,
-                    "state": node.state,
-                    "seconds": node.seconds,
-                    "peak_memory": node.peak_rss,
-                    "bytes": node.bytes,
-                    "warnings": list(node.warnings),
-                }
-                for node in self.nodes
-            ],
-            "edges": [list(edge) for edge in self.edges],
+            "nodes": [_fields(node) for node in self.nodes],
+            "edges": self.edges,
             "warnings": [{"node": node, "message": text} for node, text in self.warnings],
-            "pictures": [
-                {"node": p.node, "file": p.file, "title": p.title, "caption": p.caption} for p in self.pictures
-            ],
-            "models": [
-                {"node": m.node, "file": m.file, "title": m.title, "caption": m.caption, "bytes": len(m.data)}
-                for m in self.models
-            ],
+            "pictures": [_fields(picture, "data", "panels") for picture in self.pictures],
+            "models": [{**_fields(model, "data"), "bytes": len(model.data)} for model in self.models],
             "machine": self.machine,
             "versions": self.versions,
         }
@@ -200,6 +157,11 @@ def stage_costs(nodes: Sequence[Node]) -> list[dict[str, Any]]:
         stage = _STAGES.get(family, family)
         row = rows.setdefault(stage, {"stage": stage, "seconds": 0.0, "peak_memory": 0, "nodes": 0})
         row["seconds"] += node.seconds
-        row["peak_memory"] = max(row["peak_memory"], node.peak_rss)
+        row["peak_memory"] = max(row["peak_memory"], node.peak_memory)
         row["nodes"] += 1
     return list(rows.values())
+
+
+def _fields(item: Any, *left_out: str) -> dict[str, Any]:
+    """The fields of a dataclass by name."""
+    return {one.name: getattr(item, one.name) for one in fields(item) if one.name not in left_out}

@@ -76,7 +76,7 @@ def _last_stages(figures: list[Figure]) -> list[Figure]:
     for figure in figures:
         if figure.series:
             rival = last.get(figure.series)
-            if rival is None or (figure.after or 0.0) >= (rival.after or 0.0):
+            if rival is None or (figure.after_seconds or 0.0) >= (rival.after_seconds or 0.0):
                 last[figure.series] = figure
     shown = [figure for figure in figures if not figure.series or last[figure.series] is figure]
     return sorted(shown, key=lambda figure: figure.floor is None)
@@ -101,13 +101,13 @@ def error_charts(figures: list[Figure]) -> list[str]:
     0 s) and over each other quantity that the stages name; log axes where values span more than a factor of two."""
     charts = []
     for series in dict.fromkeys(figure.series for figure in figures if figure.series):
-        members = [f for f in figures if f.series == series and f.after is not None]
+        members = [f for f in figures if f.series == series and f.after_seconds is not None]
         members = [f for f in members if isinstance(f.value, int | float) and not isinstance(f.value, bool)]
         if not members:
             continue
         title = f"{series}, {members[0].unit}" if members[0].unit else series
         floor = next((f.floor for f in members if f.floor is not None), None)
-        timed = sorted((float(f.after or 0.0), float(f.value)) for f in members)
+        timed = sorted((float(f.after_seconds or 0.0), float(f.value)) for f in members)
         if floor is not None and len(timed) == 1:
             timed = [(0.0, floor), *timed]
         drawn = [(timed, "seconds spent", floor)]

@@ -89,7 +89,7 @@ def test_a_stage_is_a_point_of_the_charts_and_no_headline():
 
 def test_each_quantity_gets_a_chart_of_its_own():
     figures = [
-        Figure("Chamfer", y, "mm", series="Chamfer", after=x, over={"vertices": v})
+        Figure("Chamfer", y, "mm", series="Chamfer", after_seconds=x, over={"vertices": v})
         for x, y, v in ((30.0, 2.0, 500), (10.0, 3.0, 100), (90.0, 1.0, 2000))
     ]
     charts = error_charts(figures)

@@ -113,7 +113,7 @@ def _columns(parts: Sequence[dict[str, Any]], variants: Sequence[Mapping[str, An
     def rank(figure: Figure) -> tuple[bool, bool, float]:
         entries = [row["figures"][figure.label] for row in variants if figure.label in row["figures"]]
         same = not any(entry.get("difference") for entry in entries)
-        return same, not figure.better, -(figure.after or 0.0)
+        return same, not figure.better, -(figure.after_seconds or 0.0)
 
     return sorted(columns.values(), key=rank)
 
@@ -136,7 +136,7 @@ def _part(
         wires = (resolved.get(name) or {}).get("inputs") or {}
         inputs[own] = {"inputs": {port: _renamed(wire, back) for port, wire in wires.items()}}
     report = collect({"nodes": nodes, "resolved": {"nodes": inputs}}, load)
-    figures = {figure.label: figure for figure in report.headline if figure.after is not None}
+    figures = {figure.label: figure for figure in report.headline if figure.after_seconds is not None}
     state, reason = _state(names, rows, failures)
     return {**member, "own": set(names.values()), "figures": figures, "state": state, "reason": reason,
             "seconds": sum(rows[name]["seconds"] for name in names.values())}  # fmt: skip
@@ -213,7 +213,7 @@ def _compared(label: str, group: Sequence[dict[str, Any]], base: Sequence[dict[s
     numbers = [float(value) for value in values]
     yes_no = all(isinstance(value, bool) for value in values)
     entry = {"mean": _mean(numbers), "spread": _spread(numbers), "values": values,
-             "after_seconds": _mean([figure.after or 0.0 for figure in figures])}  # fmt: skip
+             "after_seconds": _mean([figure.after_seconds or 0.0 for figure in figures])}  # fmt: skip
     theirs = {part["repeat"]: part["figures"][label].value for part in base if label in part["figures"]}
     pairs = [(part["figures"][label].value, theirs[part["repeat"]]) for part in group
              if label in part["figures"] and part["repeat"] in theirs]  # fmt: skip
