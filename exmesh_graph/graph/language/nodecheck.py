@@ -1,0 +1,174 @@
+"""Judging one node of an expanded graph: its entries, parameters, libraries and source files."""
+
+from __future__ import annotations
+
+import os.path
+from collections.abc import Iterable, Mapping
+from pathlib import Path, PurePath
+from typing import Any
+
+from exmesh_graph.errors import ExmeshError, MissingLibraryError
+from exmesh_graph.graph.declare.components import BoundComponent
+from exmesh_graph.graph.declare.node import Component, NodeDef
+from exmesh_graph.graph.declare.packs import library_version
+from exmesh_graph.graph.declare.ports import RESERVED, link_form, signature
+from exmesh_graph.graph.language.expand import NodeSpec
+from exmesh_graph.graph.language.links import Broken, Link
+from exmesh_graph.graph.language.spec import Value
+from exmesh_graph.graph.language.wires import Wiring
+from exmesh_graph.graph.problems import Where, nearest
+from exmesh_graph.params import Auto, Params
+
+
+class NodeCheck:
+    """A node or component, its entries sorted into wires (`links`) and parameters (`given`).
+
+    `whole` is False for one that is still being written: what it lacks is no fault yet.
+    """
+
+    def __init__(self, spec: NodeSpec, definition: NodeDef, wiring: Wiring, whole: bool = True) -> None:
+        self.spec, self.definition, self.wiring, self.whole = spec, definition, wiring, whole
+        self.kind = kind = wiring.signatures[spec.name]
+        self.links: dict[str, Link] = {}
+        self.given: dict[str, Value] = {}
+        if kind.component is not None and spec.seeded is not None:
+            wiring.problems.add("seed", spec.seeded, f"{spec.name} is a component, which has no seed")
+        for key, value in spec.fields.items():
+            if key in kind.inputs:
+                link = wiring.connect(spec, kind.inputs[key], value)
+                self.links |= {} if link is None else {key: link}
+            elif key in kind.params.model_fields:
+                self.given[key] = value
+            elif not value.inherited:
+                self._refuse_unknown(key, value)
+        for name, port in kind.inputs.items():
+            if whole and not port.optional and name not in spec.fields:
+                self.add_problem(
+                    "missing-port", spec.where, f"the input {name} is not connected", expected=str(port),
+                    nearest=wiring.suitable(port, spec.name), fix=f"{name}: {link_form(port)}",
+                )  # fmt: skip
+
+    def add_problem(self, code: str, where: Where, what: str, **more: Any) -> None:
+        """Note a fault of this node."""
+        self.wiring.problems.add(code, where, f"{self.spec.name}: {what}", **more)
+
+    def params(self, nested: Mapping[str, Component]) -> Params | None:
+        """The validated parameters, paths made absolute; `nested` are the components plugged into a component."""
+        from pydantic import ValidationError
+
+        raw: dict[str, Any] = dict(nested)
+        failed = False
+        for key, value in self.given.items():
+            if isinstance(value.value, Link | Broken):
+                self.add_problem("link", value.where, f"{key} is a parameter, not an input port")
+                failed = True
+            elif isinstance(value.value, bool) and self.kind.params.model_fields[key].annotation in (int, float):
+                message = "Input should be a number, not true or false"  # pydantic would take true for 1
+                self._refuse_value({"loc": (key,), "type": "number", "msg": message})
+                failed = True
+            raw[key] = value.value
+        if failed:
+            return None
+        try:
+            model = self.kind.params.model_validate(raw)
+        except ValidationError as error:
+            for details in error.errors(include_url=False):
+                if details["loc"][:1] not in [(port,) for port in self.kind.inputs]:  # told of as a wire
+                    self._refuse_value(details)
+            return None
+        paths = self.kind.path_fields() & set(self.given)
+        return model.model_copy(update={key: _absolute(getattr(model, key), self.given[key].base) for key in paths})
+
+    def check_libraries(self) -> None:
+        """Note the libraries that are not there."""
+        for library in self.definition.libraries:
+            try:
+                library_version(library)
+            except MissingLibraryError as error:
+                what = f"{self.spec.type} needs the library {library}"
+                self.add_problem("missing-library", self.spec.where, what, fix=error.fix)
+
+    def check_decided(self, own: Params, plugs: Iterable[BoundComponent]) -> None:
+        """Parameters of a node and its components that are `auto` need what decides them, wired to the node."""
+        spec, problems = self.spec, self.wiring.problems
+        asked = [(spec.name, self.kind, own, spec.where)]
+        asked += [(c.name, signature(c.definition), c.value, c.where) for plug in plugs for c in plug.all()]
+        auto = [(*of, name, port) for of in asked for name, port in of[1].decided_by().items()]
+        for owner, _, model, where, name, port in auto:
+            if getattr(model, name) != Auto.word or (port in spec.fields and spec.fields[port].value is not None):
+                continue
+            judge, end = self.kind.inputs.get(port), port if owner == spec.name else f"{spec.name}.{port}"
+            problems.add(
+                "auto", self.given[name].where if owner == spec.name and name in self.given else where,
+                f"{owner}: {name} is auto, but nothing is wired to {end}, which decides it",
+                expected=str(judge or f"{spec.type} has no port {port}"),
+                nearest=() if judge is None else self.wiring.suitable(judge, spec.name),
+                fix=f'{f"{end}: {link_form(judge)}, or " if judge else ""}give {name} a value',
+            )  # fmt: skip
+
+    def sources(self, model: Params) -> Mapping[str, Path]:
+        """The files that the node reads, by name."""
+        if self.definition.sources is None:
+            return {}
+        paths = self.kind.path_fields() & set(self.given)
+        where = self.given[min(paths)].where if paths else self.spec.where
+        try:
+            files = {str(name): Path(path) for name, path in self.definition.sources(model).items()}
+        except ExmeshError as error:
+            self.add_problem("source", where, error.what, found=error.where, expected=error.expected, fix=error.fix)
+            return {}
+        except Exception as error:  # an unreadable folder, or data that the listing was not made for
+            what = f"its source files cannot be listed: {type(error).__name__}: {error}"
+            self.add_problem("source", where, what, fix="mend the data; if it is right, this is a fault of the node")
+            return {}
+        for name, path in files.items():
+            if PurePath(name).is_absolute():
+                what = f"{self.spec.type}: the source name {name!r} is an absolute path; keys must not hold any"
+                self.wiring.problems.add("declaration", self.spec.where, what)
+            elif not path.is_file():
+                self.add_problem("source", where, f"no such file: {path}")
+        return files
+
+    def _refuse_unknown(self, key: str, value: Value) -> None:
+        link = isinstance(value.value, Link | Broken)
+        own = (self.kind.inputs, self.kind.params.model_fields)
+        first, second = own if link else own[::-1]
+        reserved = f"; {key!r} is a word of the framework" if key in RESERVED else ""
+        self.add_problem(
+            "unknown-port" if link else "unknown-parameter", value.where,
+            f"{self.spec.type} has no {'input port' if link else 'parameter'} {key!r}{reserved}",
+            nearest=nearest(key, [*first, *second]) or list(first), fix=f"exmesh nodes {self.spec.type}",
+        )  # fmt: skip
+
+    def _refuse_value(self, error: Mapping[str, Any]) -> None:
+        """`error` is one of pydantic's."""
+        path = [str(part) for part in error["loc"]]
+        key, missing = path[0] if path else "", error["type"] == "missing"
+        if missing and not self.whole:
+            return
+        what = (
+            f"the parameter {key} must be given" if missing else f"{'.'.join(path) or self.spec.type}: {error['msg']}"
+        )
+        expected, given = "", self.given.get(key)
+        if key in self.kind.params.model_fields:
+            unit = self.kind.extra(key).get("unit")
+            doc = self.kind.params.model_fields[key].description or ""
+            expected = f"{doc} [{unit}]".strip() if unit else doc
+        where, shown = (self.spec.where, "") if given is None else (given.where, repr(given.value))
+        self.add_problem("parameter", where, what, expected=expected, found=shown)
+
+
+def _absolute(value: Any, base: Path) -> Any:
+    if isinstance(value, PurePath):
+        path = Path(value).expanduser()
+        return path if path.is_absolute() else Path(_normal(base / path))
+    if isinstance(value, list | tuple):
+        return type(value)(_absolute(item, base) for item in value)
+    if isinstance(value, dict):
+        return {key: _absolute(item, base) for key, item in value.items()}
+    return value
+
+
+def _normal(path: Path) -> str:
+    """Without `..`, but with symbolic links left as the user wrote them where that is possible."""
+    return os.path.normpath(path) if not any(p.is_symlink() for p in path.parents) else str(path)
