@@ -22,6 +22,7 @@ from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, fail, nearest
 from exmesh_graph.graph.run import contracts
+from exmesh_graph.graph.run.memory import mark_of
 from exmesh_graph.graph.session import Session, current_session
 from exmesh_graph.types import Artifact
 
@@ -106,7 +107,7 @@ def call(
     bound = Bound(kind, definition, known, params, links, {}, seed, where, plugs)
     for name, value in inputs.items():
         contracts.check_input(bound, name, value, {})
-    marks = {name: contracts.mark_of(value) for name, value in inputs.items()}
+    marks = {name: mark_of(value) for name, value in inputs.items()}
     context = CallContext(kind, seed, _folder(folder), progress)
     words: dict[str, Any] = {known.params_name: params} if known.params_name else {}
     result = definition.function(context, **inputs, **{name: plug.value for name, plug in plugs.items()}, **words)

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.graph.run import contracts
+from exmesh_graph.graph.run.memory import frozen
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.runner import NodeFailed
 
@@ -195,7 +195,7 @@ nodes:
         bench.run(text)
     record = bench.run(text, targets={"a", "s"})
     series = bench.value(record, "s", "series")
-    contracts.frozen(series)
+    frozen(series)
     with pytest.raises(ValueError, match="read-only"):
         series.data[0] = 1
 

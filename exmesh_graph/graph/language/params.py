@@ -60,15 +60,15 @@ class Declared:
 
 def declare(params: Map, problems: Problems) -> dict[str, Declared]:
     """What the values under `params:` say of themselves."""
-    found = {}
+    declared = {}
     for name, value in params.items():
         where = params.lines[name]
         if is_declaration(value):
-            found[str(name)] = _long_form(str(name), value, problems)
+            declared[str(name)] = _long_form(str(name), value, problems)
         else:
             kinds = {bool: "bool", int: "number", float: "number", list: "list", Map: "map"}
-            found[str(name)] = Declared(str(name), kinds.get(type(value), "any"), where, value, inferred=True)
-    return found
+            declared[str(name)] = Declared(str(name), kinds.get(type(value), "any"), where, value, inferred=True)
+    return declared
 
 
 def is_declaration(value: Any) -> bool:

@@ -36,8 +36,8 @@ class Checkpoints:
             draft = home / "checkpoint"
             draft.mkdir()
             save_state(draft, state)
-            found = files.walk_files(draft)
-            table = {name: files.sha256_file(path) for name, path in found}
+            written = files.walk_files(draft)
+            table = {name: files.sha256_file(path) for name, path in written}
             record = {"format": FORMAT, "key": self.key, "step": step, "files": table}
             (draft / "checkpoint.json").write_text(files.seal_text(record), encoding="utf-8")
             for path in draft.iterdir():

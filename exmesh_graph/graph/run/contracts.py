@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.ports import Port
-from exmesh_graph.graph.files import walk_files
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.language.links import Link
-from exmesh_graph.types import Artifact, Files
-
-_SAMPLES = 4096
-_BLOCK = 4096  # bytes
+from exmesh_graph.graph.run.memory import mark_of
+from exmesh_graph.types import Artifact
 
 
 def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str, Any]) -> None:
@@ -65,32 +60,6 @@ def _check_promise(bound: Bound, port: Port, value: Artifact) -> None:
             )
 
 
-def frozen(value: Any) -> Any:
-    """Make the arrays of a dataclass read-only, so that no node changes what another will read."""
-    for array in _arrays(value):
-        array.flags.writeable = False
-    return value
-
-
-def array_bytes(value: Any) -> int:
-    """Bytes that the arrays of a dataclass take in memory."""
-    return sum(int(array.nbytes) for array in _arrays(value))
-
-
-def mark_of(value: Artifact) -> int:
-    """A fingerprint at memory speed, to notice what is changed behind numpy's back: all bytes of the arrays count.
-
-    Of the files of an artifact of type Files it sees inodes, sizes and times.
-    """
-    stamps: list[Any] = []
-    if isinstance(value, Files):
-        with contextlib.suppress(OSError):
-            for name, path in walk_files(value.root):
-                status = path.stat()
-                stamps.append((name, status.st_ino, status.st_size, status.st_mtime_ns))
-    return hash((*stamps, *(_summed(array) for array in _arrays(value))))
-
-
 def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mapping[str, int]) -> None:
     """Raise when a node changed an input in place: what it was keyed by is not what others would read."""
     for port, value in inputs.items():
@@ -105,32 +74,3 @@ def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mappin
 def promised_by(link: Link, nodes: Mapping[str, Bound]) -> Mapping[str, Any]:
     """The facets that the output at the far end of a wire promises."""
     return nodes[link.node].signature.outputs[link.port].promises
-
-
-def _arrays(value: Any) -> list[Any]:
-    if not dataclasses.is_dataclass(value):
-        return []
-    found: list[Any] = []
-    todo = [getattr(value, field.name) for field in dataclasses.fields(value)]
-    while todo:
-        item = todo.pop()
-        if hasattr(item, "flags") and hasattr(item, "tobytes"):
-            found.append(item)
-        elif isinstance(item, list | tuple):
-            todo += item
-        elif isinstance(item, dict):
-            todo += item.values()
-        elif dataclasses.is_dataclass(item) and not isinstance(item, type):
-            todo += [getattr(item, field.name) for field in dataclasses.fields(item)]
-    return found
-
-
-def _summed(array: Any) -> bytes:
-    """Sums over blocks of 4 KiB and across them, the bytes of the last part block, and some elements as they are."""
-    flat = array.reshape(-1)
-    flat = flat if flat.flags.c_contiguous else flat.copy()
-    data = flat.view("u1")
-    whole = data.size // _BLOCK * _BLOCK
-    blocks = data[:whole].view("u8").reshape(-1, _BLOCK // 8)
-    sums = blocks.sum(axis=1).tobytes() + blocks.sum(axis=0).tobytes()
-    return bytes(sums + data[whole:].tobytes() + flat[:: max(1, flat.size // _SAMPLES)].tobytes())

@@ -82,16 +82,16 @@ class Job:
         definition = current().find(self.type)
         if definition is None:
             raise GraphError(f"there is no node type {self.type!r}", where=self.name, fix="exmesh nodes lists all")
-        found = signature(definition)
+        kind = signature(definition)
         links = {port: Link(*wire.rpartition(".")[::2]) for port, wire in self.wires.items()}
         paths = {name: Path(path) for name, path in self.sources.items()}
         file, line = self.where
         place = Where(None if file is None else Path(file), line)
-        params = found.params.model_validate(dict(self.params))
+        params = kind.params.model_validate(dict(self.params))
         if params.model_dump(mode="json") != dict(self.params):
             raise validated_otherwise(self.type, params.model_dump(mode="json"), self.params, place)
         plugs = {port: rebuild(port, told, place) for port, told in self.components.items()}
-        return Bound(self.name, definition, found, params, links, paths, self.seed, place, plugs)
+        return Bound(self.name, definition, kind, params, links, paths, self.seed, place, plugs)
 
     def to_json(self) -> dict[str, Any]:
         return dict(vars(self))
@@ -206,12 +206,12 @@ class NodeContext:
 
     def resume(self) -> tuple[int, dict[str, Any]] | None:
         kept = self._kept()
-        found = kept.load()
+        kept_state = kept.load()
         for note in kept.notes:
             self.log(note)
-        if found is not None:
-            self.log(f"goes on from the checkpoint at step {found[0]}")
-        return found
+        if kept_state is not None:
+            self.log(f"goes on from the checkpoint at step {kept_state[0]}")
+        return kept_state
 
     def _kept(self) -> Checkpoints:
         if self._checkpoints is None:
@@ -269,9 +269,9 @@ def failure(name: str, error: BaseException) -> Outcome:
 def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
     bound = job.bound()
     remember_in(store.code)
-    found = {port: _value(job, port, store, memory) for port in job.inputs}
-    inputs = {port: value for port, (value, _) in found.items()}
-    marks = {port: mark for port, (_, mark) in found.items()}
+    loaded = {port: _value(job, port, store, memory) for port in job.inputs}
+    inputs = {port: value for port, (value, _) in loaded.items()}
+    marks = {port: mark for port, (_, mark) in loaded.items()}
     for port, given in inputs.items():
         contracts.check_input(bound, port, given, job.promised.get(port, {}))
     with store.attempt() as attempt:
@@ -307,8 +307,8 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
 def _value(job: Job, port: str, store: Store, memory: Memory) -> tuple[Artifact, int]:
     """An input and its mark."""
     type_name, digest = job.inputs[port]
-    found = memory.get(digest)
-    if found is None:
+    remembered = memory.get(digest)
+    if remembered is None:
         kinds = artifact_types()
         if type_name not in kinds:
             raise GraphError(f"no node pack defines the artifact type {type_name!r}", where=job.wires[port])
@@ -316,7 +316,7 @@ def _value(job: Job, port: str, store: Store, memory: Memory) -> tuple[Artifact,
         if loaded is None:
             raise _BrokenInput(port, store.notes[-1] if store.notes else f"object {digest} is gone")
         return loaded, memory.put(digest, loaded)
-    return found
+    return remembered
 
 
 def _call(bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) -> Any:

@@ -1,11 +1,17 @@
-"""Artifacts that a process keeps between jobs."""
+"""Artifacts that a process keeps between jobs, and marks by which a change of them is noticed."""
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 from collections import OrderedDict
+from typing import Any
 
-from exmesh_graph.graph.run import contracts
-from exmesh_graph.types import Artifact
+from exmesh_graph.graph.files import walk_files
+from exmesh_graph.types import Artifact, Files
+
+_SAMPLES = 4096
+_BLOCK = 4096  # bytes
 
 
 class Memory:
@@ -24,7 +30,7 @@ class Memory:
         if digest not in self.values:
             return None
         value, mark, _ = self.values[digest]
-        if contracts.mark_of(value) != mark:
+        if mark_of(value) != mark:
             self.forget(digest)
             return None
         self.values.move_to_end(digest)
@@ -33,8 +39,8 @@ class Memory:
     def put(self, digest: str, value: Artifact) -> int:
         """Keep a value; its arrays become read-only, since others will read them. Returns its mark."""
         self.forget(digest)
-        size, mark = contracts.array_bytes(value), contracts.mark_of(value)
-        self.values[digest] = contracts.frozen(value), mark, size
+        size, mark = array_bytes(value), mark_of(value)
+        self.values[digest] = frozen(value), mark, size
         self.bytes += size
         while self.budget is not None and self.bytes > self.budget:
             self.forget(next(iter(self.values)))
@@ -43,3 +49,58 @@ class Memory:
     def forget(self, digest: str) -> None:
         if digest in self.values:
             self.bytes -= self.values.pop(digest)[2]
+
+
+def frozen(value: Any) -> Any:
+    """Make the arrays of a dataclass read-only, so that no node changes what another will read."""
+    for array in _arrays(value):
+        array.flags.writeable = False
+    return value
+
+
+def array_bytes(value: Any) -> int:
+    """Bytes that the arrays of a dataclass take in memory."""
+    return sum(int(array.nbytes) for array in _arrays(value))
+
+
+def mark_of(value: Artifact) -> int:
+    """A fingerprint at memory speed, to notice what is changed behind numpy's back: all bytes of the arrays count.
+
+    Of the files of an artifact of type Files it sees inodes, sizes and times.
+    """
+    stamps: list[Any] = []
+    if isinstance(value, Files):
+        with contextlib.suppress(OSError):
+            for name, path in walk_files(value.root):
+                status = path.stat()
+                stamps.append((name, status.st_ino, status.st_size, status.st_mtime_ns))
+    return hash((*stamps, *(_summed(array) for array in _arrays(value))))
+
+
+def _arrays(value: Any) -> list[Any]:
+    if not dataclasses.is_dataclass(value):
+        return []
+    arrays: list[Any] = []
+    todo = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    while todo:
+        item = todo.pop()
+        if hasattr(item, "flags") and hasattr(item, "tobytes"):
+            arrays.append(item)
+        elif isinstance(item, list | tuple):
+            todo += item
+        elif isinstance(item, dict):
+            todo += item.values()
+        elif dataclasses.is_dataclass(item) and not isinstance(item, type):
+            todo += [getattr(item, field.name) for field in dataclasses.fields(item)]
+    return arrays
+
+
+def _summed(array: Any) -> bytes:
+    """Sums over blocks of 4 KiB and across them, the bytes of the last part block, and some elements as they are."""
+    flat = array.reshape(-1)
+    flat = flat if flat.flags.c_contiguous else flat.copy()
+    data = flat.view("u1")
+    whole = data.size // _BLOCK * _BLOCK
+    blocks = data[:whole].view("u8").reshape(-1, _BLOCK // 8)
+    sums = blocks.sum(axis=1).tobytes() + blocks.sum(axis=0).tobytes()
+    return bytes(sums + data[whole:].tobytes() + flat[:: max(1, flat.size // _SAMPLES)].tobytes())

@@ -107,15 +107,15 @@ def _plain(name: str) -> str:
 
 def past_seconds(run: Path, graph: str) -> dict[str, float]:
     """{node: seconds} of the latest earlier runs of a graph beside `run`."""
-    found: dict[str, float] = {}
+    seconds: dict[str, float] = {}
     tail = "-" + "".join(c if c.isalnum() else "-" for c in graph)
     earlier = [path for path in run.parent.iterdir() if tail in path.name and not path.is_symlink() and path != run]
     for path in sorted(earlier, reverse=True)[:3]:
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             for row in json.loads((path / "run.json").read_text(encoding="utf-8"))["nodes"]:
                 if row["state"] in ("hit", "done"):
-                    found.setdefault(row["name"], float(row["seconds"]))
-    return found
+                    seconds.setdefault(row["name"], float(row["seconds"]))
+    return seconds
 
 
 def is_alive(run: Path) -> bool:

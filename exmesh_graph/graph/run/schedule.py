@@ -43,16 +43,16 @@ def gpu_memory() -> float:
 
 def parse_tokens(text: str) -> dict[str, float]:
     """`cpu=4,gpu=1` of the command line. Raises GraphError."""
-    found: dict[str, float] = {}
+    tokens: dict[str, float] = {}
     for part in filter(None, text.split(",")):
         name, equals, value = part.partition("=")
         try:
-            found[name.strip()] = float(value)
+            tokens[name.strip()] = float(value)
         except ValueError:
             equals = ""
-        if not equals or not name.strip() or not 0 <= found[name.strip()] < float("inf"):
+        if not equals or not name.strip() or not 0 <= tokens[name.strip()] < float("inf"):
             raise GraphError(f"cannot read --tokens {text!r}", where="command line", expected="cpu=4,gpu=1,ram_gb=16")
-    return found
+    return tokens
 
 
 class Pool:

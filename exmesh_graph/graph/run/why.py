@@ -18,10 +18,10 @@ def explain(bound: Bound, preimage: Mapping[str, Any], store: Store) -> list[str
     """In words: how this pre-image differs from the nearest of the latest records of its type, its own if any."""
     actions = store.actions(bound.definition.type)
     own = [action for action in actions if action.info.get("node") == bound.name]
-    found = [differences(preimage, action, bound) for action in (own or actions)[:COMPARED]]
-    if not found:
+    answers = [differences(preimage, action, bound) for action in (own or actions)[:COMPARED]]
+    if not answers:
         return [f"no earlier run of {bound.definition.type} in this store"]
-    return min(found, key=len) or ["same key as an earlier record, whose outputs are gone"]
+    return min(answers, key=len) or ["same key as an earlier record, whose outputs are gone"]
 
 
 def differences(preimage: Mapping[str, Any], action: Action, bound: Bound) -> list[str]:

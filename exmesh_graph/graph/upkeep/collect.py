@@ -67,7 +67,7 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
     result = Survey(roots, notes=list(roots.notes))
     recent = min([_now(store) - age, *_starts_of_work(store)])
     objects = {item.name: item for item in _items(store, "object", "objects/*/*")}
-    held, fixed = roots.pinned | roots.shown | roots.busy, roots.pinned | roots.busy
+    held, fixed = roots.pinned | roots.shown | roots.leased, roots.pinned | roots.leased
     kept: list[Item] = []
     going: list[Item] = []
     for item in _records(store):
@@ -154,7 +154,7 @@ def _records(store: Store) -> Iterator[Item]:
 def _checkpoints(store: Store, roots: Roots, age: float) -> Iterator[Item]:
     now, oldest = _now(store), max(age, CHECKPOINT_AGE)
     for item in _items(store, "checkpoint", "checkpoints/*"):
-        if item.name in roots.busy:
+        if item.name in roots.leased:
             continue
         if store.look_up(item.name, use=False) is not None:
             yield replace(item, why="its result is recorded")

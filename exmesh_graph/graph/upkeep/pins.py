@@ -41,58 +41,58 @@ def pin(store: Store, name: str, of: str, keys: Iterable[str]) -> Pin:
         raise StoreError(f"{name!r} cannot name a pin", expected="letters, digits, '.', '_' and '-'")
     if _path(store, name).exists():
         raise StoreError(f"there is a pin {name!r} already", fix=f"exmesh unpin {name}, or take another name")
-    found = tuple(sorted({key for key in keys if store.look_up(key) is not None}))
-    if not found:
+    present = tuple(sorted({key for key in keys if store.look_up(key) is not None}))
+    if not present:
         raise StoreError(f"{of} has no results in this store", where=str(store.root))
-    entry = Pin(name, of, found, user_and_host(), time.time())
+    entry = Pin(name, of, present, user_and_host(), time.time())
     with files.writing("the store", store.root, "--store"):
-        files.write_durably(_path(store, name), files.seal_text({**vars(entry), "keys": list(found)}), store.work)
+        files.write_durably(_path(store, name), files.seal_text({**vars(entry), "keys": list(present)}), store.work)
     return entry
 
 
 def unpin(store: Store, name: str) -> Pin:
     """Remove a pin; its results stay until `gc` finds nothing else that needs them."""
-    found = {entry.name: entry for entry in pins(store)}
-    if name not in found:
-        raise StoreError(f"there is no pin {name!r}", expected=", ".join(found) or "no pins at all")
+    known = {entry.name: entry for entry in pins(store)}
+    if name not in known:
+        raise StoreError(f"there is no pin {name!r}", expected=", ".join(known) or "no pins at all")
     with files.writing("the store", store.root, "--store"):
         _path(store, name).unlink()
-    return found[name]
+    return known[name]
 
 
 def pins(store: Store) -> list[Pin]:
     """All pins. Raises StoreError for one that cannot be read: what it protects is then not known."""
-    found = []
+    entries = []
     for path in sorted((store.root / "pins").glob("*.json")):
         try:
-            found.append(read_pin(path))
+            entries.append(read_pin(path))
         except StoreError:
             if path.exists():  # else it was unpinned since it was listed
                 raise
-    return found
+    return entries
 
 
 def read_pin(path: Path) -> Pin:
     """A pin's file. Raises StoreError when it is not as it was written."""
     try:
         raw: dict[str, Any] = files.read_sealed(path)
-        found = Pin(raw["name"], raw["of"], tuple(raw["keys"]), raw["who"], raw["when"])
+        entry = Pin(raw["name"], raw["of"], tuple(raw["keys"]), raw["who"], raw["when"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         what = f"the pin {path.stem} cannot be read: {error}"
         raise StoreError(what, where=str(path), fix="remove it and pin again") from error
-    if found.name != path.stem:
-        raise StoreError(f"the pin {path.stem} says that its name is {found.name}", where=str(path))
-    return found
+    if entry.name != path.stem:
+        raise StoreError(f"the pin {path.stem} says that its name is {entry.name}", where=str(path))
+    return entry
 
 
 def key_of_prefix(store: Store, prefix: str) -> str | None:
     """The one key of a record that begins with `prefix`; None when there is none. Raises StoreError for several."""
     if not re.match(r"[0-9a-f]{6,64}\Z", prefix):
         return None
-    found = [path.stem for path in (store.root / "actions" / prefix[:2]).glob(f"{prefix}*.json")]
-    if len(found) > 1:
-        raise StoreError(f"{prefix} begins {len(found)} keys", fix="give more of it")
-    return found[0] if found else None
+    keys = [path.stem for path in (store.root / "actions" / prefix[:2]).glob(f"{prefix}*.json")]
+    if len(keys) > 1:
+        raise StoreError(f"{prefix} begins {len(keys)} keys", fix="give more of it")
+    return keys[0] if keys else None
 
 
 def _path(store: Store, name: str) -> Path:

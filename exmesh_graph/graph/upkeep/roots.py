@@ -24,17 +24,17 @@ class Roots:
 
     pinned: set[str] = field(default_factory=set)
     shown: set[str] = field(default_factory=set)
-    busy: set[str] = field(default_factory=set)
+    leased: set[str] = field(default_factory=set)
     runs: int = 0
     notes: list[str] = field(default_factory=list)
 
 
 def find_roots(store: Store, runs: Iterable[Path]) -> Roots:
     """The roots of a store. Raises StoreError when a pin or a run of a known folder cannot be read."""
-    found = Roots()
+    roots = Roots()
     for entry in pins(store):
-        found.pinned.update(entry.keys)
-    found.busy.update(holder.key for holder in Leases(store.root).holders())
+        roots.pinned.update(entry.keys)
+    roots.leased.update(holder.key for holder in Leases(store.root).holders())
     folders = {path.resolve() for path in runs}
     here = Process.here().host
     for note in sorted((store.root / "roots").glob("*")):
@@ -46,14 +46,14 @@ def find_roots(store: Store, runs: Iterable[Path]) -> Roots:
         if path.is_dir():
             folders.add(path.resolve())
         elif host != here:
-            found.notes.append(f"the runs in {path} of {host} cannot be seen from here: their results count as unused")
+            roots.notes.append(f"the runs in {path} of {host} cannot be seen from here: their results count as unused")
     for folder in sorted(folders):
         for run in _runs(folder):
             keys = _keys(run)
             if keys is not None:
-                found.runs += 1
-                found.shown.update(keys)
-    return found
+                roots.runs += 1
+                roots.shown.update(keys)
+    return roots
 
 
 def _runs(folder: Path) -> list[Path]:

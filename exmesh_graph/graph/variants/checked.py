@@ -53,18 +53,18 @@ def check_variants(
         for name in chosen:
             _row_named(name, rows)
         rows = [row for row in rows if row.name == BASE or row.name in chosen]
-    found: list[CheckedVariant] = []
+    graphs: list[CheckedVariant] = []
     faults: dict[tuple[str, str, str], tuple[Problem, list[str]]] = {}
     for row in rows:
         try:
-            found += _built(top, path, sets, row, times, packs)
+            graphs += _built(top, path, sets, row, times, packs)
         except GraphErrors as error:
             for problem in error.problems:
                 key = (problem.code, str(problem.where), problem.what)
                 faults.setdefault(key, (problem, []))[1].append(row.name)
     if faults:
         raise GraphErrors([_attributed(problem, names) for problem, names in faults.values()])
-    return found
+    return graphs
 
 
 def check_variant(path: Path, overrides: Iterable[str], packs: Packs, name: str, *, top: Map | None = None) -> Checked:
@@ -91,12 +91,12 @@ def _load(path: Path) -> Map:
 
 
 def _row_named(name: str, rows: list[Row]) -> Row:
-    found = {row.name: row for row in rows}
-    if name not in found:
-        near = nearest(name, found) or list(found)[:8]
+    by_name = {row.name: row for row in rows}
+    if name not in by_name:
+        near = nearest(name, by_name) or list(by_name)[:8]
         fix = "" if len(rows) > 1 else "declare variants: or matrix: in the graph file"
         refuse(Where(None), f"the graph has no variant {name!r}", near=near, fix=fix)
-    return found[name]
+    return by_name[name]
 
 
 def _built(
@@ -104,7 +104,7 @@ def _built(
 ) -> list[CheckedVariant]:
     """One row in all its repeats."""
     patched = apply_patches(top, row.patches, packs)
-    found = []
+    graphs = []
     for index in range(repeats.count):
         problems = Problems()
         tree = tree_of(patched, path, overrides, problems)
@@ -119,8 +119,8 @@ def _built(
         checked = check(expand(tree, problems), packs, problems)
         name = checked.name if row.name == BASE else f"{checked.name}-{row.name}"
         checked = replace(checked, name=name, variant="" if row.name == BASE else row.name)
-        found.append(CheckedVariant(row.name, row.settings, checked, index + 1, seed, row.doc))
-    return found
+        graphs.append(CheckedVariant(row.name, row.settings, checked, index + 1, seed, row.doc))
+    return graphs
 
 
 def _has_node(top: Map, name: str, packs: Packs) -> bool:

@@ -32,8 +32,8 @@ class Difference:
 
     def lines(self) -> list[str]:
         """One sentence each, rounds folded: `rounds.refine (4 rounds): iterations 400 -> 10`; one round by number."""
-        found = list(self.graph)
-        found += [f"{old} is now called {new}" for old, new in self.renamed.items()]
+        sentences = list(self.graph)
+        sentences += [f"{old} is now called {new}" for old, new in self.renamed.items()]
         grouped: dict[tuple[str, str], list[tuple[str, str]]] = {}
         for node, words in self.words.items():
             for word in words:
@@ -43,53 +43,53 @@ class Difference:
             count, total = len(members), self.rounds[node]
             if count == 1:
                 node, word = members[0] if total > 1 else (node, word)
-                found.append(f"{node}: {word}")
+                sentences.append(f"{node}: {word}")
             else:
-                found.append(f"{node} ({count}{f' of {total}' if count < total else ''} rounds): {word}")
-        return found
+                sentences.append(f"{node} ({count}{f' of {total}' if count < total else ''} rounds): {word}")
+        return sentences
 
 
 def compare(old: Resolved, new: Resolved, same: Mapping[str, str] | None = None) -> Difference:
     """The difference between two resolved graphs. `same` maps removed nodes to added ones that do the same."""
-    found = Difference()
+    result = Difference()
     before, after = old["nodes"], new["nodes"]
-    found.rounds.update(folded(name) for name in {**before, **after})
+    result.rounds.update(folded(name) for name in {**before, **after})
     rounds = {name: (count, _rounds(after).get(name, 0)) for name, count in _rounds(before).items()}
     rounds = {name: counts for name, counts in rounds.items() if counts[0] != counts[1] and counts[1]}
-    found.renamed = {a: b for a, b in (same or {}).items() if a not in after and b not in before}
-    back = {b: a for a, b in found.renamed.items()}
-    found.graph += _settings("graph parameter", old.get("params", {}), new.get("params", {}))
-    found.graph += [f"{name}: {counts[0]} -> {counts[1]} rounds" for name, counts in rounds.items()]
+    result.renamed = {a: b for a, b in (same or {}).items() if a not in after and b not in before}
+    back = {b: a for a, b in result.renamed.items()}
+    result.graph += _settings("graph parameter", old.get("params", {}), new.get("params", {}))
+    result.graph += [f"{name}: {counts[0]} -> {counts[1]} rounds" for name, counts in rounds.items()]
     kept = {folded(name) for name in before} & {folded(name) for name in after}
     for name in before:
-        if name not in after and name not in found.renamed:
-            found.states[name] = REMOVED
+        if name not in after and name not in result.renamed:
+            result.states[name] = REMOVED
             if not (_block(name) in rounds and folded(name) in kept):  # said by the number of rounds
-                found.words[name] = [f"removed ({before[name]['type']})"]
+                result.words[name] = [f"removed ({before[name]['type']})"]
     for name, entry in after.items():
         if name not in before and name not in back:
             wires = ", ".join(f"{port} from {link}" for port, link in entry["inputs"].items())
-            found.states[name] = ADDED
+            result.states[name] = ADDED
             if not (_block(name) in rounds and folded(name) in kept):
-                found.words[name] = [f"added ({entry['type']}{', ' + wires if wires else ''})"]
+                result.words[name] = [f"added ({entry['type']}{', ' + wires if wires else ''})"]
         else:
-            words = list(_changes(before[back.get(name, name)], entry, found.renamed, rounds))
+            words = list(_changes(before[back.get(name, name)], entry, result.renamed, rounds))
             if words:
-                found.states[name], found.words[name] = CHANGED, words
-    found.graph += [
+                result.states[name], result.words[name] = CHANGED, words
+    result.graph += [
         f"component {name}: {word}"
         for name, word in component_words(old.get("components", {}), new.get("components", {}))
     ]  # fmt: skip
-    found.graph += [
+    result.graph += [
         f"output {name}: {_shown(old.get('outputs', {}).get(name))} -> {_shown(new.get('outputs', {}).get(name))}"
         for name in dict.fromkeys([*old.get("outputs", {}), *new.get("outputs", {})])
         if old.get("outputs", {}).get(name) != new.get("outputs", {}).get(name)
     ]
-    wires_before = {(found.renamed.get(a, a), found.renamed.get(b, b)) for a, b in wires_of(old)}
+    wires_before = {(result.renamed.get(a, a), result.renamed.get(b, b)) for a, b in wires_of(old)}
     wires_after = wires_of(new)
-    found.wires = {wire: REMOVED for wire in wires_before if wire not in wires_after}
-    found.wires |= {wire: ADDED for wire in wires_after if wire not in wires_before}
-    return found
+    result.wires = {wire: REMOVED for wire in wires_before if wire not in wires_after}
+    result.wires |= {wire: ADDED for wire in wires_after if wire not in wires_before}
+    return result
 
 
 def wires_of(graph: Resolved) -> dict[tuple[str, str], None]:

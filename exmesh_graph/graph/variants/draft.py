@@ -142,10 +142,10 @@ class Draft:
         return Address(path, int(rounds[0][1]) if rounds else None, last[0] if last else "")
 
     def _keys_like(self, key: str) -> list[str]:
-        found = [name for name in self.names() if not is_block(entry := self.entry(tuple(name.split("."))))
+        holders = [name for name in self.names() if not is_block(entry := self.entry(tuple(name.split("."))))
                  and isinstance(entry, Map) and (kind := self.kind(entry)) is not None
                  and (key in kind.inputs or key in kind.params.model_fields)]  # fmt: skip
-        return [f"{name}.{key}" for name in found[:3]]
+        return [f"{name}.{key}" for name in holders[:3]]
 
     # --- types
 
@@ -155,16 +155,16 @@ class Draft:
 
     def kinds(self, entry: Map) -> list[Signature]:
         """The signatures a node has over its rounds."""
-        found = [self.kind(holder) for holder in (entry, *(layer for layer, _, _ in layers_of(entry)))]
-        return [kind for kind in found if kind is not None]
+        kinds = [self.kind(holder) for holder in (entry, *(layer for layer, _, _ in layers_of(entry)))]
+        return [kind for kind in kinds if kind is not None]
 
     def read(self, entry: Map, key: str) -> Any:
         """A value of an entry with `${name}` replaced by the graph's parameters; None where there is none."""
         if key not in entry or not isinstance(entry[key], str):
             return entry.get(key)
         raw = self.top.get("params") or Map(self.top.where)
-        found = declare(raw, Problems())
-        given = {name: Value(param.default, param.where, param.where.base) for name, param in found.items()}
+        declared = declare(raw, Problems())
+        given = {name: Value(param.default, param.where, param.where.base) for name, param in declared.items()}
         return substitute(entry[key], resolve_params(given, Problems()), entry.lines[key], Problems()).value
 
     def type_named(self, name: Any) -> Signature | None:
@@ -176,11 +176,11 @@ class Draft:
 
     def known_type(self, name: Any, where: Where) -> Signature:
         """The signature of a type that a patch names."""
-        found = self.type_named(name)
-        if found is None:
+        kind = self.type_named(name)
+        if kind is None:
             near = nearest(str(name), self.packs.types)
             refuse(where, f"there is no node type {name!r}", near=near, fix="exmesh nodes lists all types")
-        return found
+        return kind
 
     # --- links
 
@@ -224,7 +224,7 @@ class Draft:
 
     def users(self, path: Names, port: str | None = None) -> list[tuple[LinkPlace, Source]]:
         """The places that link to a node or block (to one of its ports), those inside it left out."""
-        found = []
+        users = []
         for place in self.link_places():
             if place.owner[: len(path)] == path:
                 continue
@@ -232,8 +232,8 @@ class Draft:
             if source is None or source.path is None or source.path[: len(path)] != path:
                 continue
             if port is None or (source.port == port and source.path == path):
-                found.append((place, source))
-        return found
+                users.append((place, source))
+        return users
 
     def port_of(self, text: str, scope: Names) -> Port | None:
         """The output port behind a link, through carried values; None where it cannot be told."""
@@ -247,8 +247,8 @@ class Draft:
             if not isinstance(entry, Map):
                 return None
             if not is_block(entry):
-                found = self.kind(entry)
-                return found.outputs.get(source.port) if found else None
+                kind = self.kind(entry)
+                return kind.outputs.get(source.port) if kind else None
             carry = entry.get("carry")
             if (path, source.port) in seen or not isinstance(carry, Map) or source.port not in carry:
                 return None

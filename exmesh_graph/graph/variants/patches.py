@@ -47,12 +47,12 @@ def operation_of(patch: Any, place: Where | None = None) -> str:
     shown = "{set: node.parameter, to: value}, {bypass: node}, ..."
     if not isinstance(patch, Map):
         refuse(place or Where(None), f"a patch is a mapping, not {patch!r}", expected=shown)
-    found = [key for key in patch if key in OPERATIONS]
-    if len(found) != 1:
+    named = [key for key in patch if key in OPERATIONS]
+    if len(named) != 1:
         near = nearest(str(next(iter(patch), "")), OPERATIONS) or list(OPERATIONS)
-        what = f"two operations in one patch: {', '.join(found)}" if found else f"no operation in {dict(patch)!r}"
-        refuse(patch.where, what, near=() if found else near, expected=shown)
-    return str(found[0])
+        what = f"two operations in one patch: {', '.join(named)}" if named else f"no operation in {dict(patch)!r}"
+        refuse(patch.where, what, near=() if operations else near, expected=shown)
+    return str(operations[0])
 
 
 OPERATIONS: Mapping[str, tuple[Callable[[Draft, Map], None], tuple[str, ...] | None]] = {

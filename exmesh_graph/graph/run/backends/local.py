@@ -180,11 +180,11 @@ class _Worker:
             self.closed = True
         self.closed = self.closed or self.process.poll() is not None
         *lines, self._rest = (self._rest + data).split(b"\n")
-        found = []
+        messages = []
         for line in filter(None, lines):
             with contextlib.suppress(ValueError):
-                found.append(json.loads(line))
-        return found
+                messages.append(json.loads(line))
+        return messages
 
     def obituary(self, job: Job) -> Outcome:
         """The outcome of a job whose process died under it."""

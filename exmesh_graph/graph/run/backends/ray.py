@@ -29,7 +29,7 @@ from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.job import STOPPED, Emit, Job, Outcome, failure
 
 _RESTARTS = 3  # of one job whose worker or machine was lost
-_LOOK = 0.2  # seconds between looks at events, and at the wish to stop
+_LOOK = 0.2  # seconds between looks at events, and whether to stop
 _OBJECT_STORE = 80 * 2**20  # bytes; nothing of ours lies there
 _NAMES = {"cpu": "CPU", "gpu": "GPU", "ram_gb": "memory"}  # ours: Ray's; all others are custom resources
 _GB = 1e9
@@ -69,11 +69,11 @@ class RayCluster:
         return {**total, "jobs": max(1.0, total.get("cpu", 1.0))}
 
     def largest(self) -> Mapping[str, float]:
-        found: dict[str, float] = {}
+        most: dict[str, float] = {}
         for machine in self._machines():
             for name, count in machine.items():
-                found[name] = max(count, found.get(name, 0.0))
-        return found
+                most[name] = max(count, most.get(name, 0.0))
+        return most
 
     def submit(self, job: Job) -> None:
         self.count += 1
@@ -103,7 +103,7 @@ class RayCluster:
 
     def stop(self) -> None:
         for placed in self.running.values():
-            placed.wish_to_stop.touch()
+            placed.stop_mark.touch()
 
     def cancel(self, name: str) -> None:
         placed = self.running.pop(name, None)
@@ -167,7 +167,7 @@ class _Placed:
 
     def __init__(self, job: Job, events: Path) -> None:
         self.job, self.events, self.restarts = job, events, 0
-        self.wish_to_stop = _stop_mark(events)
+        self.stop_mark = _stop_mark(events)
         self.task: Any = None
         self.file: TextIO = events.open("a+", encoding="utf-8")
         self.rest = ""
@@ -232,9 +232,9 @@ def _stop_mark(events: Path) -> Path:
 def _tokens(resources: Mapping[str, float]) -> dict[str, float]:
     """Ray's resources under our names."""
     ours = {theirs: name for name, theirs in _NAMES.items()}
-    found = {ours.get(name, name): float(count) for name, count in resources.items() if not name.startswith("node:")}
-    found.pop("object_store_memory", None)
-    return {name: count / _GB if name == "ram_gb" else count for name, count in found.items()}
+    tokens = {ours.get(name, name): float(count) for name, count in resources.items() if not name.startswith("node:")}
+    tokens.pop("object_store_memory", None)
+    return {name: count / _GB if name == "ram_gb" else count for name, count in tokens.items()}
 
 
 def _ray() -> Any:
