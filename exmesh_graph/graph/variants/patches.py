@@ -51,8 +51,8 @@ def operation_of(patch: Any, place: Where | None = None) -> str:
     if len(named) != 1:
         near = nearest(str(next(iter(patch), "")), OPERATIONS) or list(OPERATIONS)
         what = f"two operations in one patch: {', '.join(named)}" if named else f"no operation in {dict(patch)!r}"
-        refuse(patch.where, what, near=() if operations else near, expected=shown)
-    return str(operations[0])
+        refuse(patch.where, what, near=() if named else near, expected=shown)
+    return str(named[0])
 
 
 OPERATIONS: Mapping[str, tuple[Callable[[Draft, Map], None], tuple[str, ...] | None]] = {
