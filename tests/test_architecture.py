@@ -168,8 +168,11 @@ def code_lines(path: Path) -> int:
     return len(kept)
 
 
+BUDGET = 7000  # code lines of all of graph/; lower it when they become fewer
+
+
 def framework_size() -> dict[str, int]:
-    """Code lines of the core (the modules directly in graph/) and of each room below it."""
+    """Code lines of the modules directly in graph/ and of each room below it."""
     graph = LIBRARY / "graph"
     rooms = sorted(path for path in graph.iterdir() if (path / "__init__.py").exists())
     sizes = {"core": sum(code_lines(path) for path in graph.glob("*.py"))}
@@ -182,10 +185,9 @@ def test_code_lines_leave_out_what_is_no_code(tmp_path: Path) -> None:
     assert code_lines(path) == 4
 
 
-def test_the_core_stays_small() -> None:
+def test_the_framework_stays_small() -> None:
     sizes = framework_size()
-    print(sizes)
-    assert sizes["core"] <= 3000, sizes
+    assert sum(sizes.values()) <= BUDGET, sizes
     lines = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in files(LIBRARY / "graph")}
     assert max(lines.values()) <= 400, lines
 
