@@ -57,11 +57,11 @@ class Graph(Scope):
     def _begin(self) -> None:
         self.name = str(self.tree["name"])
         self._packs: tuple[Session, Packs] | None = None
-        self._extended = Map(self.tree.where)
+        self.extended = Map(self.tree.where)
         if "extends" in self.tree:
             problems, only = Problems(), Map(self.tree.where)
             only.put("extends", self.tree["extends"], self.tree.lines["extends"])
-            self._extended = over_base(only, self.file, problems)
+            self.extended = over_base(only, self.file, problems)
             problems.raise_if_any()
 
     @classmethod
@@ -81,7 +81,7 @@ class Graph(Scope):
 
     @property
     def base(self) -> Map:
-        found = self._extended.get("nodes")
+        found = self.extended.get("nodes")
         return found if isinstance(found, Map) else Map(self.tree.where)
 
     @property

@@ -15,7 +15,7 @@ from exmesh_graph.graph.declare.components import Component
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port
-from exmesh_graph.graph.language.spec import _NAME
+from exmesh_graph.graph.language.spec import NAME
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, fail, nearest
 
@@ -65,13 +65,13 @@ class Scope:
     def set(self, node: str | Node, /, **fields: Any) -> None:
         """Change inputs and parameters of a node, also of one from the graph that this one extends or uses."""
         where = here()
-        scope, name = self._at(str(node).removeprefix("@"), where)
+        scope, name = self.at(str(node).removeprefix("@"), where)
         scope._fill(name, scope._patch(name, where), fields, where, Problems())
 
     def remove(self, node: str | Node) -> None:
         """Take a node out, also one from the graph that this one extends."""
         where = here()
-        scope, name = self._at(str(node).removeprefix("@"), where)
+        scope, name = self.at(str(node).removeprefix("@"), where)
         scope.own.pop(name, None)
         if name in scope.base:
             scope.own.put(name, None, where)
@@ -108,7 +108,7 @@ class Scope:
 
     def __getitem__(self, name: str) -> Node | Block:
         """A node or block by its name; `rounds.refine` is a node in a block."""
-        scope, last = self._at(name, here())
+        scope, last = self.at(name, here())
         return Block(scope, last) if scope._has(last, "repeat") else Node(scope, last)
 
     def __contains__(self, name: object) -> bool:
@@ -166,7 +166,7 @@ class Scope:
             return block.source(link) if link else None
         return None
 
-    def _at(self, path: str, where: Where) -> tuple[Scope, str]:
+    def at(self, path: str, where: Where) -> tuple[Scope, str]:
         """The scope and the name of a node given as `refine` or `rounds.refine`."""
         scope, (*blocks, last) = self, path.split(".")
         for block in blocks:
@@ -211,6 +211,8 @@ class Scope:
         if isinstance(value, Component):
             kind = _type_of(type(value), self.graph.packs, where)
             value = Plug(kind, {key: getattr(value, key) for key in value.model_fields_set})
+        if isinstance(value, str) and port is not None and self._names_component(value, port):
+            value = Plug(value, {})
         if isinstance(value, Plug):
             name = what.replace(".", "_")
             while name in self:
@@ -234,6 +236,10 @@ class Scope:
         if isinstance(value, Wire):
             self._visible(what, value.scope, value.node, where, problems)
         return plain(value, what, where, problems)
+
+    def _names_component(self, text: str, port: Port) -> bool:
+        """Whether a text is the type of a component, for a port that takes any."""
+        return (port.plugged or port.mixed) and not text.startswith("@") and self.graph.is_component(text)
 
     def _visible(self, what: str, source: Scope, node: str, where: Where, problems: Problems) -> None:
         """Note a wire from another graph, or out of a block that it does not reach out of."""
@@ -359,7 +365,7 @@ def child(entry: Map, key: str) -> Map:
 
 def _refuse_name(name: str, scope: Scope, where: Where) -> None:
     problems = Problems()
-    if not isinstance(name, str) or not _NAME.match(name):
+    if not isinstance(name, str) or not NAME.match(name):
         problems.add("name", where, f"{name!r} is not a name", expected="letters, digits, _ and -")
     elif name in ("carry", "inputs"):
         problems.add("name", where, f"a node cannot be called {name!r}")

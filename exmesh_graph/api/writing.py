@@ -110,7 +110,7 @@ class _Mover:
         if not node:
             return key in self.path_params
         try:
-            scope, name = self.graph._at(node, self.graph.tree.where)
+            scope, name = self.graph.at(node, self.graph.tree.where)
         except GraphErrors:
             return False
         return key in self._path_keys(scope.type_of(name))
@@ -127,7 +127,7 @@ class _Mover:
         return result
 
     def _is_path_in_base(self, name: str) -> bool:
-        params = self.graph._extended.get("params")
+        params = self.graph.extended.get("params")
         declared = params.get(name) if isinstance(params, Map) else None
         return isinstance(declared, Map) and declared.get("type") == "path"
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import exmesh_graph as ex
+from exmesh_graph.api.opening import checked_graph
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.variants.merge import identities
 from exmesh_graph.types import Mesh
@@ -33,7 +34,7 @@ outputs: {asset: "@files.files"}
 
 def told(graph: Any, **options: Any) -> tuple[Any, Any]:
     """What a graph resolves to, but for the text of its path parameters; the identities of its nodes."""
-    checked = ex.check(graph, **options)
+    checked = checked_graph(graph, **options)
     resolved = checked.resolved()
     return {key: value for key, value in resolved.items() if key != "params"}, identities(checked)
 
@@ -79,6 +80,8 @@ def test_components_plug_in_and_nest() -> None:
     at = graph.add("at", "toy.evaluate", number=two, curve=both)
     assert list(graph) == ["two", "at", "at_curve", "at_curve_first", "at_curve_second"]
     assert ex.check(graph).nodes["at"].components["curve"].value.value(3.0) == 7.0
+    graph.set(at, curve="curve.sign")
+    assert ex.check(graph).nodes["at"].components["curve"].value.value(3.0) == 1.0
     steep = graph.add("steep", "curve.line", slope=5)
     graph.set(at, curve=steep)
     assert ex.check(graph).nodes["at"].components["curve"].name == "steep"

@@ -21,7 +21,7 @@ VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
 TOP_KEYS = ("name", "doc", "extends", "params", "seed", "inputs", "nodes", "outputs", *VARIANT_KEYS)
 BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
 MAX_SIZE = 20_000
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}]*)\}")
 
 
@@ -242,7 +242,7 @@ def mapping_in(tree: Map, key: str, problems: Problems) -> Map:
         problems.add("graph", where, f"{key}: must be a mapping", found=repr(value))
         return Map(where)
     for name in value:
-        if not isinstance(name, str) or not _NAME.match(name):
+        if not isinstance(name, str) or not NAME.match(name):
             problems.add("name", value.lines[name], f"{name!r} is not a name", expected="letters, digits, _ and -")
     return value
 
