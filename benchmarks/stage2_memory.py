@@ -72,7 +72,6 @@ def child(options: argparse.Namespace) -> dict[str, object]:
         corrections=1,
         environment_height=128,
         memory_gib=options.child,
-        threads=options.threads,
     )
     plan = plan_memory(carrier, views, light, settings, memory_in_use())
     reset_peak_memory()

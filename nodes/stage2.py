@@ -5,6 +5,7 @@ from typing import Annotated, NamedTuple
 from exmesh_nodes.transport import MonteCarlo
 
 from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import param
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, with_decisions
 
@@ -19,6 +20,10 @@ def init(ctx: Context, carrier: Carrier, *, p: StartSettings) -> InitOut:
     from exmesh_graph.stage2.init import neutral_asset
 
     return InitOut(neutral_asset(carrier, p))
+
+
+class FitParams(DecompositionSettings):
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
 class FitOut(NamedTuple):
@@ -41,12 +46,13 @@ def fit(
     start: Asset | None = None,
     needs: SceneNeeds | None = None,
     *,
-    p: DecompositionSettings,
+    p: FitParams,
 ) -> FitOut:
     """Recover base colour, roughness and environment from the training views (paper, section 5).
 
     `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from.
     """
+    from exmesh_graph.gpu.torch_setup import torch_threads
     from exmesh_graph.graph.machine import memory_in_use
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.memory import plan_memory
@@ -58,18 +64,19 @@ def fit(
     light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
     traced = light if isinstance(light, Transport) else None
     ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
-    asset, curves = run(
-        carrier,
-        views,
-        light,
-        settings,
-        seed=ctx.seed,
-        progress=progress,
-        checkpoint=ctx.checkpoint,
-        resumed=ctx.resume(),
-        warn=ctx.warn,
-        log=ctx.log,
-        start=start,
-    )
+    with torch_threads(p.threads):
+        asset, curves = run(
+            carrier,
+            views,
+            light,
+            settings,
+            seed=ctx.seed,
+            progress=progress,
+            checkpoint=ctx.checkpoint,
+            resumed=ctx.resume(),
+            warn=ctx.warn,
+            log=ctx.log,
+            start=start,
+        )
     # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
     return FitOut(asset, Metrics({"curves": curves}))

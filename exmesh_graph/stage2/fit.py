@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from exmesh_graph.gpu.torch_setup import torch_threads
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.guard import Guard
@@ -57,13 +56,12 @@ def fit(
     NumericsError, naming step, view and term, when the guard cannot keep the fit finite.
     """
     settings = settings or DecompositionSettings()
-    with torch_threads(settings.threads):
-        model = Decomposition(carrier, views, transport, settings, device, seed, start)
-        curves = _optimise(model, seed, progress, checkpoint, resumed, warn)
-        if model.exposure is not None and log:
-            gains = (f"{name} {float(model.exposure.gain(k)):.3f}" for k, name in enumerate(views.names))
-            log(f"exposure found: {', '.join(gains)}")
-        return finished_asset(carrier, model), curves
+    model = Decomposition(carrier, views, transport, settings, device, seed, start)
+    curves = _optimise(model, seed, progress, checkpoint, resumed, warn)
+    if model.exposure is not None and log:
+        gains = (f"{name} {float(model.exposure.gain(k)):.3f}" for k, name in enumerate(views.names))
+        log(f"exposure found: {', '.join(gains)}")
+    return finished_asset(carrier, model), curves
 
 
 def _optimise(

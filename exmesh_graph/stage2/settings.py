@@ -57,4 +57,3 @@ class DecompositionSettings(Params):
     memory_gib: float = param(
         4.0, ge=0, tuning=True, unit="GiB", doc="Memory that the views' buffers may take; the rest are made anew."
     )
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")

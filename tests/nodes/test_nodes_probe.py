@@ -8,7 +8,6 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.shading.settings import BounceSettings, TransportSettings
 from exmesh_graph.stage2.probe import scene as probe_scene
 from exmesh_graph.stage2.probe import short
-from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Decision, SceneNeeds, decided, with_decisions
 
@@ -46,7 +45,7 @@ def test_no_bounces_hand_the_direct_light_on(scene):
 def test_the_fit_takes_what_was_decided(scene):
     context = FakeContext()
     light = transport.direct(context, scene.asset, p=TransportSettings(directions=16, points=20)).transport
-    auto = DecompositionSettings(
+    auto = stage2.FitParams(
         metallic="auto", texture_size="auto", environment_height="auto", iterations=2, corrections=0
     )
     needs = _needs(metallic=True, texture_size=64, environment_height=16)

@@ -5,7 +5,6 @@ from exmesh_nodes import stage2, transport
 from pydantic import ValidationError
 
 from exmesh_graph.shading.settings import BounceSettings, MonteCarloSettings, TransportSettings
-from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Asset, Metrics
 
@@ -18,7 +17,7 @@ def test_the_chain_of_nodes(carrier, train_views, tmp_path):
     lit = transport.bounce(ctx, light, p=BounceSettings(bounces=2)).transport
     assert lit.facets() == {"bounces": 2}
     ctx.steps.clear()
-    p = DecompositionSettings(iterations=12, environment_height=16, corrections=1, correction_samples=2)
+    p = stage2.FitParams(iterations=12, environment_height=16, corrections=1, correction_samples=2)
     asset, history = stage2.fit(ctx, carrier, train_views, lit, p=p)
     assert isinstance(asset, Asset)
     assert ctx.steps[-1] == (12, 12)
@@ -33,7 +32,7 @@ def test_the_chain_of_nodes(carrier, train_views, tmp_path):
 
 
 def test_the_defaults_are_the_papers_table():
-    p = DecompositionSettings()
+    p = stage2.FitParams()
     assert (p.material_rate, p.environment_rate, p.ssim_weight, p.environment_height) == (2.5e-3, 1.5e-2, 0.2, 256)
     assert p.material_weight == p.environment_weight == p.chroma_weight == 0.1
     assert (p.iterations, p.indirect_weight, p.indirect_ramp) == (10_000, 1.0, 1000)
@@ -44,4 +43,4 @@ def test_the_defaults_are_the_papers_table():
 @pytest.mark.parametrize("bad", [{"iterations": 0}, {"min_coverage": 0}, {"corrections": -1}, {"nonsense": 1}])
 def test_bad_parameters_are_refused(bad):
     with pytest.raises(ValidationError):
-        DecompositionSettings(**bad)
+        stage2.FitParams(**bad)

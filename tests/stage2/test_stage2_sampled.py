@@ -173,7 +173,7 @@ def test_the_component_plugs_into_the_node(carrier, train_views):
     component = light_nodes.MonteCarlo(samples=2, secondary_rays=2, secondary_samples=1)
     assert dict(component) == dict(FEW)
     assert dict(light_nodes.MonteCarlo()) == dict(MonteCarloSettings())
-    p = DecompositionSettings(iterations=3, environment_height=16, corrections=1)
+    p = stage2.FitParams(iterations=3, environment_height=16, corrections=1)
     asset, _ = stage2.fit(FakeContext(seed=5), carrier, train_views, component, p=p)
     direct, _ = fit(
         carrier, train_views, FEW, DecompositionSettings(iterations=3, environment_height=16, corrections=1), seed=5
