@@ -139,7 +139,7 @@ nodes:
         assert execute(job, store, Memory(), bench.events.append).state == "done"
         assert set(saved) == {store.root}
         saved.clear()
-        other = replace(job, code=["0" * 64])
+        other = replace(job, preimage={**job.preimage, "code": "0" * 64})
         assert execute(other, store, Memory(), bench.events.append).state == "done"
     assert saved
     assert store.root not in saved

@@ -32,6 +32,7 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache import syntax
+from exmesh_graph.graph.cache.live import MAIN, Live
 from exmesh_graph.graph.cache.syntax import (
     Import,
     acts,
@@ -94,6 +95,8 @@ class Sources:
 
     def fingerprint(self, definition: NodeDef) -> Fingerprint:
         """That of a node or component type. Raises GraphError where its source cannot be found."""
+        if definition.function.__module__ == MAIN:
+            return self._live(definition)
         key = definition.function.__module__, definition.function.__name__, definition.code
         if key not in self.fingerprints:
             self.fingerprints[key] = self._fingerprint(*key)
@@ -121,19 +124,32 @@ class Sources:
         return facts[name]
 
     def _fingerprint(self, module: str, function: str, code: tuple[str, ...]) -> Fingerprint:
-        tops = frozenset({OWN, module.partition(".")[0]})
         part, imports = self.module(module).slice(function)
-        parts = {f"{module}:{function}": part}
+        return self._with_modules({f"{module}:{function}": part}, imports, module, function, code)
+
+    def _live(self, definition: NodeDef) -> Fingerprint:
+        """That of what a script or a notebook defines, as it is now."""
+        live = Live(definition.function)
+        return self._with_modules(live.parts, live.imports, MAIN, definition.function.__qualname__, definition.code)
+
+    def _with_modules(
+        self, parts: dict[str, str], imports: list[Import], module: str, function: str, code: tuple[str, ...]
+    ) -> Fingerprint:
         for name in code:
             if self.find(name) is None:
                 raise GraphError(f"code={name!r} of the node {function} in {module} is no module")
-            imports.append((name, None))
-        tops |= {name.partition(".")[0] for name in code}
-        for name in self._closure(imports, tops):
-            parts[name] = self.module(name).digest
-        parts = dict(sorted(parts.items()))
+        tops = {OWN, module.partition(".")[0], *(name.partition(".")[0] for name in code)}
+        modules = list(self._closure([*imports, *((name, None) for name in code)], frozenset(tops)))
+        parts = dict(sorted({**parts, **{name: self.module(name).digest for name in modules}}.items()))
         digest = _sha("\n".join(f"{name} {part}" for name, part in parts.items()))
-        return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts})))
+        return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts} - {MAIN})))
+
+    def _local(self, top: str) -> bool:
+        """Whether a module is a file of the user's own, not one of Python's or of an installed library."""
+        if top in sys.stdlib_module_names or top == MAIN:
+            return False
+        path = self.find(top)
+        return path is not None and not any(part in ("site-packages", "dist-packages") for part in path.parts)
 
     def _closure(self, imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
         """The project modules reachable from `imports`."""
@@ -146,11 +162,14 @@ class Sources:
                 continue
             seen.add(item)
             name, attribute = item
-            if name.partition(".")[0] not in tops or _ignored(name):
+            top = name.partition(".")[0]
+            if not ((top in tops and top != MAIN) or self._local(top)) or _ignored(name):
                 continue
             if attribute and self.find(f"{name}.{attribute}") is not None:
                 todo.append((f"{name}.{attribute}", None))
                 todo += [(name, ""), *self._same_name(name, attribute)]
+                continue
+            if name == OWN:  # the front door: what it names is in none of the rooms below
                 continue
             if "." in name:
                 todo.append((name.rpartition(".")[0], ""))

@@ -59,7 +59,8 @@ class Packs:
     def register(self, definition: NodeDef) -> None:
         """Add a type; one name stands for one function or class. Raises ValueError where it stands for another."""
         known = self.types.get(definition.type)
-        if known is not None and known.origin != definition.origin:
+        again = known is not None and {known.function.__module__, definition.function.__module__} == {"__main__"}
+        if known is not None and known.origin != definition.origin and not again:  # a cell that was written anew
             raise ValueError(f"the type {definition.type!r} is registered twice: {known.origin}, {definition.origin}")
         name = definition.type
         for old in (name, *definition.was):

@@ -13,7 +13,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,9 @@ class Job:
 
     inputs: {port: [type, digest]}; components: {port: BoundComponent.describe()};
     wires: {port: "node.port"} for messages; promised: facets that need no measuring;
-    code: the fingerprints that the planner saw; threads and devices: CPU threads and GPU numbers granted; log: the file
-    for what the node prints; checkpoint_every: seconds, 0 for each step; packs: the session's, for a process that
-    has none yet (none: the installed ones).
+    threads and devices: CPU threads and GPU numbers granted; log: the file for what the node prints;
+    checkpoint_every: seconds, 0 for each step; packs: the session's, for a process that has none yet (none: the
+    installed ones).
     """
 
     name: str
@@ -61,7 +61,6 @@ class Job:
     promised: Mapping[str, Mapping[str, Any]]
     sources: Mapping[str, str]
     preimage: Mapping[str, Any]
-    code: list[str]
     store: str
     where: tuple[str | None, int] = (None, 0)
     graph: str = ""
@@ -98,8 +97,9 @@ class Job:
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Job:
+        known = {field.name: raw[field.name] for field in fields(cls) if field.name in raw}
         tuples = {name: tuple(raw[name]) for name in ("where", "devices", "packs") if name in raw}
-        return cls(**{**raw, **tuples})
+        return cls(**{**known, **tuples})
 
 
 def job_of(
@@ -117,7 +117,6 @@ def job_of(
         {port: dict(contracts.promised_by(link, nodes)) for port, link in bound.inputs.items()},
         {name: str(path) for name, path in bound.sources.items()},
         preimage,
-        [fingerprint(definition).digest for definition in bound.definitions()],
         str(store.root),
         (None if file is None else str(file), bound.where.line),
         components={port: plug.describe() for port, plug in bound.components.items()},
@@ -130,8 +129,7 @@ def rekeyed(job: Job, store: Store) -> Job:
     bound = job.bound()
     known = {job.wires[port]: Stored(kind, digest, 0) for port, (kind, digest) in job.inputs.items()}
     preimage = preimage_for(bound, store, lambda node, port: known.get(f"{node}.{port}", NOTHING))
-    code = [fingerprint(definition).digest for definition in bound.definitions()]
-    return replace(job, preimage=preimage, code=code, store=str(store.root))
+    return replace(job, preimage=preimage, store=str(store.root))
 
 
 @dataclass(frozen=True)
@@ -373,6 +371,14 @@ def _record(
 def _changed(bound: Bound, job: Job) -> list[str]:
     """What of the code is not as it was when the job was keyed."""
     changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
-    if not changed and [fingerprint(definition).digest for definition in bound.definitions()] != job.code:
-        changed = ["since the run was planned"]
-    return changed
+    keyed = {"": job.preimage["code"]} | dict(_codes(job.preimage.get("components", {})))
+    now = {"": fingerprint(bound.definition).digest}
+    now |= {plug.name: fingerprint(plug.definition).digest for plug in bound.plugged()}
+    return changed or (["since the run was planned"] if now != keyed else [])
+
+
+def _codes(plugs: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, str]]:
+    """(name as `rebuild` gives it, code) of all components of a pre-image."""
+    for port, plug in plugs.items():
+        yield place + port, plug["code"]
+        yield from _codes(plug["components"], f"{place}{port}.")

@@ -20,7 +20,7 @@ from exmesh_graph.graph.cache.records import NOTHING, Action, Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.run.backends import Backend
-from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.backends.inline import BesideMain, Inline
 from exmesh_graph.graph.run.dataflow import Dataflow
 from exmesh_graph.graph.run.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
 from exmesh_graph.graph.run.plan import preimage_for
@@ -67,7 +67,7 @@ class Run:
         self.force, self.keep_going, self.tokens = set(force or ()), keep_going, tokens or {}
         self.checkpoint_every = checkpoint_every
         self.alone = alone or command  # the command without --node, for the replay of one node
-        self.backend: Backend = Inline(store) if backend is None else backend
+        self.backend: Backend = Inline(store) if backend is None else BesideMain(backend, store)
         self.nodes = {n: b for n, b in graph.nodes.items() if targets is None or n in targets}
         self.flow = Dataflow(self.nodes)
         self.log = RunRecord(graph, self.nodes, store, folder, listener, command, overrides)
