@@ -71,6 +71,8 @@ class Comparison:
     def __str__(self) -> str:
         return "\n".join(self.lines())
 
+    __repr__ = __str__
+
     def lines(self) -> list[str]:
         """All of it in sentences."""
         lines = self.difference.lines() or ["the graphs are the same"]

@@ -19,7 +19,7 @@ class Families:
         self._scope = scope
 
     def __getattr__(self, name: str) -> Family:
-        if name.startswith("__"):
+        if name.startswith("_"):
             raise AttributeError(name)
         return Family(self._scope, name)
 
@@ -37,7 +37,7 @@ class Family:
         self._scope, self._family = scope, family
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
+        if name.startswith("_"):
             raise AttributeError(name)
         kind, packs = f"{self._family}.{name}", self._scope.graph.packs
         definition = packs.find(kind)

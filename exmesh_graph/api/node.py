@@ -37,6 +37,8 @@ class Node:
             raise UnknownPort([problem])
         return Wire(self._scope, self._name, port)
 
+    __iter__ = None  # it has names, no order
+
     def __dir__(self) -> list[str]:
         return list(self._scope.outputs_of(self._name) or ())
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.builder import Graph
+from exmesh_graph.api.node import Node
 from exmesh_graph.api.values import Place, here, plain
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.packs import Packs
@@ -97,10 +98,11 @@ def _merged(graph: Source) -> Any:
     return graph.merged() if isinstance(graph, Graph) else None
 
 
-def named(checked: Checked, names: Iterable[str] | None) -> list[str]:
+def named(checked: Checked, names: Iterable[str | Node] | str | Node | None) -> list[str]:
     """Names of nodes that the graph has. Raises GraphError with the nearest names."""
-    names = [names] if isinstance(names, str) else [str(name).removeprefix("@") for name in names or ()]
-    for name in names:
+    several = [names] if isinstance(names, str | Node) else names or ()
+    given = [str(name).removeprefix("@") for name in several]
+    for name in given:
         if name in checked.components:
             users = [node for node, bound in checked.nodes.items() if any(c.name == name for c in bound.plugged())]
             what = f"{name} is a component, which never runs by itself"
@@ -108,7 +110,7 @@ def named(checked: Checked, names: Iterable[str] | None) -> list[str]:
         if name not in checked.nodes:
             close = nearest(name, checked.nodes) or list(checked.nodes)
             raise GraphError(f"the graph has no node {name!r}", where=str(here()), expected=", ".join(close[:8]))
-    return names
+    return given
 
 
 def texts_of(set: Settings, params: Mapping[str, Any] | None = None) -> list[str]:
@@ -133,8 +135,6 @@ def _text(name: str, value: Any) -> str:
 
 def _linked(value: Any) -> Any:
     """A node as a link, so that a setting may rewire."""
-    from exmesh_graph.api.node import Node
-
     return str(value) if isinstance(value, Node) else value
 
 

@@ -186,6 +186,9 @@ class Run(Mapping[str, NodeRun]):
     def __len__(self) -> int:
         return len(self.rows)
 
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
+
     def __repr__(self) -> str:
         hits = sum(row["state"] == "hit" for row in self.rows.values())
         return f"<run {self.id}: {self.state}, {len(self)} nodes, {hits} from the store, {clock(self.seconds)}>"

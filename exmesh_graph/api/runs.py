@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.builder import Graph
+from exmesh_graph.api.node import Node
 from exmesh_graph.api.opening import Folder, Settings, Source, checked_graph, named, open_store, packs, texts_of, using
 from exmesh_graph.api.progress import Progress, finished, listening
 from exmesh_graph.api.results import Run, read_run
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.run.plan import Step
     from exmesh_graph.graph.session import Session
 
-Names = Iterable[str] | str | None
+Names = Iterable[str | Node] | str | Node | None
 
 
 class RunFailed(NodeFailed):
@@ -189,6 +190,9 @@ class Plan(list["Step"]):
     def counts(self) -> dict[str, int]:
         """How many nodes are in which state."""
         return {state: sum(step.state == state for step in self) for state in ("hit", "run", "unknown")}
+
+    def __repr__(self) -> str:
+        return f"<plan of {self.graph.name}: {', '.join(f'{count} {state}' for state, count in self.counts.items())}>"
 
     def __str__(self) -> str:
         width = max((len(step.name) for step in self), default=0)

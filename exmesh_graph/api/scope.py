@@ -111,6 +111,9 @@ class Scope:
         scope, last = self.at(name, here())
         return Block(scope, last) if scope._has(last, "repeat") else Node(scope, last)
 
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
+
     def __contains__(self, name: object) -> bool:
         return name in list(self)
 

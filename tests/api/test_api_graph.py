@@ -11,6 +11,7 @@ import pytest
 import exmesh_graph as ex
 from exmesh_graph.api.opening import checked_graph
 from exmesh_graph.graph.problems import GraphErrors
+from exmesh_graph.graph.variants.checked import variant_names
 from exmesh_graph.graph.variants.merge import identities
 from exmesh_graph.types import Mesh
 
@@ -64,6 +65,7 @@ def test_shipped_graphs_survive_python(file: Path, folder: Path) -> None:
     """Loaded, written elsewhere and read again they are the same graph, faults included; and the same when run."""
     graph = ex.Graph.load(file)
     graph.to_yaml("copy.yaml")
+    assert variant_names(folder / "copy.yaml") == variant_names(file)
     results: list[Any] = []
     for source in (file, graph, folder / "copy.yaml"):
         try:

@@ -42,7 +42,8 @@ def test_events_targets_and_force(loop: Any, run: Any) -> None:
     part = run(loop(), nodes="rounds[1].leap", listener=lambda event: events.append(event["event"]))
     assert list(part) == ["one", "rounds[1].step", "rounds[1].leap"]
     assert (events[0], events[-1]) == ("run_started", "run_finished")
-    again = run(loop(), nodes=["one"], force="one")
+    graph = loop()
+    again = run(graph, nodes=graph["one"], force=["one"])
     assert again["one"].info["state"] == "done"
 
 
@@ -56,7 +57,10 @@ def test_an_earlier_run_is_opened(loop: Any, run: Any) -> None:
 
 
 def test_plan_says_what_would_run(loop: Any, run: Any) -> None:
-    assert {step.state for step in ex.plan(loop())} == {"run", "unknown"}
+    before = ex.plan(loop())
+    assert {step.state for step in before} == {"run", "unknown"}
+    assert repr(before) == "<plan of loop: 0 hit, 1 run, 7 unknown>"
+    assert repr(before.graph) == "<checked graph loop: 8 nodes>"
     run(loop())
     assert {step.state for step in ex.plan(loop())} == {"hit"}
     assert [step.name for step in ex.plan(loop(), nodes="one")] == ["one"]

@@ -69,6 +69,9 @@ class Checked:
     packs: Packs = field(default_factory=current, repr=False, compare=False)
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<checked graph {self.name}: {len(self.nodes)} nodes>"
+
     def resolved(self) -> dict[str, Any]:
         """The graph as plain JSON-like data, for the run record."""
         nodes = {
