@@ -201,6 +201,8 @@ class Plan(list["Step"]):
         end = f"{counts['hit']} hit, {counts['run']} to run, {counts['unknown']} unknown (below a node that must run)"
         return "\n".join([*lines, end])
 
+    __repr__ = __str__
+
     def as_json(self) -> dict[str, Any]:
         """What `exmesh plan --json` writes."""
         steps = [

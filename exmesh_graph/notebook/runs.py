@@ -16,6 +16,7 @@ from exmesh_graph.notebook import cells
 if TYPE_CHECKING:
     from exmesh_graph.api.builder import Graph
     from exmesh_graph.api.results import NodeRun, Run
+    from exmesh_graph.api.runs import Plan
     from exmesh_graph.graph.language.check import Checked
     from exmesh_graph.graph.run.runner import Listener
     from exmesh_graph.report.drawing.svg import GraphPicture
@@ -43,6 +44,16 @@ def checked_html(graph: Checked) -> str:
     from exmesh_graph.report.drawing.states import picture_of_graph
 
     return cells.cell(_drawn(picture_of_graph(graph, open_store())))
+
+
+def plan_html(plan: Plan) -> str:
+    """What a run would do with each node, and why."""
+    counts = plan.counts
+    words = f"{counts['hit']} from the store, {counts['run']} to run, {counts['unknown']} below a node that must run"
+    rows = ((step.state, step.name, step.reason) for step in plan if step.state != "hit")
+    hits = ", ".join(step.name for step in plan if step.state == "hit")
+    listed = cells.folded("from the store", cells.said(hits)) if hits else ""
+    return cells.cell(cells.said(words), cells.table(rows), listed)
 
 
 def run_html(run: Run) -> str | None:

@@ -13,7 +13,7 @@ import pytest
 import exmesh_graph as ex
 from exmesh_graph.graph.declare.packs import load_packs
 from exmesh_graph.notebook import runs
-from exmesh_graph.notebook.runs import LiveRun, checked_html, graph_html, node_html, run_html
+from exmesh_graph.notebook.runs import LiveRun, checked_html, graph_html, node_html, plan_html, run_html
 
 TOY = Path(__file__).parent.parent / "graph" / "toy"
 
@@ -45,6 +45,17 @@ def test_a_graph_draws_itself_with_its_states() -> None:
     after = checked_html(ex.check(graph()))
     assert "from the store" in after
     assert "would run" not in after
+
+
+def test_a_plan_is_a_table_of_what_would_run() -> None:
+    ex.run(graph(), workers=0, progress=False)
+    changed = graph()
+    changed.set("step", amount=3)
+    plan = ex.plan(changed)
+    html = plan_html(plan)
+    assert "1 from the store, 1 to run, 1 below a node that must run" in html
+    assert "parameter amount: 2 -&gt; 3" in html
+    assert repr(plan) == str(plan)
 
 
 def test_a_graph_with_faults_says_them() -> None:
