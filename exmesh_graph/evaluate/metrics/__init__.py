@@ -1,0 +1,1 @@
+"""Figures of images, materials, meshes and depth, on numpy arrays."""
