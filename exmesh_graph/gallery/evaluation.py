@@ -74,10 +74,10 @@ def _words(what: Mapping[str, Any], held_out: str, ours: str) -> tuple[str, str,
 def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) -> None:
     if truth is not None and truth.environment is not None:
         true, ours = environment_panels([truth.environment, asset.environment])
-        caption = "Found, true; one exposure. Its scale against the base colour's follows from highlights alone."
+        caption = "Recovered, true; one exposure. Its scale against the base colour's follows from highlights alone."
         writer.add("environment", "Environment", caption, [ours, true], compare=True)
     else:
-        caption = "As found: lat-long, up is up, the centre looks along +Z."
+        caption = "As recovered: lat-long, up is up, the centre looks along +Z."
         writer.add("environment", "Environment", caption, environment_panels([asset.environment]))
 
 
