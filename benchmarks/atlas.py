@@ -24,6 +24,7 @@ import numpy as np
 from exmesh_graph.geometry.adjacency import components, face_areas
 from exmesh_graph.geometry.shapes import icosphere, torus
 from exmesh_graph.uv.flatten import flat_corners, stretches
+from exmesh_graph.uv.params import DiscSettings, XatlasSettings
 from exmesh_graph.uv.unwrap import unwrap
 
 NOISE = 0.15  # standard deviation, in mean edge lengths, of every coordinate
@@ -91,16 +92,8 @@ def row(name: str, method: str, vertices: np.ndarray, faces: np.ndarray, options
         raise SystemExit(message)
 
     begun = spent()
-    uvs, uv_faces = unwrap(
-        vertices,
-        faces,
-        options.size,
-        method=method,
-        bend=options.bend,
-        max_seconds=3600,
-        cut_nonmanifold=True,
-        warn=refuse,
-    )
+    settings = XatlasSettings(max_seconds=3600) if method == "xatlas" else DiscSettings(bend=options.bend)
+    uvs, uv_faces = unwrap(vertices, faces, options.size, settings, warn=refuse)
     seconds = spent() - begun
     area = face_areas(vertices, faces)
     real = area > 1e-7 * area.mean()

@@ -26,6 +26,7 @@ from benchmarks.coarse_work import Surface, fitted, fused, hull, load_case, mono
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.evaluate.metrics.rephotography import Rephotographs, prediction_psnr, rephotograph
 from exmesh_graph.geometry.clean import clean_mesh
+from exmesh_graph.geometry.params import CleanSettings
 from exmesh_graph.io.images import encode_rgba, write_image
 from exmesh_graph.types import DepthMaps
 
@@ -68,7 +69,7 @@ def main() -> None:
         for budget in (2000, 5000, 20000) if options.clean else ():
             for method in ("builtin", "pymeshlab", "open3d"):
                 measure(f"{method} {budget}",
-                        lambda b=budget, m=method: clean_mesh(*start, faces_budget=b, method=m))  # fmt: skip
+                        lambda b=budget, m=method: clean_mesh(*start, CleanSettings(faces=b, method=m)))  # fmt: skip
     sources: list[tuple[str, Callable[[], DepthMaps]]] = []
     if options.sweep or case.mono is not None:
         sources.append(("plane sweep", case.sweep))

@@ -12,6 +12,7 @@ import torch
 from exmesh_graph.geometry.carve import CLEAR, carve
 from exmesh_graph.geometry.clean import largest_components, taubin
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.geometry.params import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import linear_to_srgb
@@ -97,13 +98,16 @@ def fitted(case: Case, iterations: int) -> DepthMaps:
 
 def solid(case: Case, depths: DepthMaps, clear: float = CLEAR) -> Surface:
     """The hull, less what the depth maps look through."""
-    return largest_components(*carve(case.field, case.train, depths, clear=clear), 1)
+    settings = TsdfSettings(truncation=3, min_weight=2)
+    return largest_components(*carve(case.field, case.train, depths, settings, clear=clear), 1)
 
 
 def fused(case: Case, depths: DepthMaps) -> Surface:
     """The depth maps alone: open where nothing was seen. Without masks only what lies inside the unit sphere."""
-    bare = {} if case.field is not None else {"radius": 1.0, "masked": False, "truncation": 6.0, "min_weight": 2.0}
-    return largest_components(*fuse(case.train, depths, voxel=2 / (192 if case.field is not None else 128), **bare), 1)
+    settings = TsdfSettings(resolution=192)
+    if case.field is None:
+        settings = TsdfSettings(resolution=128, radius=1.0, masked=False, truncation=6.0, min_weight=2.0)
+    return largest_components(*fuse(case.train, depths, settings), 1)
 
 
 def monocular(case: Case, reach: float) -> DepthMaps:

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.io import savemat
 from scipy.ndimage import map_coordinates
 
-from exmesh_graph.geometry.sampling import sample_surface
+from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.io.cameras import intrinsics_from_fov, opencv_from_blender
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.envmaps import read_environment

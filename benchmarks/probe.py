@@ -193,8 +193,8 @@ def odd_scenes():  # type: ignore[no-untyped-def]
 
 def hull_carrier(ctx: Quiet, train: Views, wrong_masks: int = 0) -> Carrier:
     """The visual hull, unwrapped and coloured: a coarse carrier where no true mesh is known."""
-    hull = init.visual_hull(ctx, train, p=init.HullParams(resolution=96, wrong_masks=wrong_masks)).mesh
-    coarse = init.clean(ctx, hull, p=init.CleanParams(faces=5000)).mesh
+    hull = init.visual_hull(ctx, train, p=init.HullSettings(resolution=96, wrong_masks=wrong_masks)).mesh
+    coarse = init.clean(ctx, hull, p=init.CleanSettings(faces=5000)).mesh
     atlas = uv.unwrap(ctx, coarse, p=uv.UnwrapParams(texture_size=512)).carrier
     return stage1.init(ctx, atlas, train, p=stage1.InitParams()).state
 

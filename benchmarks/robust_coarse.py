@@ -28,7 +28,7 @@ from benchmarks.robust_stage1 import Listening, unmasked, without
 from exmesh_graph.errors import DataError, ExmeshError
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
-from exmesh_graph.geometry.sampling import sample_surface
+from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.params import BlenderOptions
 from exmesh_graph.types import Mesh, PointCloud, Views
@@ -109,8 +109,8 @@ def attempted(make: Callable[[], Any], row: dict[str, Any]) -> Any:
 def cleaned_hull(views: Views) -> Mesh:
     if not views.masked.all():
         raise DataError("a hull needs a mask for every view")
-    raw = init.visual_hull(Listening(), views, p=init.HullParams()).mesh
-    return init.clean(Listening(), raw, p=init.CleanParams()).mesh
+    raw = init.visual_hull(Listening(), views, p=init.HullSettings()).mesh
+    return init.clean(Listening(), raw, p=init.CleanSettings()).mesh
 
 
 def errors(mesh: Mesh, truth: tuple[np.ndarray, np.ndarray], radius: float) -> dict[str, float]:

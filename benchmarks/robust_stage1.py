@@ -83,8 +83,8 @@ def main() -> None:
 def run(views: Views, test: Views, truth, rounds, *, wrong_masks: int = 0, gains: bool = False):
     """(scores, suspects, warnings) of a short Stage I."""
     ctx = Listening()
-    mesh = init.visual_hull(ctx, views, p=init.HullParams(resolution=96, wrong_masks=wrong_masks)).mesh
-    mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=rounds[0][0])).mesh
+    mesh = init.visual_hull(ctx, views, p=init.HullSettings(resolution=96, wrong_masks=wrong_masks)).mesh
+    mesh = init.clean(ctx, mesh, p=init.CleanSettings(faces=rounds[0][0])).mesh
     carrier = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=views.width)).carrier
     state = stage1.init(ctx, carrier, views, p=stage1.InitParams(device="cpu")).state
     total = sum(iterations for _, iterations in rounds)

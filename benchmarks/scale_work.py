@@ -10,15 +10,15 @@ import numpy as np
 import torch
 
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
-from exmesh_graph.geometry.merge import MergeSettings, merge
+from exmesh_graph.geometry.merge import merge
+from exmesh_graph.geometry.params import MergeSettings, SplitSettings
 from exmesh_graph.geometry.shapes import grid, torus
-from exmesh_graph.geometry.split import SplitSettings, split
+from exmesh_graph.geometry.split import split
 from exmesh_graph.losses import d_ssim
 from exmesh_graph.raster import antialias, edge_table, find_silhouette, project, rasterize, rasterize_projected, shade
 from exmesh_graph.raster.rasterize import contribution_counts
 from exmesh_graph.shading.transport import choose_subdivision, trace_transport
-from exmesh_graph.uv.dilate import dilate
-from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.raster import dilate, rasterize_atlas
 from exmesh_graph.uv.unwrap import unwrap
 
 Work = Callable[[], object]
@@ -83,7 +83,7 @@ def splitting(faces: int) -> Work:
 def merging(faces: int) -> Work:
     mesh = sheet(faces)
     rendered = (np.random.default_rng(0).random(len(mesh[1])) > 0.2).astype(np.int64)
-    return lambda: merge(*mesh, rendered, MergeSettings(), max_rounds=1)
+    return lambda: merge(*mesh, rendered, MergeSettings(min_faces=4), max_rounds=1)
 
 
 def unwrapping(faces: int) -> Work:

@@ -3,7 +3,7 @@ every round.
 
     python benchmarks/stage1.py graphs/samples/spot --json curves.json     # adaptive against uniform, same vertices
     python benchmarks/stage1.py SCENE --methods score --hull-views 10 --faces 1250 --levels 1 --rounds 4
-    python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --wrong-masks 1 --faces 5000 \
+    python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --wrong_masks 1 --faces 5000 \
         --levels 1 --silhouette-weight 1 --smoothness-weight 0.1 --gains --methods score
 
 Every method starts from the same hull, atlas and texture, takes the same iterations and ends at the same faces:
@@ -27,7 +27,7 @@ from exmesh_nodes import data, init, regulariser, stage1, topology, uv
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.evaluate.metrics.image import psnr
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, count_self_intersections
-from exmesh_graph.geometry.sampling import sample_surface
+from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.losses import display
 from exmesh_graph.stage1.render import render_carrier
 
@@ -62,8 +62,8 @@ def main() -> None:
         truth = None
     began = time.perf_counter()
     masks = some(scene.train, options.hull_views) if options.hull_views else scene.train
-    mesh = init.visual_hull(ctx, masks, p=init.HullParams(resolution=96, wrong_masks=options.wrong_masks)).mesh
-    mesh = init.clean(ctx, mesh, p=init.CleanParams(faces=options.faces)).mesh
+    mesh = init.visual_hull(ctx, masks, p=init.HullSettings(resolution=96, wrong_masks=options.wrong_masks)).mesh
+    mesh = init.clean(ctx, mesh, p=init.CleanSettings(faces=options.faces)).mesh
     if options.photometric:
         mesh = init.photometric(ctx, mesh, scene.train, p=init.PhotometricParams(passes=options.photometric)).mesh
     carrier = uv.unwrap(ctx, mesh, p=uv.UnwrapParams(texture_size=options.texels)).carrier
@@ -106,14 +106,14 @@ def curve(method: str, state, scene, truth, seconds: float, options: argparse.Na
         if k:
             state = rearrange(ctx, method, state, target, scene.train)
             if options.untangle:
-                state = topology.untangle(ctx, state, p=topology.UntangleParams()).state
+                state = topology.untangle(ctx, state, p=topology.UntangleSettings()).state
             if method != "uniform" and options.atlas_every and k % options.atlas_every == 0:
                 state = uv.regenerate(ctx, state, p=uv.RegenerateParams()).state
         params = stage1.RefineParams(iterations=iterations, total_iterations=options.iterations, **fixed)
         term = firm if k + 1 == len(rounds) else smooth
         state, history = stage1.refine(ctx, state, scene.train, smoothness=term, p=params)
         if options.untangle and k + 1 == len(rounds):
-            state = topology.untangle(ctx, state, p=topology.UntangleParams()).state
+            state = topology.untangle(ctx, state, p=topology.UntangleSettings()).state
         seconds += time.perf_counter() - began
         rows.append({"seconds": seconds, "train_psnr": history.values["psnr"][-1], **score(state, scene.test, truth)})
         show(rows[-1])
@@ -199,7 +199,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("scene", type=Path)
     parser.add_argument("--layout", choices=("blender", "middlebury"), default="blender")
     parser.add_argument("--downscale", type=int, default=1)
-    parser.add_argument("--wrong-masks", type=int, default=0)
+    parser.add_argument("--wrong_masks", type=int, default=0)
     parser.add_argument("--texels", type=int, default=256)
     parser.add_argument("--hull-views", type=int, default=0, help="views that the hull may use; 0 = all")
     parser.add_argument("--faces", type=int, default=2000, help="of the start")

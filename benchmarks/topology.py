@@ -20,15 +20,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.flip import FlipSettings, flip
-from exmesh_graph.geometry.merge import MergeSettings, merge
-from exmesh_graph.geometry.quality import mesh_quality
+from benchmarks.mesh_quality import mesh_quality
+from exmesh_graph.geometry.adjacency import without_unused
+from exmesh_graph.geometry.flip import flip
+from exmesh_graph.geometry.merge import merge
+from exmesh_graph.geometry.params import FlipSettings, MergeSettings, SplitSettings
 from exmesh_graph.geometry.relax import relax
-from exmesh_graph.geometry.split import SplitSettings, Topology, plan_splits, split
-from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.geometry.split import plan_splits, split, subdivide
+from exmesh_graph.geometry.topology import Topology
 from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1.regularise import smoother, smoothness
-from exmesh_graph.uv.maintain import check_atlas, compact, refill
+from exmesh_graph.uv.maintain import check_atlas, refill
+from exmesh_graph.uv.params import DiscSettings
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
 from exmesh_graph.uv.unwrap import unwrap
@@ -107,7 +110,7 @@ def flip_quality(rows: Result, mesh: tuple) -> None:
     told("the mesh itself", *mesh[:2])
     told("split to 20K", *start[:2])
     for criterion in ("valence", "delaunay"):
-        flipped = flip(*start, FlipSettings(criterion))
+        flipped = flip(*start, FlipSettings(method=criterion))
         for steps in (0, 1, 2, 4, 8):
             points, *_ = relax(flipped.vertices, flipped.faces, flipped.uvs, flipped.uv_faces, steps=steps)
             told(f"flip, {criterion}, then {steps} steps of gliding", points, flipped.faces, flips=flipped.count)
@@ -139,13 +142,13 @@ def rounds(rows: Result, mesh: tuple, n: int, repeats: int, texels: int) -> None
     sums = [seconds]
     seconds, done = best(lambda: split(*mesh, gradient, int(1.5 * n), settings), repeats)
     report(rows, "split: growth 1.5", seconds, len(faces), len(done.faces), rounds=len(done.map.steps))
-    seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings(), max_rounds=1), repeats)
+    seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings(min_faces=4), max_rounds=1), repeats)
     report(rows, "merge: one round", seconds, len(faces), len(done.faces))
-    seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings()), repeats)
+    seconds, done = best(lambda: merge(*mesh, rendered, MergeSettings(min_faces=4)), repeats)
     report(rows, "merge: up to 4 rounds", seconds, len(faces), len(done.faces))
     sums.append(seconds)
     after = (done.vertices, done.faces, done.uvs, done.uv_faces)
-    seconds, _ = best(lambda: (check_atlas(*after, texels), compact(*after[2:])), repeats)
+    seconds, _ = best(lambda: (check_atlas(*after, texels), without_unused(*after[2:])), repeats)
     report(rows, "uv: check and compact", seconds, len(done.faces), len(done.faces))
     sums.append(seconds)
     report(rows, "TOPOLOGY ROUND: score, split, merge (up to 4 rounds), uv", sum(sums), len(faces), len(done.faces))
@@ -153,7 +156,7 @@ def rounds(rows: Result, mesh: tuple, n: int, repeats: int, texels: int) -> None
     seconds, _ = best(lambda: refill(texture, *after[2:], 8.0), repeats)
     report(rows, f"uv: spread a texture of {texels} beyond its charts", seconds, len(done.faces), len(done.faces))
     for criterion in ("delaunay", "valence"):
-        seconds, flipped = best(lambda: flip(*after, FlipSettings(criterion)), repeats)  # noqa: B023
+        seconds, flipped = best(lambda: flip(*after, FlipSettings(method=criterion)), repeats)  # noqa: B023
         report(rows, f"flip: {criterion}", seconds, len(done.faces), len(done.faces), flips=flipped.count)
     seconds, _ = best(lambda: relax(*after, steps=2), repeats)
     report(rows, "glide: 2 steps", seconds, len(done.faces), len(done.faces))
@@ -176,7 +179,7 @@ def atlas(rows: Result, mesh: tuple, size: int, repeats: int) -> None:
 def transfer(rows: Result, mesh: tuple, size: int = 512) -> None:
     """PSNR at surface points after one to four changes of atlas, of a checkerboard with edges two texels wide."""
     vertices, faces = mesh
-    atlases = [unwrap(vertices, faces, size, bend=bend) for bend in (0.45, 0.3)]
+    atlases = [unwrap(vertices, faces, size, DiscSettings(bend=bend)) for bend in (0.45, 0.3)]
     assert len(atlases[0][0]) != len(atlases[1][0]), "one atlas twice: nothing is transferred"
     rng = np.random.default_rng(0)
     face, bary = rng.integers(0, len(faces), 100_000), rng.dirichlet([1, 1, 1], 100_000)
@@ -236,7 +239,8 @@ def merged_texture(rows: Result, mesh: tuple, size: int = 1024) -> None:
     for name, rule, operation in ways:
         module._moved_corners, module.apply_merges = rule, operation
         try:
-            done = merge(vertices, faces, uvs, uv_faces, rendered, MergeSettings(area_quantile=0.6), max_rounds=1)
+            wide = MergeSettings(min_faces=4, area_quantile=0.6)
+            done = merge(vertices, faces, uvs, uv_faces, rendered, wide, max_rounds=1)
         finally:
             module._moved_corners, module.apply_merges = moved, carry_out
         new_points, new_colours = samples(done.vertices, done.faces, done.uvs, done.uv_faces, 60_000)
@@ -267,7 +271,7 @@ def to_size(mesh: tuple, n: int) -> tuple:
         done = subdivide(*mesh)
         mesh = (done.vertices, done.faces, done.uvs, done.uv_faces)
     if len(mesh[1]) < n:
-        done = split(*mesh, np.zeros(len(mesh[0])), n, SplitSettings(criterion="area"))
+        done = split(*mesh, np.zeros(len(mesh[0])), n, SplitSettings(method="area"))
         mesh = (done.vertices, done.faces, done.uvs, done.uv_faces)
     return mesh
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from exmesh_nodes.gaussians import KERNELS
 
+from exmesh_graph.geometry.params import CleanSettings, HullSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
@@ -75,7 +76,7 @@ def auto(
             "method: tsdf fuses depth maps, and none are wired in", where=ctx.node,
             fix='wire depths: "@<a prior>.depths", or set method: auto',
         )  # fmt: skip
-    outline = init.HullParams(resolution=p.resolution, wrong_masks=p.wrong_masks)
+    outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     if method == "hull":
         mesh = init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
@@ -84,9 +85,7 @@ def auto(
         if method == "pgsr":
             depths = _fitted_depths(ctx, views, points, iterations, factor, p)
         assert depths is not None
-        whole = init.TsdfParams(
-            resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks
-        )
+        whole = init.TsdfParams(resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks)
         bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
         mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
         if p.method == "auto" and method == "pgsr" and masks and len(views) >= ENOUGH_VIEWS:
@@ -96,7 +95,7 @@ def auto(
             rows.append(row)
             ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
             mesh = mesh if row["value"] == "gaussians" else hull
-    cleaning = init.CleanParams(faces=p.faces, close_holes=0 if masks else p.close_holes)
+    cleaning = CleanSettings(faces=p.faces, close_holes=0 if masks else p.close_holes)
     return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))
 
 

@@ -1,33 +1,13 @@
 """Writing finished assets for DCC tools."""
 
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.export.params import ExportSettings, FileSettings
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Frame, GltfAsset, Metrics, ObjAsset, UsdAsset, Views
-
-
-class UsdParams(Params):
-    name: str = param("asset", doc="Name of the asset and its files: letters, digits and _.")
-    up_axis: Literal["Y", "Z"] = param(
-        "Y", doc="Z turns points, cameras and light; many tools turn Y-up by themselves."
-    )
-    recentre: bool = param(
-        False, doc="Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset."
-    )
-    roughness_floor: float = param(
-        0.04, ge=0.0, le=1.0, doc="Lowest roughness written; how many texels were raised is reported."
-    )
-    dilation: int = param(8, ge=0, le=64, unit="texels", doc="Padding of the charts, so that mip levels do not bleed.")
-    normal_bits: Literal[8, 16] = param(8, unit="bits", doc="Depth of the normal map.")
-    clip: bool = param(
-        False, doc="Clip base colour to [0, 1] and light to half floats; else values outside are errors."
-    )
-    require_scale: bool = param(False, doc="Refuse an asset whose metric scale is not known.")
-    require_closed: bool = param(False, doc="Refuse an open or non-manifold mesh.")
-    gate: bool = param(True, doc="Refuse to publish a file that fails the checks; false is noted in the asset.")
 
 
 class UsdOut(NamedTuple):
@@ -44,30 +24,19 @@ def usd(
     low: Asset | None = None,
     metrics: Metrics | None = None,
     *,
-    p: UsdParams,
+    p: ExportSettings,
 ) -> UsdOut:
     """Write mesh, maps, light and cameras as USD; judged by the gate before anything is published.
 
     `views` become the cameras of scene.usda, `mid` and `low` the coarser levels of detail; `metrics` and the node's
     key are kept in the asset as its provenance.
     """
-    from exmesh_graph.export.maps import MapSettings
-    from exmesh_graph.export.provenance import provenance_of
-    from exmesh_graph.export.usd import ExportSettings, write_usd
+    from exmesh_graph.export.folder import provenance_of
+    from exmesh_graph.export.usd import write_usd
 
-    settings = ExportSettings(
-        name=p.name,
-        maps=MapSettings(p.roughness_floor, p.dilation, p.normal_bits),
-        up_axis=p.up_axis,
-        recentre=p.recentre,
-        gate=p.gate,
-        clip=p.clip,
-        require_scale=p.require_scale,
-        require_closed=p.require_closed,
-    )
     lods = {name: level for name, level in (("mid", mid), ("low", low)) if level is not None}
     origin = provenance_of(ctx.key, metrics.values if metrics else {})
-    report = write_usd(ctx.scratch / "usd", asset, frame, views, lods=lods, settings=settings, provenance=origin)
+    report = write_usd(ctx.scratch / "usd", asset, frame, views, lods=lods, settings=p, provenance=origin)
     if report["scale"] == "unknown":
         ctx.warn("the data set gives no metric scale: one scene unit is exported as one metre")
     elif report["scale"] == "normalised":
@@ -82,7 +51,7 @@ def usd(
 
 
 def _warn_of_rounding(ctx: Context, report: Mapping[str, Any]) -> None:
-    from exmesh_graph.export.geometry import COARSE_ROUNDING
+    from exmesh_graph.export.content import COARSE_ROUNDING
 
     if report["point_rounding"] > COARSE_ROUNDING:
         ctx.warn(
@@ -91,31 +60,20 @@ def _warn_of_rounding(ctx: Context, report: Mapping[str, Any]) -> None:
         )
 
 
-class MapParams(Params):
-    name: str = param("asset", doc="Name of the asset and its files: letters, digits and _.")
-    recentre: bool = param(False, doc="Put the object's middle at the origin, for scenes far from theirs.")
-    roughness_floor: float = param(0.04, ge=0.0, le=1.0, doc="Lowest roughness written.")
-    dilation: int = param(8, ge=0, le=64, unit="texels", doc="Padding of the charts, so that mip levels do not bleed.")
-
-
 class GltfOut(NamedTuple):
     files: GltfAsset
 
 
 @node("export.gltf", version="2", libraries=("OpenImageIO", "scipy"))
 def gltf(
-    ctx: Context, asset: Asset, frame: Frame | None = None, metrics: Metrics | None = None, *, p: MapParams
+    ctx: Context, asset: Asset, frame: Frame | None = None, metrics: Metrics | None = None, *, p: FileSettings
 ) -> GltfOut:
     """Write mesh, tangents and maps as one binary glTF file, in metres; glTF holds no environment."""
+    from exmesh_graph.export.folder import provenance_of
     from exmesh_graph.export.gltf import write_gltf
-    from exmesh_graph.export.maps import MapSettings
-    from exmesh_graph.export.provenance import provenance_of
 
     origin = provenance_of(ctx.key, metrics.values if metrics else {})
-    maps = MapSettings(p.roughness_floor, p.dilation)
-    report = write_gltf(
-        ctx.scratch / "gltf", asset, frame, name=p.name, maps=maps, recentre=p.recentre, provenance=origin
-    )
+    report = write_gltf(ctx.scratch / "gltf", asset, frame, p, provenance=origin)
     _warn_of_rounding(ctx, report)
     if report["scale"] != "measured":
         ctx.warn("the metric scale is not known: one unit is exported as one metre")
@@ -128,13 +86,11 @@ class ObjOut(NamedTuple):
 
 
 @node("export.obj", version="2", libraries=("OpenImageIO", "scipy"))
-def obj(ctx: Context, asset: Asset, frame: Frame | None = None, *, p: MapParams) -> ObjOut:
+def obj(ctx: Context, asset: Asset, frame: Frame | None = None, *, p: FileSettings) -> ObjOut:
     """Write mesh and maps as Wavefront OBJ with an MTL file; OBJ holds neither light nor units."""
-    from exmesh_graph.export.maps import MapSettings
     from exmesh_graph.export.obj import write_textured_obj
 
-    maps = MapSettings(p.roughness_floor, p.dilation)
-    report = write_textured_obj(ctx.scratch / "obj", asset, frame, name=p.name, maps=maps, recentre=p.recentre)
+    report = write_textured_obj(ctx.scratch / "obj", asset, frame, p)
     _warn_of_rounding(ctx, report)
     return ObjOut(ObjAsset(root=ctx.scratch / "obj", main=f"{p.name}.obj"))
 

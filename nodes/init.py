@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
+from exmesh_graph.geometry.params import CleanSettings, HullSettings, TsdfSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.stage1.settings import PhotometricSettings
@@ -31,31 +32,15 @@ class ManifoldMeshOut(NamedTuple):
     mesh: Annotated[Mesh, facets(manifold=True)]
 
 
-class HullParams(Params):
-    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the object's longest side.")
-    wrong_masks: int = param(
-        0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point; 1 for hand-made masks."
-    )
-    smooth: int = param(
-        10, ge=0, le=200, unit="steps", doc="Taubin smoothing steps (no shrinking) after marching cubes."
-    )
-    chunk: int = param(1 << 18, ge=1 << 12, unit="points", doc="Points handled at once; bounds memory.", tuning=True)
-
-
 @node("init.visual_hull", version="1", libraries=("scipy", "scikit-image"))
-def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullParams) -> ClosedMeshOut:
+def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedMeshOut:
     """The largest closed shape that agrees with the masks."""
     from exmesh_graph.geometry.clean import require_sound, taubin
     from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.geometry.hull import visual_hull as hull
 
     field = SilhouetteField.from_masks(
-        views.alpha,
-        views.intrinsics,
-        views.world_to_camera,
-        wrong_masks=p.wrong_masks,
-        names=views.names,
-        chunk=p.chunk,
+        views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=p.wrong_masks, names=views.names, chunk=p.chunk
     )
     vertices, faces = hull(field, resolution=p.resolution)
     vertices = taubin(vertices, faces, p.smooth)
@@ -81,18 +66,7 @@ def sphere(ctx: Context, *, p: SphereParams) -> ClosedMeshOut:
     return ClosedMeshOut(Mesh(*icosphere(levels, p.radius)))
 
 
-class TsdfParams(Params):
-    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the unit sphere's diameter.")
-    truncation: float = param(4.0, ge=1.5, le=32, unit="voxels", doc="Distance at which the field is cut off.")
-    masked: bool = param(True, doc="Ignore depth where alpha < 1/2.")
-    min_weight: float = param(1.0, ge=1, unit="views", doc="Views that must have seen a voxel.")
-    radius: float = param(0.0, ge=0, doc="Ignore depth of points farther than this from the origin; 0: none.")
-    solid: bool = param(
-        False,
-        doc="Cut what the depth maps look through out of the visual hull, which fills what they do not see: closed "
-        "(needs masks; resolution is along the object's longest side).",
-    )
-    wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point (solid).")
+class TsdfParams(TsdfSettings):
     incidence: float = param(
         0.0, ge=0, le=90, unit="degrees", doc="Ignore surfaces seen at more than this angle; 0: none ignored."
     )
@@ -124,41 +98,23 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
         field = SilhouetteField.from_masks(
             views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=p.wrong_masks, names=views.names
         )
-        vertices, faces = carve(
-            field, views, depths, resolution=p.resolution, truncation=p.truncation, min_weight=p.min_weight
-        )
+        vertices, faces = carve(field, views, depths, p)
     else:
         from exmesh_graph.geometry.tsdf import fuse
 
-        vertices, faces = fuse(
-            views, depths, voxel=2.0 / p.resolution, truncation=p.truncation, masked=p.masked, min_weight=p.min_weight,
-            radius=p.radius,
-        )  # fmt: skip
+        vertices, faces = fuse(views, depths, p)
     vertices, faces = largest_components(vertices, faces, p.parts)
     if p.solid:
         require_sound(vertices, faces, closed=True, where=ctx.node)
     return MeshOut(Mesh(vertices, faces))
 
 
-class CleanParams(Params):
-    faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
-    method: Literal["builtin", "pymeshlab", "open3d"] = param(
-        "builtin", doc="builtin, pymeshlab (GPL-3): isotropic remeshing; open3d: quadric decimation."
-    )
-    components: int = param(1, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
-    min_area: float = param(0.0, ge=0, le=1, doc="Drop parts below this share of the largest part's area.")
-    close_holes: int = param(0, ge=0, unit="edges", doc="Fill holes of at most so many edges (not open3d); 0 = none.")
-
-
 @node("init.clean", version="1", libraries=("scipy", "pymeshlab", "open3d"))
-def clean(ctx: Context, mesh: Mesh, *, p: CleanParams) -> ManifoldMeshOut:
+def clean(ctx: Context, mesh: Mesh, *, p: CleanSettings) -> ManifoldMeshOut:
     """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed."""
     from exmesh_graph.geometry.clean import clean_mesh
 
-    vertices, faces = clean_mesh(
-        mesh.vertices, mesh.faces, faces_budget=p.faces, method=p.method, components=p.components,
-        min_area=p.min_area, close_holes=p.close_holes, where=ctx.node,
-    )  # fmt: skip
+    vertices, faces = clean_mesh(mesh.vertices, mesh.faces, p, where=ctx.node)
     if len(faces) > 1.1 * p.faces:
         ctx.warn(
             f"{len(faces)} faces, not {p.faces}: the surface has holes or handles that fewer faces cannot hold. "

@@ -1,37 +1,11 @@
 """The UV atlas: made, kept valid, made anew (paper section 4.3)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, Mesh, Stage1State
-
-
-class AtlasParams(Params):
-    padding: int = param(4, ge=0, le=64, unit="texels", doc="Space kept free between charts.")
-    cut_nonmanifold: bool = param(
-        True, doc="Cut a non-manifold mesh open where it is, with a warning, instead of refusing it."
-    )
-
-
-class DiscParams(AtlasParams):
-    bend: float = param(
-        0.45,
-        gt=0.0,
-        lt=1.0,
-        doc="How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts.",
-    )
-
-
-class XatlasParams(AtlasParams):
-    max_cost: float = param(2.0, gt=0.0, le=64.0, doc="xatlas: larger gives fewer and more stretched charts.")
-    chart_iterations: int = param(1, ge=1, le=8, doc="xatlas: rounds of chart growing.")
-    max_seconds: float = param(
-        120.0,
-        gt=0.0,
-        unit="s",
-        doc="When xatlas is not done by then, uv.unwrap's charts take its place, with a warning.",
-    )
+from exmesh_graph.uv.params import DiscSettings, XatlasSettings
 
 
 class NewTexture(Params):
@@ -43,19 +17,19 @@ class MovedTexture(Params):
     texture_size: int = param(0, ge=0, le=8192, unit="texels", doc="Side of the new texture; 0 keeps the old one's.")
 
 
-class UnwrapParams(DiscParams, NewTexture):
+class UnwrapParams(DiscSettings, NewTexture):
     pass
 
 
-class RegenerateParams(DiscParams, MovedTexture):
+class RegenerateParams(DiscSettings, MovedTexture):
     pass
 
 
-class XatlasUnwrapParams(XatlasParams, NewTexture):
+class XatlasUnwrapParams(XatlasSettings, NewTexture):
     pass
 
 
-class XatlasRegenParams(XatlasParams, MovedTexture):
+class XatlasRegenParams(XatlasSettings, MovedTexture):
     pass
 
 
@@ -76,13 +50,13 @@ class StateOut(NamedTuple):
 @node("uv.unwrap", version="1", libraries=("torch", "warp-lang", "scipy"))
 def unwrap(ctx: Context, mesh: Mesh, *, p: UnwrapParams) -> CarrierOut:
     """Unwrap a mesh into an atlas of nearly flat discs, laid out as rigidly as possible; give it a grey texture."""
-    return _unwrapped(ctx, mesh, p, {"bend": p.bend})
+    return _unwrapped(ctx, mesh, p)
 
 
 @node("uv.xatlas_unwrap", version="2", libraries=("xatlas", "torch", "warp-lang", "scipy"))
 def xatlas_unwrap(ctx: Context, mesh: Mesh, *, p: XatlasUnwrapParams) -> CarrierOut:
     """Unwrap a mesh into an atlas with the charts of xatlas (slow on large or rough meshes); give it a grey texture."""
-    return _unwrapped(ctx, mesh, p, _xatlas(p))
+    return _unwrapped(ctx, mesh, p)
 
 
 @node("uv.maintain", version="1", libraries=("scipy",))
@@ -91,7 +65,8 @@ def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut
     from dataclasses import replace
 
     from exmesh_graph.errors import GeometryError
-    from exmesh_graph.uv.maintain import check_atlas, compact, refill
+    from exmesh_graph.geometry.adjacency import without_unused
+    from exmesh_graph.uv.maintain import check_atlas, refill
 
     report = check_atlas(state.vertices, state.faces, state.uvs, state.uv_faces, state.texture.shape[0])
     if report.welded:
@@ -109,7 +84,7 @@ def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut
         f"{report.charts} charts cover {report.covered:.0%}, overlap {report.overlap:.2%}, "
         f"stretch {report.stretch:.2f}, {report.flipped} faces folded over"
     )
-    uvs, uv_faces = compact(state.uvs, state.uv_faces)
+    uvs, uv_faces = without_unused(state.uvs, state.uv_faces)
     texture = refill(state.texture, uvs, uv_faces, p.dilation) if p.dilation else state.texture
     return StateOut(replace(state, uvs=uvs, uv_faces=uv_faces, texture=texture))
 
@@ -117,29 +92,29 @@ def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut
 @node("uv.regenerate", version="1", libraries=("torch", "warp-lang", "scipy"))
 def regenerate(ctx: Context, state: Stage1State, *, p: RegenerateParams) -> StateOut:
     """Make a new atlas and move texture and texture moments over, texel by texel."""
-    return _regenerated(ctx, state, p, {"bend": p.bend})
+    return _regenerated(ctx, state, p)
 
 
 @node("uv.xatlas_regen", version="2", libraries=("xatlas", "torch", "warp-lang", "scipy"))
 def xatlas_regen(ctx: Context, state: Stage1State, *, p: XatlasRegenParams) -> StateOut:
     """Make a new atlas with the charts of xatlas and move texture and texture moments over, texel by texel."""
-    return _regenerated(ctx, state, p, _xatlas(p))
+    return _regenerated(ctx, state, p)
 
 
-def _unwrapped(ctx: Context, mesh: Mesh, p: Any, settings: dict[str, Any]) -> CarrierOut:
+def _unwrapped(ctx: Context, mesh: Mesh, p: UnwrapParams | XatlasUnwrapParams) -> CarrierOut:
     import numpy as np
 
     from exmesh_graph.uv.unwrap import unwrap
 
-    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, p.texture_size, **_common(ctx, p), **settings)
+    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, p.texture_size, p, warn=ctx.warn)
     texture = np.full((p.texture_size, p.texture_size, 3), p.fill, np.float32)
     return CarrierOut(Carrier(mesh.vertices, mesh.faces, uvs, uv_faces, texture))
 
 
-def _regenerated(ctx: Context, state: Stage1State, p: Any, settings: dict[str, Any]) -> StateOut:
+def _regenerated(ctx: Context, state: Stage1State, p: RegenerateParams | XatlasRegenParams) -> StateOut:
     from dataclasses import replace
 
-    from exmesh_graph.uv.regen import regenerate
+    from exmesh_graph.uv.unwrap import regenerate
 
     new = regenerate(
         state.vertices,
@@ -150,8 +125,8 @@ def _regenerated(ctx: Context, state: Stage1State, p: Any, settings: dict[str, A
         state.texture_m,
         state.texture_v,
         p.texture_size or state.texture.shape[0],
-        **_common(ctx, p),
-        **settings,
+        p,
+        warn=ctx.warn,
     )
     return StateOut(
         replace(
@@ -163,16 +138,3 @@ def _regenerated(ctx: Context, state: Stage1State, p: Any, settings: dict[str, A
             texture_v=new.second_moment,
         )
     )
-
-
-def _common(ctx: Context, p: AtlasParams) -> dict[str, Any]:
-    return {"padding": p.padding, "cut_nonmanifold": p.cut_nonmanifold, "warn": ctx.warn}
-
-
-def _xatlas(p: XatlasParams) -> dict[str, Any]:
-    return {
-        "method": "xatlas",
-        "max_cost": p.max_cost,
-        "max_iterations": p.chart_iterations,
-        "max_seconds": p.max_seconds,
-    }

@@ -53,7 +53,8 @@ def fuzz() -> Reached:
         is_vertex_manifold,
         is_winding_consistent,
     )
-    from exmesh_graph.geometry.merge import MergeSettings, merge
+    from exmesh_graph.geometry.merge import merge
+    from exmesh_graph.geometry.params import MergeSettings
     from exmesh_graph.geometry.split import split
     from exmesh_graph.types.edges import is_closed, is_edge_manifold
     from exmesh_graph.uv.unwrap import unwrap
@@ -67,7 +68,7 @@ def fuzz() -> Reached:
             done = split(*mesh, rng.random(len(mesh[0])), int(1.4 * len(mesh[1])), seed=turn)
             operations += done.count
             mesh = (done.vertices, done.faces, done.uvs, done.uv_faces)
-            done = merge(*mesh, (rng.random(len(mesh[1])) > 0.5).astype(int), eager, min_faces=20)
+            done = merge(*mesh, (rng.random(len(mesh[1])) > 0.5).astype(int), eager.replaced(min_faces=20))
             operations += done.count
             # no face may turn over: each that stays keeps its normal within 90 degrees
             same = face_normals(done.vertices, done.faces), face_normals(mesh[0], mesh[1])[done.face_source]
@@ -90,7 +91,7 @@ def unwrap_crowded() -> Reached:
     flaps[:, 2] = np.arange(len(extra)) + len(vertices)
     points = vertices[extra].mean(1) * 1.3
     began = time.process_time()
-    uvs, _ = unwrap(np.concatenate([vertices, points]), np.concatenate([faces, flaps]), 512, cut_nonmanifold=True)
+    uvs, _ = unwrap(np.concatenate([vertices, points]), np.concatenate([faces, flaps]), 512)
     seconds = time.process_time() - began
     return Reached(seconds if np.isfinite(uvs).all() else np.inf)
 
@@ -131,6 +132,7 @@ def first_step() -> Reached:
 @row("mesh", "fusion of exact depth from 20 views of a ball", "open edges, handles and pieces too many", high=0)
 def fused_ball() -> Reached:
     from exmesh_graph.geometry.adjacency import boundary_edges, components, euler_characteristic
+    from exmesh_graph.geometry.params import TsdfSettings
     from exmesh_graph.geometry.tsdf import fuse
     from exmesh_graph.raster import rasterize
     from exmesh_graph.testing import look_at
@@ -158,6 +160,6 @@ def fused_ball() -> Reached:
         camera_to_world=np.stack(poses),
         split="train",
     )
-    _, f = fuse(views, DepthMaps(names, depth), voxel=2 / 64)
+    _, f = fuse(views, DepthMaps(names, depth), TsdfSettings(resolution=64))
     pieces = int(components(f).max()) + 1
     return Reached(float(len(boundary_edges(f)) + abs(euler_characteristic(f) - 2 * pieces) + pieces - 1))

@@ -26,16 +26,10 @@ from exmesh_graph.evaluate.renders import (
     shown,
     take,
 )
-from exmesh_graph.evaluate.scores import (
-    Pictures,
-    compare,
-    headline_figure,
-    held_out_pairs,
-    pairs_for_pictures,
-    spread,
-)
+from exmesh_graph.evaluate.scores import Pictures, compare, headline_figure, held_out_pairs, pairs_for_pictures
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import display
+from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Asset, SceneTruth, ScoredViews, Views
 
 

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.evaluate.mesh import score_mesh
-from exmesh_graph.evaluate.scores import Pictures, compare, held_out_pairs, pairs_for_pictures, spread
+from exmesh_graph.evaluate.scores import Pictures, compare, held_out_pairs, pairs_for_pictures
 from exmesh_graph.io.images import display
+from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Carrier, Mesh, SceneTruth, ScoredViews, Stage1State, Views
 
 

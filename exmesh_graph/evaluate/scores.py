@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.evaluate.metrics.image import psnr, ssim
+from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Frame, ScoredViews, Views
 
 Pictures = list[tuple[np.ndarray, np.ndarray]]  # (ours, truth) as displayed
@@ -18,13 +19,6 @@ def compare(ours: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> tuple[li
     """(PSNR [dB], SSIM) of each pair of display images."""
     pairs = list(zip(ours, truth, strict=True))
     return [psnr(a, b) for a, b in pairs], [ssim(a, b) for a, b in pairs]
-
-
-def spread(count: int, at_most: int) -> list[int]:
-    """Indices of at most `at_most` of `count` items, evenly spread; all for 0."""
-    if at_most <= 0 or at_most >= count:
-        return list(range(count))
-    return [int((k + 0.5) * count / at_most) for k in range(at_most)]
 
 
 def pairs_for_pictures(

@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.export.content import MeshContent, Placement, mesh_content, mesh_report, place
 from exmesh_graph.export.folder import new_folder
-from exmesh_graph.export.geometry import MeshContent, Placement, mesh_content, mesh_report, place
 from exmesh_graph.export.inputs import check_asset, check_name
-from exmesh_graph.export.maps import MapSettings, prepare_maps, write_map
+from exmesh_graph.export.maps import prepare_maps, write_map
+from exmesh_graph.export.params import FileSettings
 from exmesh_graph.types import Asset, Frame
 from exmesh_graph.version import __version__
 
@@ -33,22 +34,21 @@ def write_gltf(
     folder: Path,
     asset: Asset,
     frame: Frame | None = None,
+    settings: FileSettings | None = None,
     *,
-    name: str = "asset",
-    maps: MapSettings | None = None,
-    recentre: bool = False,
     provenance: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write `<name>.glb` into the new `folder`; return what was measured.
 
-    asset, frame, recentre as `export.usd.write_usd`; normal maps are written in 8 bits. `provenance` goes into the
+    asset and frame as `export.usd.write_usd`; normal maps are written in 8 bits. `provenance` goes into the
     file's `asset.extras`. Equal inputs give equal bytes. Raises DataError, GeometryError or NumericsError.
     """
+    settings = settings or FileSettings()
+    name = settings.name
     check_name(name)
     check_asset(asset)
-    settings = maps or MapSettings()
-    prepared, report = prepare_maps(asset, MapSettings(settings.roughness_floor, settings.dilation, 8))
-    placement = place(frame, recentre=recentre)
+    prepared, report = prepare_maps(asset, settings)
+    placement = place(frame, recentre=settings.recentre)
     report |= mesh_report(asset, placement) | placement.report
     with new_folder(folder) as partial:
         blob = Blob()

@@ -1,4 +1,7 @@
-"""What must hold of an asset before any file is written (bad input never leaves half an asset behind)."""
+"""What must hold of an asset before any file is written (bad input never leaves half an asset behind).
+
+Shapes, dtypes and indices are the type's own promise (`types.ArrayArtifact`).
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,8 @@ def check_name(name: str) -> None:
 
 
 def check_asset(asset: Asset, owner: str = "asset") -> None:
-    """Shapes, ranges and finiteness of everything that the export writes; `owner` names the asset in errors.
+    """Ranges and finiteness of everything that the export writes; shapes are right by the type. `owner` names the asset
+    in errors.
 
     Raises GeometryError, NumericsError or DataError that names the array and the first offending element.
     """
@@ -90,51 +94,38 @@ class _Checker:
 
     def mesh(self, asset: Asset) -> None:
         vertices, faces = asset.vertices, asset.faces
-        self._shape("vertices", vertices, (None, 3))
-        self._shape("faces", faces, (None, 3))
         if len(vertices) == 0 or len(faces) == 0:
             raise GeometryError("the mesh is empty", where=f"{self.owner}.faces", expected="at least one triangle")
         self._finite("vertices", vertices)
-        self._index_range("faces", faces, len(vertices), "vertices")
 
     def uvs(self, asset: Asset) -> None:
-        self._shape("uvs", asset.uvs, (None, 2))
-        self._shape("uv_faces", asset.uv_faces, (len(asset.faces), 3))
-        if len(asset.uvs) == 0:
+        if len(asset.uvs) == 0 or len(asset.uv_faces) == 0:
             raise GeometryError(
                 "the mesh has no texture coordinates", where=f"{self.owner}.uvs", fix="unwrap it (uv.unwrap)"
             )
         self._finite("uvs", asset.uvs)
-        self._index_range("uv_faces", asset.uv_faces, len(asset.uvs), "uvs")
         self._in_range("uvs", asset.uvs, -_UV_TOLERANCE, 1.0 + _UV_TOLERANCE)
 
     def maps(self, asset: Asset) -> None:
-        self._shape("base_color", asset.base_color, (None, None, 3))
         height, width = asset.base_color.shape[:2]
         if max(height, width) > MAX_TEXTURE or min(height, width) < 1:
             raise DataError(
                 f"the maps are {width} x {height}", where=f"{self.owner}.base_color",
                 expected=f"1 to {MAX_TEXTURE} texels a side", fix="fit smaller maps, or reduce them",
             )  # fmt: skip
-        self._shape("roughness", asset.roughness, (height, width))
-        self._shape("seen", asset.seen, (height, width))
         self._in_range("base_color", asset.base_color, 0.0, 1.0)
         self._in_range("roughness", asset.roughness, 0.0, 1.0)
         if asset.confidence is not None:
-            self._shape("confidence", asset.confidence, (height, width))
             self._in_range("confidence", asset.confidence, 0.0, 1.0)
         if asset.metallic is not None:
-            self._shape("metallic", asset.metallic, (height, width))
             self._in_range("metallic", asset.metallic, 0.0, 1.0)
         if asset.normal is not None:
-            self._shape("normal", asset.normal, (height, width, 3))
             self._finite("normal", asset.normal)
             length = np.linalg.norm(asset.normal, axis=-1)
             self._first("normal", np.abs(length - 1.0) > 1e-3, "has a vector that is not of unit length")
             self._first("normal", asset.normal[..., 2] <= 0.0, "has a vector below the surface (z <= 0)")
 
     def environment(self, radiance: np.ndarray) -> None:
-        self._shape("environment", radiance, (None, None, 3))
         height, width = radiance.shape[:2]
         if width != 2 * height:
             raise DataError(
@@ -144,26 +135,12 @@ class _Checker:
             )
         self._in_range("environment", radiance, 0.0, HALF_MAX)
 
-    def _shape(self, name: str, array: np.ndarray, shape: tuple[int | None, ...]) -> None:
-        fits = array.ndim == len(shape) and all(
-            want is None or want == have for want, have in zip(shape, array.shape, strict=True)
-        )
-        if not fits:
-            wanted = ", ".join("*" if n is None else str(n) for n in shape)
-            raise DataError(
-                f"shape {list(array.shape)} does not fit", where=f"{self.owner}.{name}", expected=f"[{wanted}]"
-            )
-
     def _finite(self, name: str, array: np.ndarray) -> None:
         self._first(name, ~np.isfinite(array), "is not finite", NumericsError)
 
     def _in_range(self, name: str, array: np.ndarray, low: float, high: float) -> None:
         self._finite(name, array)
         self._first(name, (array < low) | (array > high), f"lies outside [{low:g}, {high:g}]")
-
-    def _index_range(self, name: str, indices: np.ndarray, count: int, target: str) -> None:
-        bad = (indices < 0) | (indices >= count)
-        self._first(name, bad, f"points outside the {count} {target}", GeometryError)
 
     def _first(
         self, name: str, bad: np.ndarray, what: str, error: type[DataError | GeometryError | NumericsError] = DataError

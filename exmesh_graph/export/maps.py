@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.export.params import MapSettings
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import read_raw, write_codes, write_image
 from exmesh_graph.types import Asset
 
 
-@dataclass(frozen=True)
-class MapSettings:
-    """roughness_floor  lowest roughness written: below it, highlights are spikes that renderers disagree about
-    dilation         texels by which charts are padded
-    normal_bits      8 or 16 per channel of the normal map
-    """
-
-    roughness_floor: float = 0.04
-    dilation: int = 8
-    normal_bits: int = 8
-
-
-def prepare_maps(asset: Asset, settings: MapSettings) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def prepare_maps(
+    asset: Asset, settings: MapSettings, normal_bits: int = 8
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """The maps as they go to files, and what was done to them.
 
     Returns ({"base_color" uint8 [R, R, 3] sRGB-encoded, "roughness" uint8 [R, R, 1], "normal" uint8 or uint16
     [R, R, 3] or absent, "metallic" uint8 [R, R, 1] or absent}, report). Texels outside charts are filled from the
     nearest chart within `dilation` texels, so that mip levels do not bleed; roughness is raised to the floor.
     """
-    from exmesh_graph.uv.dilate import dilation_sources
-    from exmesh_graph.uv.raster import coverage_counts
+    from exmesh_graph.uv.raster import coverage_counts, dilation_sources
 
     height, width = asset.base_color.shape[:2]
     inside = coverage_counts(asset.uvs, asset.uv_faces, (height, width)) > 0
@@ -56,7 +45,7 @@ def prepare_maps(asset: Asset, settings: MapSettings) -> tuple[dict[str, np.ndar
         normal = np.where(valid[..., None], asset.normal, np.array([0, 0, 1], np.float32))
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         # undone by scale 2, bias -1 in the texture reader
-        maps["normal"] = fill(to_codes(normal * 0.5 + 0.5, settings.normal_bits))
+        maps["normal"] = fill(to_codes(normal * 0.5 + 0.5, normal_bits))
     raised = (asset.roughness < settings.roughness_floor) & inside
     report = {
         "texture_size": max(height, width),

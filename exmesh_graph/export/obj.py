@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from exmesh_graph.export.content import mesh_content, mesh_report, place
 from exmesh_graph.export.folder import new_folder
-from exmesh_graph.export.geometry import mesh_content, mesh_report, place
 from exmesh_graph.export.inputs import check_asset, check_name
-from exmesh_graph.export.maps import MapSettings, prepare_maps, write_map
+from exmesh_graph.export.maps import prepare_maps, write_map
+from exmesh_graph.export.params import FileSettings
 from exmesh_graph.types import Asset, Frame
 
 _STATEMENTS = {"base_color": "map_Kd", "roughness": "map_Pr", "metallic": "map_Pm", "normal": "norm"}
@@ -25,20 +26,19 @@ def write_textured_obj(
     folder: Path,
     asset: Asset,
     frame: Frame | None = None,
-    *,
-    name: str = "asset",
-    maps: MapSettings | None = None,
-    recentre: bool = False,
+    settings: FileSettings | None = None,
 ) -> dict[str, Any]:
     """Write `<name>.obj`, `<name>.mtl` and the maps into the new `folder`; return what was measured.
 
     Points in scene units, Y-up (`recentre` as `export.usd.write_usd`); v of the texture coordinates up. Equal inputs
     give equal bytes. Raises DataError, GeometryError or NumericsError.
     """
+    settings = settings or FileSettings()
+    name = settings.name
     check_name(name)
     check_asset(asset)
-    prepared, report = prepare_maps(asset, maps or MapSettings())
-    placement = place(frame, recentre=recentre)
+    prepared, report = prepare_maps(asset, settings)
+    placement = place(frame, recentre=settings.recentre)
     mesh = mesh_content(asset, placement)
     with new_folder(folder) as partial:
         material = ["newmtl surface", "Kd 1 1 1", "Ks 0.04 0.04 0.04", "Ni 1.5", "illum 2", "Pr 1", "Pm 0"]

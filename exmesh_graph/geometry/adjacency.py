@@ -97,6 +97,19 @@ def incident_faces(faces: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.n
     return offsets, counting_argsort(flat, n_vertices) // 3
 
 
+def compact(index: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(the numbers below `n` that `index` uses, ascending int64 [K]; `index` in terms of their places, int64)."""
+    used = np.zeros(n, bool)
+    used[index] = True
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[index]
+
+
+def without_unused(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points [P, D] and faces without the points that no face uses; order and dtypes stay, none are joined."""
+    used, index = compact(faces, len(points))
+    return points[used], index.astype(faces.dtype)
+
+
 def euler_characteristic(faces: np.ndarray) -> int:
     """V - E + F over the vertices that faces use: 2 for a sphere, 0 for a torus, 1 for a disc."""
     return len(np.unique(faces)) - len(edges_of(faces)) + len(faces)

@@ -11,6 +11,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.hull import Grid, SilhouetteField, occupied_box, surface
+from exmesh_graph.geometry.params import TsdfSettings
 from exmesh_graph.types import DepthMaps, Views
 
 CLEAR = 1.0
@@ -21,33 +22,31 @@ def carve(
     field: SilhouetteField,
     views: Views,
     depths: DepthMaps,
+    settings: TsdfSettings | None = None,
     *,
-    resolution: int = 128,
-    truncation: float = 3.0,
-    min_weight: float = 2.0,
     clear: float = CLEAR,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]): closed, counter-clockwise from outside.
 
-    field       the masks' implicit function; every view of it needs a mask
-    resolution  voxels along the longest side of the hull's box
-    truncation  in voxels: a depth map speaks of what lies up to so far behind its surface; what is before it counts so
-    min_weight  views that must speak of a voxel; with fewer, the hull alone decides
-    clear       in voxels, see `carved`
+    field  the masks' implicit function; every view of it needs a mask
+    clear  in voxels, see `carved`
+    The resolution is along the longest side of the hull's box. A depth map speaks of what lies up to the truncation
+    behind its surface; what is before it counts so. Where fewer than `min_weight` views speak the hull alone decides.
 
     Raises DataError where views and depth maps do not belong together or the masks have nothing in common.
     """
+    settings = settings or TsdfSettings()
     if tuple(depths.names) != tuple(views.names) or depths.depth.shape != views.alpha.shape:
         raise DataError("the depth maps are not those of the views", where="init.tsdf",
                         expected=f"{len(views)} maps of {views.width} x {views.height}: {views.names[0]} ...",
                         fix="make them from these views")  # fmt: skip
     low, high = occupied_box(field, np.full(3, -1.05), np.full(3, 1.05))
-    grid = Grid.over(low, high, resolution)
+    grid = Grid.over(low, high, settings.resolution)
     points = grid.points()
     values = field(points, floor=-3 * grid.step)
     inside = np.flatnonzero(values > -2 * grid.step)
-    limit = truncation * grid.step
-    said = _fused(points[inside], views, depths, limit, min_weight)
+    limit = settings.truncation * grid.step
+    said = _fused(points[inside], views, depths, limit, settings.min_weight)
     values[inside] = carved(values[inside], said, clear * grid.step)
     return surface(values.reshape(grid.shape), grid)
 

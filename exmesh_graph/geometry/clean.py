@@ -7,20 +7,18 @@ alternatives. Whatever did the work, the result is measured, and an error is rai
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import corner_fans, face_areas, signed_volume
+from exmesh_graph.geometry.adjacency import corner_fans, face_areas, signed_volume, without_unused
+from exmesh_graph.geometry.params import CleanSettings
 from exmesh_graph.geometry.remesh import remesh
 from exmesh_graph.geometry.repair import fill_holes, make_manifold
 from exmesh_graph.native import import_open3d, import_pymeshlab
 from exmesh_graph.types.edges import edges_of
-
-Method = Literal["builtin", "pymeshlab", "open3d"]
 
 
 @dataclass(frozen=True)
@@ -43,15 +41,11 @@ class Soundness:
 def clean_mesh(
     vertices: np.ndarray,
     faces: np.ndarray,
+    settings: CleanSettings | None = None,
     *,
-    faces_budget: int,
-    method: Method = "builtin",
-    components: int = 1,
-    min_area: float = 0.0,
-    close_holes: int = 0,
     where: str = "init.clean",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(vertices float32 [V, 3], faces int32 [F, 3]) with F <= about `faces_budget`.
+    """(vertices float32 [V, 3], faces int32 [F, 3]) with F <= about `settings.faces`.
 
     Keeps the `components` largest parts by area (0 = all) above `min_area` of the largest; welds equal positions,
     drops duplicate faces, repairs non-manifold edges and vertices, and remeshes: builtin and pymeshlab to edges of the
@@ -60,6 +54,9 @@ def clean_mesh(
     Closed input gives closed output, counter-clockwise from outside.
     Raises GeometryError where the result is not edge-manifold, not oriented, or not closed though the input was.
     """
+    settings = settings or CleanSettings()
+    method, faces_budget, close_holes = settings.method, settings.faces, settings.close_holes
+    components, min_area = settings.components, settings.min_area
     vertices, faces = weld(vertices, faces)
     vertices, faces = largest_components(vertices, faces, components, min_area)
     closed = inspect(vertices, faces).closed
@@ -83,7 +80,7 @@ def clean_mesh(
     if closed:
         faces = outward(vertices, faces)
     else:  # what could not be spread between boundary vertices, which stay
-        vertices, faces = compact(vertices, faces[face_areas(vertices, faces) > _flat(vertices)])
+        vertices, faces = without_unused(vertices, faces[face_areas(vertices, faces) > _flat(vertices)])
     require_sound(vertices, faces, closed=closed, where=where)
     return vertices.astype(np.float32), faces.astype(np.int32)
 
@@ -154,18 +151,11 @@ def _decimate_open3d(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tu
 def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Merge vertices at equal float32 positions; drop faces that lose a corner, duplicates and unused vertices."""
     positions, index = np.unique(np.asarray(vertices, np.float32), axis=0, return_inverse=True)
-    faces = index.reshape(-1)[faces]
+    faces = index.reshape(-1)[faces].astype(np.int32)
     whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     faces = faces[whole]
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    return compact(positions, faces[np.sort(first)])
-
-
-def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Drop vertices that no face uses; the order of the others stays."""
-    used = np.zeros(len(vertices), bool)
-    used[faces] = True
-    return vertices[used], (np.cumsum(used) - 1)[faces].astype(np.int32)
+    return without_unused(positions, faces[np.sort(first)])
 
 
 def face_components(faces: np.ndarray, vertex_count: int) -> np.ndarray:
@@ -189,7 +179,7 @@ def largest_components(
     order = np.argsort(-area, kind="stable")
     kept = order[: count or None]
     kept = kept[area[kept] >= min_area * area[order[0]]]
-    return compact(vertices, faces[np.isin(labels, kept)])
+    return without_unused(vertices, faces[np.isin(labels, kept)].astype(np.int32))
 
 
 def outward(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -246,14 +236,14 @@ def require_sound(vertices: np.ndarray, faces: np.ndarray, *, closed: bool, wher
 
     With `closed` it must also be closed and enclose positive volume. Pinched vertices are allowed.
     """
-    found = inspect(vertices, faces)
+    counted = inspect(vertices, faces)
     defects = {
-        "edges with more than two faces": found.crowded_edges,
-        "edges whose faces turn against each other": found.turned_edges,
-        "duplicate faces": found.duplicate_faces,
-        "faces without area": found.flat_faces,
-        "vertices without a face": found.unreferenced,
-        "open edges": found.open_edges if closed else 0,
+        "edges with more than two faces": counted.crowded_edges,
+        "edges whose faces turn against each other": counted.turned_edges,
+        "duplicate faces": counted.duplicate_faces,
+        "faces without area": counted.flat_faces,
+        "vertices without a face": counted.unreferenced,
+        "open edges": counted.open_edges if closed else 0,
     }
     named = [f"{count} {what}" for what, count in defects.items() if count]
     if not np.isfinite(vertices).all():

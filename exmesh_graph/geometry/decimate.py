@@ -13,11 +13,9 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import area_vectors, incident_faces, lengths, next_halfedge
-from exmesh_graph.geometry.link import link_condition
-from exmesh_graph.geometry.maps import VertexMap
-from exmesh_graph.geometry.merge import Collapses, MergeSettings, apply_merges, orient, shape_is_kept
-from exmesh_graph.geometry.rounds import greedy_disjoint, ranges
-from exmesh_graph.geometry.split import Topology
+from exmesh_graph.geometry.merge import Collapses, apply_merges, orient, shape_is_kept
+from exmesh_graph.geometry.params import MergeSettings
+from exmesh_graph.geometry.topology import Topology, VertexMap, greedy_disjoint, link_condition, ranges
 from exmesh_graph.types.edges import edges_of
 
 #: Faces keep their normals within 60 degrees a collapse; lines of the outline and of seams turn by 25 degrees at most.

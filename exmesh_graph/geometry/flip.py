@@ -6,11 +6,8 @@ surface and the texture under it hardly change.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
     area_vectors,
     cross,
@@ -19,28 +16,9 @@ from exmesh_graph.geometry.adjacency import (
     signed_areas_2d,
     vertex_degrees,
 )
-from exmesh_graph.geometry.maps import VertexMap
-from exmesh_graph.geometry.quality import degeneracy
-from exmesh_graph.geometry.rounds import greedy_disjoint
-from exmesh_graph.geometry.split import Topology
+from exmesh_graph.geometry.params import FlipSettings
+from exmesh_graph.geometry.topology import Topology, VertexMap, degeneracy, greedy_disjoint
 from exmesh_graph.types.edges import edges_of
-
-
-@dataclass(frozen=True)
-class FlipSettings:
-    """Which edges turn, and how much the surface and its texture may change.
-
-    criterion   "delaunay": where the two angles opposite to the edge sum to more than half a turn;
-                "valence": where the degrees of the four vertices come nearer to six (four on a boundary)
-    max_bend    radians between the normals of the two faces, before and after
-    max_shift   how far the texture may move where the diagonals cross, in lengths of the shorter diagonal's UVs
-    min_shape   a new face must not be more degenerate (eq. 4) than this, unless the worse old one was
-    """
-
-    criterion: str = "delaunay"
-    max_bend: float = 0.5
-    max_shift: float = 0.1
-    min_shape: float = 0.1
 
 
 def flip(
@@ -49,8 +27,6 @@ def flip(
     uvs: np.ndarray,
     uv_faces: np.ndarray,
     settings: FlipSettings | None = None,
-    *,
-    max_rounds: int = 8,
 ) -> Topology:
     """Flip edges, round after round, while that evens the mesh out.
 
@@ -58,10 +34,11 @@ def flip(
     Vertices and UVs stay as they are; seams, boundaries and non-manifold edges are never flipped. A round is a pass
     over the edges by gain, which skips one when a flip has changed the degree of one of its four vertices.
     """
-    work = _Work(vertices, faces, uvs, uv_faces, settings or FlipSettings())
+    settings = settings or FlipSettings()
+    work = _Work(vertices, faces, uvs, uv_faces, settings)
     candidates = np.flatnonzero(np.arange(faces.size) < work.partner)
     count = 0
-    for _ in range(max_rounds):
+    for _ in range(settings.max_rounds):
         chosen = work.plan(candidates)
         if len(chosen) == 0:
             break
@@ -128,11 +105,9 @@ class _Work:
 
     def _gain(self, quad: np.ndarray) -> np.ndarray:
         a, b, c, d = quad.T
-        if self.settings.criterion == "valence":
+        if self.settings.method == "valence":
             excess = self.degree - np.where(self.on_boundary, 4, 6)
             return excess[a] + excess[b] - excess[c] - excess[d] - 2  # half the drop of the sum of squares
-        if self.settings.criterion != "delaunay":
-            raise GeometryError(f"unknown flip criterion {self.settings.criterion!r}", expected="delaunay or valence")
         # sin(c + d) < 0 when the angles opposite to the edge exceed half a turn: cheap, and most edges end here
         cos_c, sin_c = _angle_parts(self.vertices, c, a, b)
         cos_d, sin_d = _angle_parts(self.vertices, d, a, b)

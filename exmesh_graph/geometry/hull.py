@@ -194,7 +194,7 @@ def occupied_box(field: SilhouetteField, low: np.ndarray, high: np.ndarray, reso
 def visual_hull(
     field: SilhouetteField,
     *,
-    resolution: int = 128,
+    resolution: int,
     low: Sequence[float] = (-1.05, -1.05, -1.05),
     high: Sequence[float] = (1.05, 1.05, 1.05),
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import (
     area_vectors,
+    compact,
     face_areas,
     incident_faces,
     lengths,
@@ -21,30 +22,19 @@ from exmesh_graph.geometry.adjacency import (
     signed_areas_2d,
     vertex_degrees,
 )
-from exmesh_graph.geometry.link import link_condition
-from exmesh_graph.geometry.maps import Step, VertexMap
-from exmesh_graph.geometry.quality import corner_edge_lengths, degeneracy
-from exmesh_graph.geometry.rounds import greedy_disjoint, ranges, rounded
-from exmesh_graph.geometry.split import Topology
+from exmesh_graph.geometry.params import MergeSettings
+from exmesh_graph.geometry.topology import (
+    Step,
+    Topology,
+    VertexMap,
+    corner_edge_lengths,
+    degeneracy,
+    greedy_disjoint,
+    link_condition,
+    ranges,
+    rounded,
+)
 from exmesh_graph.types.edges import Edges, edges_of
-
-
-@dataclass(frozen=True)
-class MergeSettings:
-    """Which faces collapse, and how far a collapse may turn its neighbours.
-
-    degenerate     tau_degen of eq. 4 (Table 1)
-    area_quantile  only faces at or below this quantile of area are candidates ("relatively small areas")
-    criterion      "degenerate" (paper) or "random" (ablation: a tenth of the small faces, edges at random)
-    min_cosine     a remaining face must keep its normal within this cosine
-    outline_cosine a vertex on a boundary or seam goes only where that line turns by no more than this cosine
-    """
-
-    degenerate: float = 0.05
-    area_quantile: float = 0.3
-    criterion: str = "degenerate"
-    min_cosine: float = 0.5
-    outline_cosine: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +53,6 @@ def merge(
     rendered: np.ndarray | None = None,
     settings: MergeSettings | None = None,
     *,
-    min_faces: int = 4,
     max_rounds: int = 4,
     seed: int = 0,
 ) -> Topology:
@@ -71,7 +60,6 @@ def merge(
 
     vertices  float [V, 3]; faces int [F, 3]; uvs float [T, 2]; uv_faces int [F, 3]
     rendered  int [F], C_rend: pixels of the training views that showed each face; None: only degenerate faces merge
-    min_faces rounds stop before the mesh has fewer faces
 
     Survivors do not move. Vertices and UVs that nothing uses are dropped; no UV coordinate moves. Seam-splitting
     charts are never welded. A face that a collapse changed counts as rendered.
@@ -88,14 +76,14 @@ def merge(
     seen = np.ones(len(faces), bool) if rendered is None else rendered > 0
     total = 0
     for _ in range(max_rounds):
-        budget = (len(state.faces) - min_faces) // 2
+        budget = (len(state.faces) - settings.min_faces) // 2
         plan = plan_merges(state, seen[state.face_source], settings, rng)
         plan = Collapses(plan.removed[: max(budget, 0)], plan.survivor[: max(budget, 0)])
         if len(plan.removed) == 0:
             break
         state = apply_merges(state, plan)
         total += len(plan.removed)
-        if settings.criterion == "random":
+        if settings.method == "random":
             break
     if total == 0:
         state = apply_merges(state, Collapses(np.zeros(0, np.int64), np.zeros(0, np.int64)))
@@ -148,8 +136,8 @@ def apply_merges(state: Topology, plan: Collapses) -> Topology:
     a, b, c = faces.T
     alive = (a != b) & (b != c) & (c != a)
     faces, corners = faces[alive], corners[alive]
-    kept, new_faces = _compact(faces, len(state.vertices))
-    kept_uvs, new_corners = _compact(corners, len(state.uvs))
+    kept, new_faces = compact(faces, len(state.vertices))
+    kept_uvs, new_corners = compact(corners, len(state.uvs))
     step = Step(kept)
     return Topology(
         step.carry(state.vertices),
@@ -160,13 +148,6 @@ def apply_merges(state: Topology, plan: Collapses) -> Topology:
         state.face_source[alive],
         len(plan.removed),
     )
-
-
-def _compact(index: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(the numbers below n that `index` uses, ascending; `index` in terms of their places)."""
-    used = np.zeros(n, bool)
-    used[index] = True
-    return np.flatnonzero(used), (np.cumsum(used) - 1)[index]
 
 
 def _candidates(
@@ -183,12 +164,10 @@ def _candidates(
     """
     area = rounded(face_areas(vertices, faces))
     small = area <= np.quantile(area, settings.area_quantile)
-    if settings.criterion == "random":
+    if settings.method == "random":
         rng = rng or np.random.default_rng(0)
         face = np.flatnonzero(small & (rng.random(len(faces)) < 0.1))
         return rng.random(len(face)), face, rng.integers(0, 3, (len(face), 1))
-    if settings.criterion != "degenerate":
-        raise GeometryError(f"unknown merge criterion {settings.criterion!r}", expected="degenerate or random")
     face = np.flatnonzero(small)
     shape = np.round(degeneracy(vertices, faces[face]), 6)
     wanted = ~seen[face] | (shape < settings.degenerate)

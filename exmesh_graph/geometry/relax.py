@@ -14,9 +14,8 @@ from exmesh_graph.geometry.adjacency import (
     lengths,
     signed_areas_2d,
 )
-from exmesh_graph.geometry.quality import degeneracy
-from exmesh_graph.geometry.remesh import closest_on_triangles
-from exmesh_graph.geometry.rounds import ranges
+from exmesh_graph.geometry.surface import closest_on_triangles
+from exmesh_graph.geometry.topology import degeneracy, ranges
 from exmesh_graph.types.edges import edges_of
 
 

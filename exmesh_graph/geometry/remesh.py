@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from exmesh_graph.geometry.adjacency import (
     area_vectors,
     area_weighted_normals,
+    compact,
     edge_lengths,
     face_areas,
     face_normals,
@@ -21,8 +22,8 @@ from exmesh_graph.geometry.adjacency import (
     next_halfedge,
     vertex_degrees,
 )
-from exmesh_graph.geometry.link import link_condition
-from exmesh_graph.geometry.rounds import greedy_disjoint, ranges
+from exmesh_graph.geometry.surface import closest_on_triangles
+from exmesh_graph.geometry.topology import greedy_disjoint, link_condition, ranges
 from exmesh_graph.types.edges import Edges, edges_of
 
 _ROUNDS = 40
@@ -129,9 +130,8 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
         target[b[chosen]] = a[chosen]
         f = target[f]
         f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
-        used = np.zeros(len(v), bool)
-        used[f] = True
-        v, f = v[used], (np.cumsum(used) - 1)[f]
+        used, f = compact(f, len(v))
+        v = v[used]
     return v, f
 
 
@@ -270,31 +270,8 @@ def _projector(vertices: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray]
     def project(points: np.ndarray) -> np.ndarray:
         _, near = tree.query(points, k=k)
         candidates = corners[np.asarray(near).reshape(-1)]
-        found = closest_on_triangles(np.repeat(points, k, axis=0), candidates).reshape(len(points), k, 3)
-        best = ((found - points[:, None]) ** 2).sum(2).argmin(1)
-        return found[np.arange(len(points)), best]
+        nearest = closest_on_triangles(np.repeat(points, k, axis=0), candidates).reshape(len(points), k, 3)
+        best = ((nearest - points[:, None]) ** 2).sum(2).argmin(1)
+        return nearest[np.arange(len(points)), best]
 
     return project
-
-
-def closest_on_triangles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Nearest point [N, 3] of each triangle [N, 3, 3] to its point [N, 3]."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    normal = np.cross(b - a, c - a)
-    area = np.einsum("ni,ni->n", normal, normal)
-    to = points - a
-    s = np.einsum("ni,ni->n", np.cross(to, c - a), normal)
-    t = np.einsum("ni,ni->n", np.cross(b - a, to), normal)
-    inside = (s >= 0) & (t >= 0) & (s + t <= area) & (area > 0)
-    safe = np.where(area > 0, area, 1)[:, None]
-    best = points - normal * np.einsum("ni,ni->n", to, normal)[:, None] / safe
-    distance = np.where(inside, ((best - points) ** 2).sum(1), np.inf)
-    for start, end in ((a, b), (b, c), (c, a)):
-        along = end - start
-        length = np.einsum("ni,ni->n", along, along)
-        u = np.clip(np.einsum("ni,ni->n", points - start, along) / np.where(length > 0, length, 1), 0, 1)
-        foot = start + u[:, None] * along
-        squared = ((foot - points) ** 2).sum(1)
-        nearer = squared < distance
-        best, distance = np.where(nearer[:, None], foot, best), np.where(nearer, squared, distance)
-    return best

@@ -6,8 +6,6 @@ has already been modified. Several rounds follow within one call until the wishe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
@@ -20,54 +18,19 @@ from exmesh_graph.geometry.adjacency import (
     opposite_halfedges,
     vertex_degrees,
 )
-from exmesh_graph.geometry.maps import Step, VertexMap
-from exmesh_graph.geometry.quality import corner_edge_lengths
-from exmesh_graph.geometry.rounds import greedy_disjoint, rank01, rounded
+from exmesh_graph.geometry.params import SplitSettings
+from exmesh_graph.geometry.topology import (
+    Step,
+    Topology,
+    VertexMap,
+    corner_edge_lengths,
+    greedy_disjoint,
+    rank01,
+    rounded,
+)
 from exmesh_graph.types.edges import Edges, edges_of
 
-
-@dataclass(frozen=True)
-class SplitSettings:
-    """How faces, edges and positions are chosen.
-
-    gradient_weight, curvature_weight   w_g and w_k of eq. 3 (Table 1)
-    area_quantile   faces at or above this quantile of area are candidates ("relatively large")
-    criterion       "score" (eq. 3), "area" or "random"
-    edge_degrees    S_e = length / mean degree of the edge's "endpoints" (paper) or of the vertices "opposite" to it
-    position        "projection" (paper), "midpoint" or "random" in [mu_min, mu_max]
-    mu_min, mu_max  a new vertex must lie within this part of its edge
-    max_degree      an edge is not split when a vertex opposite to it has this degree as the round begins; splits on
-                    two sides of a vertex in one round may pass it by one
-    """
-
-    gradient_weight: float = 0.6
-    curvature_weight: float = 0.4
-    area_quantile: float = 0.5
-    criterion: str = "score"
-    edge_degrees: str = "opposite"
-    position: str = "projection"
-    mu_min: float = 0.25
-    mu_max: float = 0.75
-    max_degree: int = 10
-
-
-@dataclass(frozen=True, eq=False)
-class Topology:
-    """A mesh with its atlas after an operation.
-
-    vertices float [V, 3], faces int32 [F, 3], uvs float [T, 2], uv_faces int32 [F, 3]
-    map      how per-vertex attributes follow
-    face_source int64 [F], the face of the mesh before the operation that each face is a part of
-    count    operations carried out
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    uvs: np.ndarray
-    uv_faces: np.ndarray
-    map: VertexMap
-    face_source: np.ndarray
-    count: int
+MU_MIN, MU_MAX = 0.25, 0.75  # a new vertex must lie within this part of its edge
 
 
 def split(
@@ -90,7 +53,8 @@ def split(
     allowed   bool [F], faces that may be selected (for instance: seen by some view); all if None
     seed      for the random choices of the ablations
     The surface does not move and keeps its texture: new vertices and their UVs lie on old edges. Ends early when no
-    face can be split. Raises GeometryError for arrays that do not fit together.
+    face can be split; method "uniform" splits all of them into four, or none when that exceeds `target_faces`.
+    Raises GeometryError for arrays that do not fit together.
     """
     settings = settings or SplitSettings()
     if faces.shape != uv_faces.shape or len(gradient) != len(vertices):
@@ -98,6 +62,9 @@ def split(
             f"{len(faces)} faces, {len(uv_faces)} UV faces, {len(vertices)} vertices, {len(gradient)} gradients",
             expected="one UV face per face, one gradient per vertex",
         )
+    if settings.method == "uniform":
+        unchanged = Topology(vertices, faces, uvs, uv_faces, VertexMap(), np.arange(len(faces)), 0)
+        return unchanged if 4 * len(faces) > target_faces else subdivide(vertices, faces, uvs, uv_faces)
     rng = np.random.default_rng(seed)
     source, total = np.arange(len(faces)), 0
     state = Topology(vertices, faces, uvs, uv_faces, VertexMap(), source, 0)
@@ -249,12 +216,10 @@ def _select(
     area = face_areas(vertices, faces)
     relative = rounded(area)
     candidate = (relative >= np.quantile(relative, settings.area_quantile)) & (area > 0)
-    if settings.criterion == "area":
+    if settings.method == "area":
         return relative, candidate
-    if settings.criterion == "random":
+    if settings.method == "random":
         return (rng or np.random.default_rng(0)).random(len(faces)), candidate
-    if settings.criterion != "score":
-        raise GeometryError(f"unknown split criterion {settings.criterion!r}", expected="score, area or random")
     gradient_f = gradient.astype(np.float64)[faces].mean(axis=1)
     curvature_f = face_curvature(vertices, faces, edges)
     score = settings.gradient_weight * rank01(gradient_f) + settings.curvature_weight * rank01(curvature_f)
@@ -267,13 +232,11 @@ def _choose_edges(
     """int64 [F], the half-edge of each face with the highest S_e = length / mean degree; the first of equals."""
     if settings.edge_degrees == "endpoints":
         mean_degree = 0.5 * (degree[faces] + degree[np.roll(faces, -1, axis=1)])
-    elif settings.edge_degrees == "opposite":
+    else:
         across = np.roll(degree[faces], -2, axis=1)  # of the corner opposite to half-edge k
         partner = partner.reshape(-1, 3)
         beyond = degree[faces.reshape(-1)[next_halfedge(next_halfedge(np.maximum(partner, 0)))]]
         mean_degree = np.where(partner >= 0, 0.5 * (across + beyond), across)
-    else:
-        raise GeometryError(f"unknown edge_degrees {settings.edge_degrees!r}", expected="endpoints or opposite")
     score = corner_edge_lengths(vertices, faces) / mean_degree
     best = (score >= score.max(axis=1, keepdims=True) * (1.0 - 1e-5)).argmax(axis=1)
     return 3 * np.arange(len(faces)) + best
@@ -305,12 +268,10 @@ def _place(
         mu = np.where(inner, 0.5 * (t_c + t_d), 0.5)
     elif settings.position == "midpoint":
         mu = np.full(len(halfedge), 0.5)
-    elif settings.position == "random":
-        u = (rng or np.random.default_rng(0)).random(len(halfedge))
-        mu = settings.mu_min + (settings.mu_max - settings.mu_min) * u
     else:
-        raise GeometryError(f"unknown split position {settings.position!r}", expected="projection, midpoint or random")
-    valid = (mu >= settings.mu_min - 1e-6) & (mu <= settings.mu_max + 1e-6) & (length2 > 0)
+        u = (rng or np.random.default_rng(0)).random(len(halfedge))
+        mu = MU_MIN + (MU_MAX - MU_MIN) * u
+    valid = (mu >= MU_MIN - 1e-6) & (mu <= MU_MAX + 1e-6) & (length2 > 0)
     valid &= edges.count[edges.face_edges.reshape(-1)[halfedge]] <= 2
     valid &= (degree[c] < settings.max_degree) & (degree[d] < settings.max_degree)
     return mu, valid
@@ -319,3 +280,33 @@ def _place(
 def _lerp(values: np.ndarray, a: np.ndarray, b: np.ndarray, mu: np.ndarray) -> np.ndarray:
     weight = mu[:, None]
     return ((1.0 - weight) * values[a] + weight * values[b]).astype(values.dtype)
+
+
+def subdivide(vertices: np.ndarray, faces: np.ndarray, uvs: np.ndarray, uv_faces: np.ndarray) -> Topology:
+    """Midpoint subdivision, 4 F faces; the surface and its texture stay as they are.
+
+    A midpoint gets one UV per edge of the atlas, so that seams stay seams and islands stay apart (eq. 5-6).
+    Faces 0 .. F-1 keep corner 0, the next F corner 1, then corner 2, then the middle ones.
+
+    Equations: 5, 6.
+    """
+    edges, uv_edges = edges_of(faces), edges_of(uv_faces)
+    step = Step(np.arange(len(vertices)), edges.vertices[:, 0], edges.vertices[:, 1], np.full(len(edges), 0.5))
+    ends = uvs[uv_edges.vertices]
+    middle = (0.5 * (ends[:, 0] + ends[:, 1])).astype(uvs.dtype)
+    return Topology(
+        step.carry(vertices),
+        _quarters(faces, edges.face_edges + len(vertices)),
+        np.concatenate([uvs, middle]),
+        _quarters(uv_faces, uv_edges.face_edges + len(uvs)),
+        VertexMap((step,)),
+        np.tile(np.arange(len(faces)), 4),
+        len(faces),
+    )
+
+
+def _quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    a, b, c = corners.T
+    ab, bc, ca = middles.T
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(part, axis=1) for part in parts]).astype(corners.dtype)

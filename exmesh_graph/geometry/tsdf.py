@@ -6,32 +6,26 @@ import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.clean import weld
+from exmesh_graph.geometry.params import TsdfSettings
 from exmesh_graph.native import import_open3d
 from exmesh_graph.types import DepthMaps, Views
 
 _BLOCK = 16
+_DEPTH_MAX = 10.0  # normalised units
 
 
 def fuse(
     views: Views,
     depths: DepthMaps,
-    *,
-    voxel: float,
-    truncation: float = 4.0,
-    masked: bool = True,
-    min_weight: float = 1.0,
-    depth_max: float = 10.0,
-    radius: float = 0.0,
+    settings: TsdfSettings | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) in the views' world; open where nothing was seen.
 
-    voxel       edge length in normalised units;  truncation  in voxels
-    masked      ignore depth where alpha < 1/2
-    min_weight  views that must have seen a voxel
-    radius      ignore depth of points farther than this from the origin; 0: none
     Depth stays float32 from end to end. Faces are counter-clockwise from the side the cameras are on.
     Raises DataError where views and depth maps do not belong together, GeometryError where no surface results.
     """
+    settings = settings or TsdfSettings()
+    voxel, truncation = 2.0 / settings.resolution, settings.truncation
     if tuple(depths.names) != tuple(views.names):
         raise DataError(
             "the depth maps are not those of the views", expected=f"names {views.names[0]} ...",
@@ -48,10 +42,11 @@ def fuse(
     )  # fmt: skip
     for view in range(len(views)):
         depth = depths.depth[view]
-        if masked:
+        if settings.masked:
             depth = np.where(views.alpha[view] >= 0.5, depth, 0)
-        if radius > 0:
-            depth = np.where(_distances(depth, views.intrinsics[view], views.camera_to_world[view]) < radius, depth, 0)
+        if settings.radius > 0:
+            distance = _distances(depth, views.intrinsics[view], views.camera_to_world[view])
+            depth = np.where(distance < settings.radius, depth, 0)
         if not (depth > 0).any():
             continue
         image = o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(depth[..., None], np.float32)))
@@ -64,15 +59,15 @@ def fuse(
             intrinsic,
             extrinsic,
             depth_scale=1.0,
-            depth_max=float(depth_max),
+            depth_max=_DEPTH_MAX,
             trunc_voxel_multiplier=float(truncation),
         )
         grid.integrate(
-            touched, image, intrinsic, extrinsic, depth_scale=1.0, depth_max=depth_max,
+            touched, image, intrinsic, extrinsic, depth_scale=1.0, depth_max=_DEPTH_MAX,
             trunc_voxel_multiplier=float(truncation),
         )  # fmt: skip
     # Extraction from a grid without a single block is an internal error of Open3D.
-    mesh = grid.extract_triangle_mesh(weight_threshold=min_weight - 0.5) if grid.hashmap().size() else None
+    mesh = grid.extract_triangle_mesh(weight_threshold=settings.min_weight - 0.5) if grid.hashmap().size() else None
     if mesh is None or "indices" not in mesh.triangle or len(mesh.triangle.indices) == 0:
         raise GeometryError(
             "fusing the depth maps gave no surface", where="init.tsdf",

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from exmesh_graph.geometry.rounds import ranges
+from exmesh_graph.geometry.params import UntangleSettings
+from exmesh_graph.geometry.topology import ranges
 from exmesh_graph.types.edges import edges_of
 
 _CELL = 1.5  # cells are this many times as wide as the median face
+_STRENGTH = 0.5
 _RINGS = 3  # the patch that moves grows up to so many rings around the cut
 
 
@@ -22,13 +24,14 @@ class Untangled(NamedTuple):
     moved: int
 
 
-def untangle(vertices: np.ndarray, faces: np.ndarray, *, steps: int = 12, strength: float = 0.5) -> Untangled:
+def untangle(vertices: np.ndarray, faces: np.ndarray, settings: UntangleSettings | None = None) -> Untangled:
     """Smooth the vertices of faces that cut others, and of what lies around them, until no face does.
 
-    A step moves each of these vertices by `strength` of the way to the mean of its neighbours. The patch is the cutting
+    A step moves each of these vertices half the way to the mean of its neighbours. The patch is the cutting
     faces at first and grows by a ring after every third of the steps. Vertices on a boundary stay. Of all steps the one
     with the fewest cutting faces is kept, the first of equals: nothing moves where smoothing does not help.
     """
+    steps = (settings or UntangleSettings()).steps
     edges = edges_of(faces)
     low, high = edges.vertices.T
     count = len(vertices)
@@ -54,7 +57,7 @@ def untangle(vertices: np.ndarray, faces: np.ndarray, *, steps: int = 12, streng
             np.bincount(np.concatenate([low, high]), np.concatenate([points[high, k], points[low, k]]), count)
             for k in range(3)
         ], axis=1) / degree[:, None]  # fmt: skip
-        points = np.where(free[:, None], points + strength * (mean - points), points)
+        points = np.where(free[:, None], points + _STRENGTH * (mean - points), points)
         cutting = np.unique(cutting_pairs(points, faces))
         if len(cutting) < fewest:
             best, fewest = points, len(cutting)

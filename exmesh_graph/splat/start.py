@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
-from exmesh_graph.geometry.sampling import sample_surface
+from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.splat.gaussians import SH_DEGREE, Gaussians
 from exmesh_graph.targets import Targets
 

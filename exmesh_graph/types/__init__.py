@@ -1,6 +1,6 @@
 """The nominal types that travel on wires. Importing this package imports neither numpy nor torch."""
 
-from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
+from exmesh_graph.types.artifact import ArrayArtifact, Artifact, load_arrays, save_arrays
 from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.gaussians import PlanarGaussians, PointCloud
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
@@ -10,6 +10,7 @@ from exmesh_graph.types.transport import Transport
 from exmesh_graph.types.views import DepthMaps, Frame, LitViews, SceneTruth, Views
 
 __all__ = [
+    "ArrayArtifact",
     "Artifact",
     "Asset",
     "Carrier",

@@ -13,6 +13,8 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from exmesh_graph.errors import DataError
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -66,6 +68,111 @@ def _in_short(name: str, value: Any) -> str:
         return f"{len(value)} {name}" if value else ""
     text = str(value)
     return f"{name} {text if len(text) <= 60 else '…' + text[-59:]}"
+
+
+class ArrayArtifact(Artifact):
+    """Base of wire types that are dataclasses of arrays: checked when made, saved and loaded field by field.
+
+    Fields are arrays, mappings of arrays, tuples of strings, None, numbers, strings or bools.
+    `layout` says what each array must be: its dtype and shape, `"float32 V 3"`. A letter is a length that all fields
+    with this letter share, a number a fixed length; a `?` behind the dtype allows None; of several shapes, parted by
+    `|`, one must fit. `indices` names fields whose values are places in another field: {"faces": "vertices"}.
+    Making one that does not fit raises DataError, which names the field, what was expected and what came.
+    """
+
+    type_name: ClassVar[str] = "arrays"
+    layout: ClassVar[Mapping[str, str]] = {}
+    indices: ClassVar[Mapping[str, str]] = {}
+
+    def __post_init__(self) -> None:
+        check_layout(self)
+
+    def save(self, folder: Path) -> None:
+        import numpy as np
+
+        arrays: dict[str, Any] = {}
+        meta: dict[str, Any] = {}
+        for f in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, f.name)
+            if isinstance(value, np.ndarray):
+                arrays[f.name] = value
+            elif isinstance(value, Mapping):
+                arrays.update({f"{f.name}/{key}": array for key, array in value.items()})
+            else:
+                meta[f.name] = value
+        save_arrays(folder, arrays, meta)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        arrays, meta = load_arrays(folder)
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in meta.items()
+        }
+        for name, array in arrays.items():
+            of, _, key = name.partition("/")
+            if key:
+                values.setdefault(of, {})[key] = array
+            else:
+                values[name] = array
+        return cls(**values)
+
+
+def check_layout(value: ArrayArtifact) -> None:
+    """DataError for the first field that is not as the type's `layout` says, or indexes what is not there.
+
+    Shapes and dtypes only, and the range of the fields in `indices`: no other array is read.
+    """
+    kind = type(value).__name__
+    lengths: dict[str, tuple[int, str]] = {}
+    for name, wanted in value.layout.items():
+        dtype, _, shapes = wanted.partition(" ")
+        array = getattr(value, name)
+        if array is None and dtype.endswith("?"):
+            continue
+        dtype = dtype.rstrip("?")
+        options = [shape.split() for shape in shapes.split("|")]
+        if not (hasattr(array, "dtype") and type(array).__module__ == "numpy" and str(array.dtype) == dtype):
+            fix = f"np.asarray({name}, np.{dtype})"
+        elif not any(_fits(array.shape, shape, lengths) for shape in options):
+            fix = ""
+        else:
+            shape = next(shape for shape in options if _fits(array.shape, shape, lengths))
+            for letter, length in zip(shape, array.shape, strict=True):
+                if not letter.isdigit():
+                    lengths.setdefault(letter, (length, name))
+            continue
+        known = {letter: lengths[letter] for shape in options for letter in shape if letter in lengths}
+        sizes = "".join(f", {letter} = {length} as in {source}" for letter, (length, source) in known.items())
+        raise DataError(
+            f"is {_described(array)}",
+            where=f"{kind}.{name}",
+            expected=f"{dtype} {' or '.join('[' + ', '.join(shape) + ']' for shape in options)}{sizes}",
+            fix=fix,
+        )
+    for name, target in value.indices.items():
+        array, count = getattr(value, name), len(getattr(value, target))
+        if array.size and (int(array.min()) < 0 or int(array.max()) >= count):
+            first = tuple(int(places[0]) for places in ((array < 0) | (array >= count)).nonzero())
+            raise DataError(
+                f"{name}{list(first)} = {int(array[first])} points outside the {count} {target}",
+                where=f"{kind}.{name}",
+                expected=f"indices from 0 to {count - 1}",
+            )
+
+
+def _fits(shape: tuple[int, ...], wanted: list[str], lengths: Mapping[str, tuple[int, str]]) -> bool:
+    known = {letter: length for letter, (length, _) in lengths.items()}
+    return len(shape) == len(wanted) and all(
+        length == (int(letter) if letter.isdigit() else known.setdefault(letter, length))
+        for length, letter in zip(shape, wanted, strict=True)
+    )
+
+
+def _described(value: Any) -> str:
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
+        owner = "" if type(value).__module__ == "numpy" else f"a {type(value).__module__} tensor, "
+        return f"{owner}{str(value.dtype).removeprefix('torch.')} {list(value.shape)}"
+    return "None" if value is None else f"a {type(value).__name__}"
 
 
 def save_arrays(folder: Path, arrays: dict[str, np.ndarray], meta: dict[str, Any] | None = None) -> None:

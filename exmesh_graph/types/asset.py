@@ -6,14 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from exmesh_graph.types.mesh import Carrier, _Arrays
+from exmesh_graph.types.artifact import ArrayArtifact
+from exmesh_graph.types.mesh import Carrier
 
 if TYPE_CHECKING:
     import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class EnvMap(_Arrays):
+class EnvMap(ArrayArtifact):
     """Lat-long environment on the Y-up world, OpenEXR convention: image centre +Z, u = 0.25 is +X, row 0 is +Y.
 
     radiance  float32 [H, W, 3], linear, >= 0
@@ -21,6 +22,7 @@ class EnvMap(_Arrays):
 
     type_name: ClassVar[str] = "EnvMap"
     conventions: ClassVar[Mapping[str, Any]] = {"environment": "openexr", "up": "y", "color": "linear"}
+    layout: ClassVar[Mapping[str, str]] = {"radiance": "float32 H W 3"}
     radiance: np.ndarray
 
 
@@ -40,6 +42,11 @@ class Asset(Carrier):
 
     type_name: ClassVar[str] = "Asset"
     conventions: ClassVar[Mapping[str, Any]] = {**Carrier.conventions, "maps": "linear", "environment": "openexr"}
+    layout: ClassVar[Mapping[str, str]] = {
+        **Carrier.layout, "base_color": "float32 height width 3", "roughness": "float32 height width",
+        "seen": "bool height width", "environment": "float32 H W 3", "normal": "float32? height width 3",
+        "metallic": "float32? height width", "confidence": "float32? height width",
+    }  # fmt: skip
     base_color: np.ndarray
     roughness: np.ndarray
     seen: np.ndarray

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from exmesh_graph.types.mesh import _Arrays
+from exmesh_graph.types.artifact import ArrayArtifact
 
 if TYPE_CHECKING:
     import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class PlanarGaussians(_Arrays):
+class PlanarGaussians(ArrayArtifact):
     """G Gaussians flattened to planes, in the normalised Y-up world.
 
     means       float32 [G, 3]
@@ -25,6 +25,10 @@ class PlanarGaussians(_Arrays):
 
     type_name: ClassVar[str] = "PlanarGaussians"
     conventions: ClassVar[Mapping[str, Any]] = {"up": "y", "units": "normalised", "color": "srgb"}
+    layout: ClassVar[Mapping[str, str]] = {
+        "means": "float32 G 3", "scales": "float32 G 3", "rotations": "float32 G 4", "opacities": "float32 G",
+        "sh": "float32 G K 3",
+    }  # fmt: skip
     means: np.ndarray
     scales: np.ndarray
     rotations: np.ndarray
@@ -36,7 +40,7 @@ class PlanarGaussians(_Arrays):
 
 
 @dataclass(frozen=True, eq=False)
-class PointCloud(_Arrays):
+class PointCloud(ArrayArtifact):
     """P points of the surface, as structure from motion finds them, in the normalised Y-up world.
 
     points   float32 [P, 3]
@@ -45,6 +49,7 @@ class PointCloud(_Arrays):
 
     type_name: ClassVar[str] = "PointCloud"
     conventions: ClassVar[Mapping[str, Any]] = {"up": "y", "units": "normalised", "color": "srgb"}
+    layout: ClassVar[Mapping[str, str]] = {"points": "float32 P 3", "colours": "float32 P 3"}
     points: np.ndarray
     colours: np.ndarray
 

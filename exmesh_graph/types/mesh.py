@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
+from exmesh_graph.types.artifact import ArrayArtifact
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,38 +15,8 @@ if TYPE_CHECKING:
 NORMALISED_REACH = 2.0  # objects lie in the unit sphere; a surface under refinement may stray
 
 
-class _Arrays(Artifact):
-    """Codec of a dataclass whose fields are arrays, dicts of arrays, None, ints, floats, strings or bools."""
-
-    def save(self, folder: Path) -> None:
-        import numpy as np
-
-        arrays: dict[str, Any] = {}
-        meta: dict[str, Any] = {}
-        for f in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, f.name)
-            if isinstance(value, np.ndarray):
-                arrays[f.name] = value
-            elif isinstance(value, Mapping):
-                arrays.update({f"{f.name}/{key}": array for key, array in value.items()})
-            else:
-                meta[f.name] = value
-        save_arrays(folder, arrays, meta)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        arrays, values = load_arrays(folder)
-        for name, array in arrays.items():
-            of, _, key = name.partition("/")
-            if key:
-                values.setdefault(of, {})[key] = array
-            else:
-                values[name] = array
-        return cls(**values)
-
-
 @dataclass(frozen=True, eq=False)
-class Mesh(_Arrays):
+class Mesh(ArrayArtifact):
     """A triangle mesh M = (V, F) in the normalised Y-up world, counter-clockwise seen from outside.
 
     vertices  float32 [V, 3]
@@ -56,6 +25,8 @@ class Mesh(_Arrays):
 
     type_name: ClassVar[str] = "Mesh"
     conventions: ClassVar[Mapping[str, Any]] = {"up": "y", "units": "normalised"}
+    layout: ClassVar[Mapping[str, str]] = {"vertices": "float32 V 3", "faces": "int32 F 3"}
+    indices: ClassVar[Mapping[str, str]] = {"faces": "vertices"}
     vertices: np.ndarray
     faces: np.ndarray
 
@@ -80,6 +51,10 @@ class Carrier(Mesh):
 
     type_name: ClassVar[str] = "Carrier"
     conventions: ClassVar[Mapping[str, Any]] = {**Mesh.conventions, "uv": True, "color": "srgb"}
+    layout: ClassVar[Mapping[str, str]] = {
+        **Mesh.layout, "uvs": "float32 T 2", "uv_faces": "int32 F 3|0 3", "texture": "float32 R R 3",
+    }  # fmt: skip
+    indices: ClassVar[Mapping[str, str]] = {**Mesh.indices, "uv_faces": "uvs"}
     uvs: np.ndarray
     uv_faces: np.ndarray
     texture: np.ndarray
@@ -103,6 +78,10 @@ class Stage1State(Carrier):
     """
 
     type_name: ClassVar[str] = "Stage1State"
+    layout: ClassVar[Mapping[str, str]] = {
+        **Carrier.layout, "vertex_m": "float32 V 3", "vertex_v": "float32 V", "gradient_ema": "float32 V",
+        "texture_m": "float32 R R 3", "texture_v": "float32 R R 3",
+    }  # fmt: skip
     vertex_m: np.ndarray
     vertex_v: np.ndarray
     texture_m: np.ndarray

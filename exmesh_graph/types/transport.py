@@ -6,14 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from exmesh_graph.types.mesh import Mesh, _Arrays
+from exmesh_graph.types.artifact import ArrayArtifact
+from exmesh_graph.types.mesh import Mesh
 
 if TYPE_CHECKING:
     import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Transport(_Arrays):
+class Transport(ArrayArtifact):
     """What K rays from each of P surface points met: the sky, or the mesh itself.
 
     directions   float32 [K, 3], equal-area unit directions
@@ -33,6 +34,12 @@ class Transport(_Arrays):
 
     type_name: ClassVar[str] = "Transport"
     conventions: ClassVar[Mapping[str, Any]] = Mesh.conventions
+    layout: ClassVar[Mapping[str, str]] = {
+        "directions": "float32 K 3", "face_points": "int32 F L", "points": "float32 P 3", "normals": "float32 P 3",
+        "point_face": "int32 P", "point_bary": "float32 P 3", "visible": "uint8 P bytes", "hit_point": "int32 B",
+        "hit_direction": "uint16 B", "hit_face": "int32 B", "hit_bary": "float32 B 2", "gather_start": "int32? rows",
+        "gather_point": "int32? Z", "gather_weight": "float32? Z",
+    }  # fmt: skip
     directions: np.ndarray
     face_points: np.ndarray
     points: np.ndarray

@@ -7,17 +7,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
+from exmesh_graph.errors import DataError
+from exmesh_graph.types.artifact import ArrayArtifact, load_arrays, save_arrays
 
 if TYPE_CHECKING:
     import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Views(Artifact):
+class Views(ArrayArtifact):
     """N calibrated photographs of one size, in the normalised Y-up world (object inside the unit sphere).
 
-    names            N file stems, unique
+    names            N file stems (unique where a loader made them)
     images           float32 [N, H, W, 3], linear RGB, premultiplied by alpha, background 0
     alpha            float32 [N, H, W], coverage in [0, 1] (all ones where a view has no mask)
     intrinsics       float64 [N, 3, 3], pixels; pixel centres at +0.5; principal point always kept
@@ -31,6 +32,10 @@ class Views(Artifact):
     conventions: ClassVar[Mapping[str, Any]] = {
         "camera": "opencv", "up": "y", "color": "linear", "units": "normalised",
     }  # fmt: skip
+    layout: ClassVar[Mapping[str, str]] = {
+        "images": "float32 N H W 3", "alpha": "float32 N H W", "intrinsics": "float64 N 3 3",
+        "camera_to_world": "float64 N 4 4",
+    }  # fmt: skip
     names: tuple[str, ...]
     images: np.ndarray
     alpha: np.ndarray
@@ -39,6 +44,10 @@ class Views(Artifact):
     split: str
     has_masks: bool = True
     clipped: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_names(self, len(self.alpha))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -74,26 +83,6 @@ class Views(Artifact):
     def facets(self) -> dict[str, Any]:
         return {"split": self.split, "masks": self.has_masks}
 
-    def save(self, folder: Path) -> None:
-        arrays = {
-            "images": self.images,
-            "alpha": self.alpha,
-            "intrinsics": self.intrinsics,
-            "camera_to_world": self.camera_to_world,
-        }
-        meta = {
-            "names": list(self.names),
-            "split": self.split,
-            "has_masks": self.has_masks,
-            "clipped": self.clipped,
-        }
-        save_arrays(folder, arrays, meta)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        arrays, meta = load_arrays(folder)
-        return cls(names=tuple(meta.pop("names")), **arrays, **meta)
-
 
 @dataclass(frozen=True, eq=False)
 class LitViews(Views):
@@ -103,6 +92,7 @@ class LitViews(Views):
     """
 
     type_name: ClassVar[str] = "LitViews"
+    layout: ClassVar[Mapping[str, str]] = {**Views.layout, "environments": "float32? N height width 3"}
     environments: np.ndarray | None = None
 
     def save(self, folder: Path) -> None:
@@ -119,7 +109,7 @@ class LitViews(Views):
 
 
 @dataclass(frozen=True, eq=False)
-class Frame(Artifact):
+class Frame(ArrayArtifact):
     """The recorded similarity between the normalised world and the scene's own units.
 
     scene_from_normalised  float64 [4, 4], maps normalised Y-up points to Y-up points in scene units
@@ -128,6 +118,9 @@ class Frame(Artifact):
     """
 
     type_name: ClassVar[str] = "Frame"
+    layout: ClassVar[Mapping[str, str]] = {
+        "scene_from_normalised": "float64 4 4", "dataset_from_scene": "float64 4 4",
+    }  # fmt: skip
     scene_from_normalised: np.ndarray
     dataset_from_scene: np.ndarray
     metres_per_unit: float = 0.0
@@ -135,21 +128,9 @@ class Frame(Artifact):
     def facets(self) -> dict[str, Any]:
         return {"metric": self.metres_per_unit > 0}
 
-    def save(self, folder: Path) -> None:
-        arrays = {
-            "scene_from_normalised": self.scene_from_normalised,
-            "dataset_from_scene": self.dataset_from_scene,
-        }
-        save_arrays(folder, arrays, {"metres_per_unit": self.metres_per_unit})
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        arrays, meta = load_arrays(folder)
-        return cls(**arrays, **meta)
-
 
 @dataclass(frozen=True, eq=False)
-class DepthMaps(Artifact):
+class DepthMaps(ArrayArtifact):
     """Depth along the camera's z axis, in normalised units, for the views of the same names.
 
     depth  float32 [N, H, W]; 0 = no measurement
@@ -158,24 +139,21 @@ class DepthMaps(Artifact):
 
     type_name: ClassVar[str] = "DepthMaps"
     conventions: ClassVar[Mapping[str, Any]] = {"depth": "z", "units": "normalised"}
+    layout: ClassVar[Mapping[str, str]] = {"depth": "float32 N H W"}
     names: tuple[str, ...]
     depth: np.ndarray
     units: str = "normalised"
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_names(self, len(self.depth))
+
     def facets(self) -> dict[str, Any]:
         return {"units": self.units}
 
-    def save(self, folder: Path) -> None:
-        save_arrays(folder, {"depth": self.depth}, {"names": list(self.names), "units": self.units})
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        arrays, meta = load_arrays(folder)
-        return cls(names=tuple(meta["names"]), depth=arrays["depth"], units=meta["units"])
-
 
 @dataclass(frozen=True, eq=False)
-class SceneTruth(Artifact):
+class SceneTruth(ArrayArtifact):
     """What is known of a rendered scene, for scoring only: never an input of a fit.
 
     mesh_vertices   float32 [V, 3] in the normalised Y-up world, or None;  mesh_faces int32 [F, 3]
@@ -190,6 +168,11 @@ class SceneTruth(Artifact):
     """
 
     type_name: ClassVar[str] = "SceneTruth"
+    layout: ClassVar[Mapping[str, str]] = {
+        "mesh_vertices": "float32? V 3", "mesh_faces": "int32? F 3", "albedo": "float32? M H W 3",
+        "roughness": "float32? M H W", "environment": "float32? height width 3", "depth": "float32? M H W",
+        "normal": "float32? M H W 3",
+    }  # fmt: skip
     names: tuple[str, ...]
     mesh_vertices: np.ndarray | None = None
     mesh_faces: np.ndarray | None = None
@@ -201,12 +184,8 @@ class SceneTruth(Artifact):
     depth: np.ndarray | None = None
     normal: np.ndarray | None = None
 
-    _plain: ClassVar[tuple[str, ...]] = (
-        "mesh_vertices", "mesh_faces", "albedo", "roughness", "depth", "normal", "environment",
-    )  # fmt: skip
-
     def save(self, folder: Path) -> None:
-        arrays = {name: getattr(self, name) for name in self._plain if getattr(self, name) is not None}
+        arrays = {name: getattr(self, name) for name in self.layout if getattr(self, name) is not None}
         for name, (environment, images) in self.relit.items():
             arrays[f"relit/{name}/environment"] = environment
             arrays[f"relit/{name}/images"] = images
@@ -221,5 +200,14 @@ class SceneTruth(Artifact):
             names=tuple(meta["names"]),
             relit=relit,
             relit_alpha={name: arrays[f"relit/{name}/alpha"] for name in meta["relit"]},
-            **{name: arrays.get(name) for name in cls._plain},
+            **{name: arrays.get(name) for name in cls.layout},
         )
+
+
+def _check_names(value: Views | DepthMaps, count: int) -> None:
+    """DataError unless there is a name for each of the `count` views."""
+    if len(value.names) != count:
+        raise DataError(
+            f"holds {len(value.names)} names", where=f"{type(value).__name__}.names",
+            expected=f"one for each of the {count} views",
+        )  # fmt: skip

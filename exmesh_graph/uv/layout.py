@@ -12,8 +12,7 @@ from exmesh_graph.geometry.adjacency import area_vectors, components, corner_fan
 from exmesh_graph.types.edges import Edges, edges_of
 from exmesh_graph.uv.charts import partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches
-from exmesh_graph.uv.marks import shelves
-from exmesh_graph.uv.outline import winding
+from exmesh_graph.uv.marks import shelves, winding
 
 _MOST_STRETCH = (
     1.5  # of the texels of a patch against those of its chart: single faces of a rough surface vary more ...

@@ -8,8 +8,7 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import components, face_areas, signed_areas_2d
-from exmesh_graph.uv.dilate import dilate
-from exmesh_graph.uv.raster import coverage_counts, rasterize_atlas
+from exmesh_graph.uv.raster import coverage_counts, dilate, rasterize_atlas
 from exmesh_graph.uv.transfer import COVER
 
 
@@ -31,13 +30,6 @@ class AtlasReport:
     overlap: float
     covered: float
     stretch: float
-
-
-def compact(uvs: np.ndarray, uv_faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Drop UVs that no corner uses and renumber Phi; no coordinate moves and none are joined."""
-    used = np.zeros(len(uvs), bool)
-    used[uv_faces] = True
-    return uvs[used], (np.cumsum(used) - 1)[uv_faces].astype(uv_faces.dtype)
 
 
 def check_atlas(

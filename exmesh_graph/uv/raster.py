@@ -1,4 +1,4 @@
-"""Which face and which point of it each texel of an atlas shows."""
+"""Which face and which point of it each texel of an atlas shows; values for the texels between charts."""
 
 from __future__ import annotations
 
@@ -139,3 +139,28 @@ def _fill_margin(
         weights[index, k[edge]] = 1.0 - t
         weights[index, (k[edge] + 1) % 3] = t
         bary[texel] = weights
+
+
+def dilate(texture: np.ndarray, mask: np.ndarray, radius: float | None = None) -> np.ndarray:
+    """Give uncovered texels the value of the nearest covered one.
+
+    texture  float [H, W] or [H, W, C]; mask bool [H, W], covered texels
+    radius   in texels; None fills everything
+    A texture without covered texels comes back as it was.
+    """
+    out = texture.copy()
+    targets, sources = dilation_sources(mask, radius)
+    out[targets] = texture[sources]
+    return out
+
+
+def dilation_sources(mask: np.ndarray, radius: float | None = None) -> tuple[tuple[np.ndarray, ...], ...]:
+    """((rows, columns) of the texels that `dilate` fills, (rows, columns) that they take their values from)."""
+    from scipy.ndimage import distance_transform_edt
+
+    if not mask.any() or mask.all():
+        none = np.zeros(0, np.int64)
+        return (none, none), (none, none)
+    distance, (rows, columns) = distance_transform_edt(~mask, return_indices=True)
+    fill = np.nonzero(~mask if radius is None else ~mask & (distance <= radius))
+    return fill, (rows[fill], columns[fill])

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.uv.dilate import dilate
-from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.raster import dilate, rasterize_atlas
 
 COVER = 1.5  # texels: a bilinear lookup inside a chart reads texel centres up to sqrt(2) away from it
 

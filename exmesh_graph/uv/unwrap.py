@@ -7,67 +7,61 @@ resolution by up to 30 %, so that the padding shrinks when the atlas is scaled b
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import face_areas
+from exmesh_graph.geometry.adjacency import face_areas, signed_areas_2d
 from exmesh_graph.uv.cut import cut_open, defects
 from exmesh_graph.uv.layout import lay_out
 from exmesh_graph.uv.mend import adopt, mend
 from exmesh_graph.uv.pack import pack
+from exmesh_graph.uv.params import AtlasSettings, DiscSettings, XatlasSettings
+from exmesh_graph.uv.transfer import transfer_texture
 
 
 def unwrap(
     vertices: np.ndarray,
     faces: np.ndarray,
     texture_size: int = 1024,
+    settings: AtlasSettings | None = None,
     *,
-    padding: int = 4,
-    bend: float = 0.45,
-    cut_nonmanifold: bool = False,
-    method: Literal["discs", "xatlas"] = "discs",
-    max_cost: float = 2.0,
-    max_iterations: int = 1,
-    max_seconds: float = 120.0,
     warn: Callable[[str], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut the mesh into charts, flatten them, pack them into one square atlas.
 
-    vertices          float [V, 3]; faces int [F, 3]
-    texture_size      R, texels on a side: one texel has the same size on all charts, isotropic
-    padding           texels kept free between charts
-    bend              "discs": bound of 1 - |mean normal|^2 in a chart; more gives fewer and more stretched charts
-    cut_nonmanifold   chart a mesh whose edges have more than two faces by cutting it there; else such a mesh is refused
-    max_cost          "xatlas": the larger, the fewer and the more stretched charts
-    max_iterations    "xatlas": rounds of chart growing
-    max_seconds       "xatlas": when it is not done by then, "discs" takes its place and `warn` is told
+    vertices      float [V, 3]; faces int [F, 3]
+    texture_size  R, texels on a side: one texel has the same size on all charts, isotropic
+    settings      DiscSettings (default) or XatlasSettings say whose charts
+    warn          is told of cuts, and where xatlas was not done in time
 
     Returns uvs float32 [T, 2] in [0, 1], origin lower left, and uv_faces int32 [F, 3], the corner map Phi. UV area is
     positive for every face with area; two corners share a UV index only if they are the same vertex in the same chart.
     Deterministic. Raises GeometryError for an empty, non-finite or non-manifold mesh.
     """
+    settings = settings or DiscSettings()
     points = _scaled(vertices, faces)
-    sheets = cut_open(points, faces, cut_nonmanifold)
-    if cut_nonmanifold and warn is not None and (wrong := defects(faces)):
+    sheets = cut_open(points, faces, settings.cut_nonmanifold)
+    if settings.cut_nonmanifold and warn is not None and (wrong := defects(faces)):
         warn(f"the mesh is not manifold and was cut open for its atlas: {wrong}")
     own = sheets.faces
     space = points[sheets.vertex]
     uncharted = np.zeros(len(own), bool)
-    found: tuple[np.ndarray, np.ndarray, np.ndarray] | str = ""
-    if method == "xatlas":
+    charts: tuple[np.ndarray, np.ndarray, np.ndarray] | str = ""
+    if isinstance(settings, XatlasSettings):
         from exmesh_graph.uv.xatlas_charts import xatlas_charts
 
-        found = xatlas_charts(space, own, max_cost, max_iterations, max_seconds)
-        if isinstance(found, str) and warn is not None:
-            warn(f"{found}: the charts are the built-in ones instead")
-    if isinstance(found, str):
+        charts = xatlas_charts(space, own, settings)
+        if isinstance(charts, str) and warn is not None:
+            warn(f"{charts}: the charts are the built-in ones instead")
+    if isinstance(charts, str):
+        bend = settings.bend if isinstance(settings, DiscSettings) else DiscSettings().bend
         flat, corners = lay_out(space, own, bend)
     else:
-        flat, corners, uncharted = found
+        flat, corners, uncharted = charts
     flat, corners, orphans = mend(space, own, flat, corners, uncharted)
-    uvs = pack(flat, corners[~orphans], texture_size, padding)
+    uvs = pack(flat, corners[~orphans], texture_size, settings.padding)
 
     whole = np.zeros((len(faces), 3), np.int64)
     whole[sheets.kept] = corners
@@ -76,7 +70,54 @@ def unwrap(
     twins = sheets.twin >= 0
     uvs, whole = adopt(points, faces, uvs, whole, missing & ~twins)
     whole = _repeat(faces, whole, sheets.twin)
-    return _compact(uvs, whole)
+    used, index = np.unique(whole, return_inverse=True)
+    return np.clip(uvs[used], 0.0, 1.0).astype(np.float32), index.reshape(whole.shape).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class NewAtlas:
+    """uvs [T, 2], uv_faces [F, 3], texture and Adam's texture moments [R, R, 3], covered bool [R, R]."""
+
+    uvs: np.ndarray
+    uv_faces: np.ndarray
+    texture: np.ndarray
+    first_moment: np.ndarray
+    second_moment: np.ndarray
+    covered: np.ndarray
+
+
+def regenerate(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    uvs: np.ndarray,
+    uv_faces: np.ndarray,
+    texture: np.ndarray,
+    first_moment: np.ndarray,
+    second_moment: np.ndarray,
+    texture_size: int,
+    settings: AtlasSettings | None = None,
+    *,
+    warn: Callable[[str], None] | None = None,
+) -> NewAtlas:
+    """Unwrap anew and resample texture and moments (shapes as in types.Stage1State).
+
+    A texel's gradient grows with the surface it stands for, so the moments are scaled by the ratio of texel areas.
+    """
+    new_uvs, new_faces = unwrap(vertices, faces, texture_size, settings, warn=warn)
+    atlas = (uvs, uv_faces, new_uvs, new_faces, texture_size)
+    colour, covered = transfer_texture({"texture": texture}, *atlas, bounds=(0.0, 1.0))
+    moments, _ = transfer_texture({"m": first_moment, "v": second_moment}, *atlas, sharpen=0)
+    old_area = float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * texture.shape[0] ** 2
+    new_area = float(np.abs(signed_areas_2d(new_uvs, new_faces)).sum()) * texture_size**2
+    growth = np.float32(old_area / max(new_area, 1e-300))  # of the surface under one texel
+    return NewAtlas(
+        new_uvs,
+        new_faces,
+        colour["texture"],
+        moments["m"] * growth,
+        moments["v"] * growth**2,
+        covered,
+    )
 
 
 def _scaled(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -105,8 +146,3 @@ def _repeat(faces: np.ndarray, corners: np.ndarray, twin: np.ndarray) -> np.ndar
         other = list(faces[twin[f]])
         corners[f] = [corners[twin[f], other.index(v)] for v in faces[f]]
     return corners
-
-
-def _compact(uvs: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    used, index = np.unique(corners, return_inverse=True)
-    return np.clip(uvs[used], 0.0, 1.0).astype(np.float32), index.reshape(corners.shape).astype(np.int32)

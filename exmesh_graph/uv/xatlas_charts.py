@@ -9,32 +9,35 @@ from io import BytesIO
 
 import numpy as np
 
+from exmesh_graph.uv.params import XatlasSettings
+
 _RESOLUTION = 1024  # of xatlas's own packing, which is thrown away: charts do not depend on the texture's size
 _CHILD = "import sys; sys.path[:] = {path!r}; from exmesh_graph.uv.xatlas_charts import _serve; _serve()"
 
 
 def xatlas_charts(
-    points: np.ndarray, faces: np.ndarray, max_cost: float, max_iterations: int, max_seconds: float
+    points: np.ndarray, faces: np.ndarray, settings: XatlasSettings
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | str:
     """Charts by xatlas: (flat float64 [T, 2] in the unit of `points`, corners int64 [F, 3], uncharted bool [F]).
 
     points  float64 [V, 3] with a mean face area of 1: xatlas compares areas with an absolute 1e-7
-    What went wrong, in words, if xatlas was not done after `max_seconds` or its process died.
+    What went wrong, in words, if xatlas was not done after `max_seconds`, or its process died.
     """
     code = _CHILD.format(path=[entry or os.getcwd() for entry in sys.path])
+    options = [settings.max_cost, settings.chart_iterations]
     given = BytesIO()
-    np.savez(given, points=points.astype(np.float32), faces=faces.astype(np.uint32), o=[max_cost, max_iterations])
+    np.savez(given, points=points.astype(np.float32), faces=faces.astype(np.uint32), o=options)
     try:
         done = subprocess.run(
-            [sys.executable, "-c", code], input=given.getvalue(), capture_output=True, timeout=max_seconds
+            [sys.executable, "-c", code], input=given.getvalue(), capture_output=True, timeout=settings.max_seconds
         )
     except subprocess.TimeoutExpired:
-        return f"xatlas was not done after {max_seconds:g} s"
+        return f"xatlas was not done after {settings.max_seconds:g} s"
     if done.returncode != 0:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
         return f"the process of xatlas ended with status {done.returncode} ({last[0]})"
-    with np.load(BytesIO(done.stdout)) as found:
-        return found["flat"], found["corners"], found["uncharted"]
+    with np.load(BytesIO(done.stdout)) as answer:
+        return answer["flat"], answer["corners"], answer["uncharted"]
 
 
 def _serve() -> None:

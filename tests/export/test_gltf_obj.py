@@ -14,8 +14,8 @@ from usd_example import SIZE, example_asset, tilted_normals
 from exmesh_graph.errors import DataError, ExmeshError
 from exmesh_graph.export.gltf import read_glb, write_gltf
 from exmesh_graph.export.gltf_compact import compact_glb
-from exmesh_graph.export.maps import MapSettings
 from exmesh_graph.export.obj import write_textured_obj
+from exmesh_graph.export.params import FileSettings
 from exmesh_graph.geometry.tangents import corner_tangents
 from exmesh_graph.io.images import read_raw
 from exmesh_graph.types import Frame
@@ -23,7 +23,7 @@ from exmesh_graph.types import Frame
 VALIDATOR = os.environ.get("EXMESH_GLTF_VALIDATOR", "")
 FRAME = Frame(np.array([[0, 0, 2.0, 1], [0, 2.0, 0, -2], [-2.0, 0, 0, 3], [0, 0, 0, 1.0]]), np.eye(4), 0.01)
 METAL = np.linspace(0, 1, SIZE * SIZE, dtype=np.float32).reshape(SIZE, SIZE)
-NO_PADDING = MapSettings(dilation=0)
+NO_PADDING = FileSettings(dilation=0)
 _TYPES = {5126: np.float32, 5125: np.uint32}
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
@@ -51,7 +51,7 @@ def mirrored():
 
 
 def test_geometry_in_metres_with_tangents_of_unit_length(tmp_path, mirrored):
-    write_gltf(tmp_path / "out", mirrored, FRAME, maps=NO_PADDING, provenance={"key": "abc"})
+    write_gltf(tmp_path / "out", mirrored, FRAME, NO_PADDING, provenance={"key": "abc"})
     document, binary = read_glb(tmp_path / "out" / "asset.glb")
     assert document["asset"]["extras"]["key"] == "abc"
     primitive = document["meshes"][0]["primitives"][0]
@@ -74,7 +74,7 @@ def test_geometry_in_metres_with_tangents_of_unit_length(tmp_path, mirrored):
 
 
 def test_roughness_and_metal_share_a_picture(tmp_path, mirrored):
-    write_gltf(tmp_path / "out", mirrored, maps=NO_PADDING)
+    write_gltf(tmp_path / "out", mirrored, settings=NO_PADDING)
     document, binary = read_glb(tmp_path / "out" / "asset.glb")
     orm = picture(document, binary, "orm", tmp_path)
     assert (orm[..., 0] == 255).all()
@@ -127,7 +127,7 @@ def test_khronos_finds_nothing(tmp_path, mirrored, kind):
 
 
 def test_obj_and_its_material(tmp_path, mirrored):
-    write_textured_obj(tmp_path / "out", mirrored, FRAME, name="spot")
+    write_textured_obj(tmp_path / "out", mirrored, FRAME, FileSettings(name="spot"))
     values = {"v": [], "vt": [], "vn": [], "f": []}
     for line in (tmp_path / "out" / "spot.obj").read_text().splitlines():
         kind, _, rest = line.partition(" ")

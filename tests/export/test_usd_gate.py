@@ -2,14 +2,12 @@
 
 import shutil
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from usd_example import SIZE, example_asset, tilted_normals
 
-from exmesh_graph.export.maps import MapSettings
 from exmesh_graph.export.usd import ExportSettings, validate_usd, write_usd
 from exmesh_graph.io.images import write_image
 from exmesh_graph.types import Frame
@@ -247,7 +245,7 @@ LOW = {"low": example_asset(**OPEN)}
         ("asset.usdz", {}, None, {}),
         ("asset_ar.usdz", {}, None, {}),
         ("scene.usda", {"normal": tilted_normals()}, None, {}),
-        ("scene.usda", {"normal": tilted_normals()}, None, {"maps": MapSettings(normal_bits=16)}),
+        ("scene.usda", {"normal": tilted_normals()}, None, {"normal_bits": 16}),
         ("scene.usda", METAL, None, {}),
         ("asset.usdz", {**METAL, "normal": tilted_normals()}, None, {}),
         ("scene.usda", {}, SHIFTED, {}),
@@ -263,8 +261,6 @@ LOW = {"low": example_asset(**OPEN)}
 def test_good_variations_pass(tmp_path, file, changes, frame, options):
     changes = dict(changes)
     lods = changes.pop("lods", None)
-    write_usd(
-        tmp_path / "out", example_asset(**changes), frame, lods=lods, settings=replace(ExportSettings(), **options)
-    )
+    write_usd(tmp_path / "out", example_asset(**changes), frame, lods=lods, settings=ExportSettings(**options))
     assert validate_usd(tmp_path / "out" / file) == []
     assert not [p for p in Path(tmp_path).iterdir() if p.name.startswith(".")]

@@ -9,8 +9,7 @@ from usd_example import SIZE, example_asset, tilted_normals
 
 from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.errors import DataError, ExmeshError
-from exmesh_graph.export.maps import MapSettings
-from exmesh_graph.export.provenance import provenance_of
+from exmesh_graph.export.folder import provenance_of
 from exmesh_graph.export.usd import ExportSettings, read_usd, validate_usd, write_usd
 from exmesh_graph.types import Frame, Views
 
@@ -159,7 +158,7 @@ def test_what_is_read_back_looks_the_same(tmp_path, frame, options):
         normal=tilted_normals(),
     )
     views = example_views(2)
-    settings = ExportSettings(maps=MapSettings(normal_bits=16), **options)
+    settings = ExportSettings(normal_bits=16, **options)
     write_usd(tmp_path / "out", asset, frame, views, settings=settings)
     contents = read_usd(tmp_path / "out" / "asset.usdz")
     back = contents.asset()

@@ -9,7 +9,6 @@ import pytest
 from usd_example import SIZE, example_asset, tilted_normals
 
 from exmesh_graph.errors import DataError, ExmeshError
-from exmesh_graph.export.maps import MapSettings
 from exmesh_graph.export.usd import ExportSettings, read_usd, validate_usd, write_usd
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.images import read_raw
@@ -23,7 +22,7 @@ FRAME = Frame(
 
 
 def _maps(**changes):
-    return ExportSettings(maps=MapSettings(**changes))
+    return ExportSettings(**changes)
 
 
 @pytest.fixture(scope="module")
@@ -220,9 +219,9 @@ def _with(name, index, value):
     ("change", "message"),
     [
         (_with("vertices", (2, 1), np.nan), r"vertices\[2, 1\] is not finite"),
-        (_with("faces", (3, 0), 6), r"faces\[3, 0\] points outside the 6 vertices"),
-        (_with("faces", (3, 0), -1), r"faces\[3, 0\] points outside"),
-        (_with("uv_faces", (0, 2), 24), r"uv_faces\[0, 2\] points outside the 24 uvs"),
+        (_with("faces", (3, 0), 6), r"faces\[3, 0\] = 6 points outside the 6 vertices"),
+        (_with("faces", (3, 0), -1), r"faces\[3, 0\] = -1 points outside"),
+        (_with("uv_faces", (0, 2), 24), r"uv_faces\[0, 2\] = 24 points outside the 24 uvs"),
         (_with("uvs", (1, 0), 1.5), r"uvs\[1, 0\] lies outside \[0, 1\]|uvs\[1, 0\] lies outside"),
         (_with("base_color", (0, 0, 0), 1.1), r"base_color\[0, 0, 0\] lies outside \[0, 1\]"),
         (_with("base_color", (4, 5, 1), np.inf), r"base_color\[4, 5, 1\] is not finite"),
@@ -230,7 +229,7 @@ def _with(name, index, value):
         (_with("environment", (0, 3, 2), -1e-3), r"environment\[0, 3, 2\] lies outside"),
         (_with("environment", (0, 3, 2), 70000.0), r"environment\[0, 3, 2\] lies outside"),
         (lambda a: example_asset(environment=np.ones((8, 8, 3), np.float32)), "8 x 8"),
-        (lambda a: example_asset(roughness=np.ones((4, 4), np.float32)), r"shape \[4, 4\] does not fit"),
+        (lambda a: example_asset(roughness=np.ones((4, 4), np.float32)), r"Asset\.roughness: is float32 \[4, 4\]"),
         (lambda a: example_asset(faces=np.zeros((0, 3), np.int32), uv_faces=np.zeros((0, 3), np.int32)), "empty"),
         (lambda a: example_asset(normal=-tilted_normals()), r"below the surface"),
         (lambda a: example_asset(normal=2 * tilted_normals()), r"unit length"),

@@ -20,7 +20,7 @@ def flip_round(vertices, faces, uvs, uv_faces, settings):
     for sides in edges.values():
         if len(sides) == 2:
             quad = find_quad(faces, corners, *sides)
-            gain = None if quad is None else find_gain(p, quad[0], near, rim, settings.criterion)
+            gain = None if quad is None else find_gain(p, quad[0], near, rim, settings.method)
             if gain is not None and gain > 0:
                 order.append((-gain, 3 * sides[0][0] + sides[0][1], sides, quad))
     order.sort(key=lambda x: x[:2])

@@ -10,6 +10,7 @@ from topology_reference import incidence
 
 from exmesh_graph.geometry import adjacency as adj
 from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
+from exmesh_graph.types.edges import edges_of, is_closed, is_edge_manifold
 
 
 @st.composite
@@ -23,7 +24,7 @@ def face_lists(draw):
 @settings(max_examples=100, deadline=None)
 @given(face_lists())
 def test_edge_table_equals_a_dictionary(faces):
-    edges = adj.edges_of(faces)
+    edges = edges_of(faces)
     expected, near = incidence(faces.tolist())
     assert edges.vertices.tolist() == [list(edge) for edge in sorted(expected)]
     for row, edge in enumerate(sorted(expected)):
@@ -43,8 +44,8 @@ def test_edge_table_equals_a_dictionary(faces):
     assert [around[offsets[v] : offsets[v + 1]].tolist() for v in range(n)] == [
         [f for f, face in enumerate(faces.tolist()) if v in face] for v in range(n)
     ]
-    assert adj.is_edge_manifold(faces) == all(len(s) <= 2 for s in expected.values())
-    assert adj.is_closed(faces) == all(len(s) == 2 for s in expected.values())
+    assert is_edge_manifold(faces) == all(len(s) <= 2 for s in expected.values())
+    assert is_closed(faces) == all(len(s) == 2 for s in expected.values())
     assert len(adj.boundary_edges(faces)) == sum(len(s) == 1 for s in expected.values())
 
 
@@ -73,10 +74,10 @@ def test_components_equal_a_flood_fill(faces):
 )
 def test_known_surfaces(mesh, closed, euler, loops):
     vertices, faces = mesh
-    assert adj.is_edge_manifold(faces)
+    assert is_edge_manifold(faces)
     assert adj.is_vertex_manifold(faces)
     assert adj.is_winding_consistent(faces)
-    assert adj.is_closed(faces) == closed
+    assert is_closed(faces) == closed
     assert adj.euler_characteristic(faces) == euler
     assert len(adj.boundary_edges(faces)) == loops
     assert adj.components(faces).max() == 0
@@ -97,9 +98,9 @@ def test_figures_of_the_sphere():
 
 def test_three_faces_on_an_edge_and_two_fans_at_a_vertex():
     fin = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
-    assert not adj.is_edge_manifold(fin)
+    assert not is_edge_manifold(fin)
     bow_tie = np.array([[0, 1, 2], [0, 3, 4]])
-    assert adj.is_edge_manifold(bow_tie)
+    assert is_edge_manifold(bow_tie)
     assert not adj.is_vertex_manifold(bow_tie)
     fans, vertex = adj.corner_fans(bow_tie)
     assert fans.tolist() == [[0, 1, 2], [3, 4, 5]]
@@ -111,10 +112,10 @@ def test_a_turned_face_breaks_the_winding_and_a_repeated_vertex_the_manifold():
     _, faces = icosphere(1)
     turned = faces.copy()
     turned[7] = turned[7][::-1]
-    assert adj.is_edge_manifold(turned)
+    assert is_edge_manifold(turned)
     assert not adj.is_winding_consistent(turned)
-    assert not adj.is_edge_manifold(np.array([[0, 1, 1]]))
-    assert not adj.is_closed(np.array([[0, 1, 1]]))
+    assert not is_edge_manifold(np.array([[0, 1, 1]]))
+    assert not is_closed(np.array([[0, 1, 1]]))
 
 
 def test_faces_without_area_have_no_normal_and_no_nan():
@@ -127,7 +128,7 @@ def test_faces_without_area_have_no_normal_and_no_nan():
 
 def test_edge_lengths():
     vertices, faces = grid(1, 1)
-    edges = adj.edges_of(faces)
+    edges = edges_of(faces)
     assert sorted(adj.edge_lengths(vertices, edges)) == pytest.approx([1, 1, 1, 1, 2**0.5])
 
 

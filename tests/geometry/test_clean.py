@@ -8,6 +8,7 @@ from exmesh_graph.geometry import clean
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import clean_mesh, inspect, outward, require_sound, weld
 from exmesh_graph.geometry.hull import Grid, surface
+from exmesh_graph.geometry.params import CleanSettings
 
 METHODS = ["builtin", "pymeshlab", "open3d"]
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -83,7 +84,7 @@ class TestInspect:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("budget", [300, 1500])
 def test_ball_within_the_budget(method, budget):
-    vertices, faces = clean_mesh(*ball(), faces_budget=budget, method=method)
+    vertices, faces = clean_mesh(*ball(), CleanSettings(faces=budget, method=method))
     assert 0.75 * budget <= len(faces) <= budget
     assert vertices.dtype == np.float32
     assert faces.dtype == np.int32
@@ -94,13 +95,13 @@ def test_ball_within_the_budget(method, budget):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_handles_survive(method):
-    vertices, faces = clean_mesh(*torus(), faces_budget=800, method=method)
+    vertices, faces = clean_mesh(*torus(), CleanSettings(faces=800, method=method))
     assert genus(vertices, faces) == 1
 
 
 @pytest.mark.parametrize("method", METHODS[:2])
 def test_isotropic_methods_give_even_triangles(method):
-    vertices, faces = clean_mesh(*ball(), faces_budget=800, method=method)
+    vertices, faces = clean_mesh(*ball(), CleanSettings(faces=800, method=method))
     edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
     assert edges.std() / edges.mean() < 0.2
 
@@ -112,7 +113,7 @@ def test_damaged_input_is_mended(method):
     floater, floater_faces = ball(0.1, (0.85, 0.85, 0.85))
     damaged, broken = join((vertices, faces), (floater, floater_faces))
     broken = np.vstack([broken, broken[:5], [[0, 0, 1], [7, 8, 8]]])
-    result = clean_mesh(damaged, broken[:, ::-1], faces_budget=700, method=method)
+    result = clean_mesh(damaged, broken[:, ::-1], CleanSettings(faces=700, method=method))
     require_sound(*result, closed=True, where="")
     assert np.linalg.norm(result[0], axis=1).max() < 0.85
 
@@ -123,18 +124,18 @@ def test_non_manifold_edges_are_repaired(method):
     fin = np.vstack([vertices, [[0, 0, 1.5]]])
     finned = np.vstack([faces, [[*faces[100, :2], len(vertices)]]])
     assert inspect(fin, finned).crowded_edges == 1
-    result = clean_mesh(fin, finned, faces_budget=700, method=method)
+    result = clean_mesh(fin, finned, CleanSettings(faces=700, method=method))
     assert inspect(*result).crowded_edges == 0
 
 
 def test_components():
     two = join(ball(0.35, (-0.5, 0, 0)), ball(0.25, (0.6, 0, 0)))
-    both = clean_mesh(*two, faces_budget=900, components=0)
+    both = clean_mesh(*two, CleanSettings(faces=900, components=0))
     assert both[0][:, 0].max() > 0.5
     assert signed_volume(*both) == pytest.approx(4 / 3 * np.pi * (0.35**3 + 0.25**3), rel=0.08)
-    one = clean_mesh(*two, faces_budget=900, components=1)
+    one = clean_mesh(*two, CleanSettings(faces=900, components=1))
     assert one[0][:, 0].max() < 0
-    large = clean_mesh(*two, faces_budget=900, components=0, min_area=0.9)
+    large = clean_mesh(*two, CleanSettings(faces=900, components=0, min_area=0.9))
     assert large[0][:, 0].max() < 0
 
 
@@ -142,22 +143,24 @@ def test_components():
 def test_holes_are_closed_on_request(method):
     vertices, faces = ball()
     holed = faces[np.linalg.norm(vertices[faces].mean(1) - [0.8, 0, 0], axis=1) > 0.2]
-    assert inspect(*clean_mesh(vertices, holed, faces_budget=700, method=method)).open_edges > 0
-    assert inspect(*clean_mesh(vertices, holed, faces_budget=700, close_holes=200, method=method)).open_edges == 0
+    assert inspect(*clean_mesh(vertices, holed, CleanSettings(faces=700, method=method))).open_edges > 0
+    assert (
+        inspect(*clean_mesh(vertices, holed, CleanSettings(faces=700, close_holes=200, method=method))).open_edges == 0
+    )
     with pytest.raises(GeometryError, match="cannot close holes"):
-        clean_mesh(vertices, holed, faces_budget=700, method="open3d", close_holes=200)
+        clean_mesh(vertices, holed, CleanSettings(faces=700, method="open3d", close_holes=200))
 
 
 def test_result_is_measured_not_believed(monkeypatch):
     monkeypatch.setattr(clean, "remesh", lambda v, f, b: (v, f[:-1]))
     with pytest.raises(GeometryError, match="3 open edges"):
-        clean_mesh(*ball(resolution=10), faces_budget=700)
+        clean_mesh(*ball(resolution=10), CleanSettings(faces=700))
 
 
 def test_an_open_mesh_loses_the_faces_that_stay_flat(monkeypatch):
     vertices, faces = ball()
     vertices, faces = vertices, faces[vertices[faces].mean(1)[:, 1] < 0.3]
-    before = clean_mesh(vertices, faces, faces_budget=300)
+    before = clean_mesh(vertices, faces, CleanSettings(faces=300))
 
     def fold(v, f, budget):
         made = before[0].astype(np.float64).copy()
@@ -165,7 +168,7 @@ def test_an_open_mesh_loses_the_faces_that_stay_flat(monkeypatch):
         return made, before[1]
 
     monkeypatch.setattr(clean, "remesh", fold)
-    v, f = clean_mesh(vertices, faces, faces_budget=300)
+    v, f = clean_mesh(vertices, faces, CleanSettings(faces=300))
     a, b = before[1][5, :2]
     assert len(f) == len(before[1]) - ((before[1] == a).any(1) & (before[1] == b).any(1)).sum() < len(before[1])
     assert inspect(v, f).flat_faces == inspect(v, f).unreferenced == 0
@@ -173,12 +176,12 @@ def test_an_open_mesh_loses_the_faces_that_stay_flat(monkeypatch):
 
 def test_empty_and_collapsed_input():
     with pytest.raises(GeometryError, match="no faces"):
-        clean_mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), faces_budget=100)
+        clean_mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), CleanSettings(faces=100))
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_same_input_same_bytes(method):
-    first, second = (clean_mesh(*ball(resolution=16), faces_budget=300, method=method) for _ in range(2))
+    first, second = (clean_mesh(*ball(resolution=16), CleanSettings(faces=300, method=method)) for _ in range(2))
     assert np.array_equal(first[0], second[0])
     assert np.array_equal(first[1], second[1])
 

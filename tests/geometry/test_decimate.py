@@ -7,11 +7,9 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry import decimate as module
 from exmesh_graph.geometry.adjacency import incident_faces, is_vertex_manifold, next_halfedge, signed_areas_2d
 from exmesh_graph.geometry.decimate import decimate, vertex_quadrics
-from exmesh_graph.geometry.link import link_condition
-from exmesh_graph.geometry.maps import VertexMap
 from exmesh_graph.geometry.merge import orient, shape_is_kept
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.geometry.split import Topology
+from exmesh_graph.geometry.topology import Topology, VertexMap, link_condition
 from exmesh_graph.types.edges import edges_of, is_closed, is_edge_manifold
 from exmesh_graph.uv.unwrap import unwrap
 

@@ -9,21 +9,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topology_meshes import SHAPES, canonical, check_topology, meshes, same_sharing, unwrapped
 
+from benchmarks.mesh_quality import mesh_quality
 from exmesh_graph.geometry.adjacency import boundary_edges
-from exmesh_graph.geometry.flip import FlipSettings, flip
-from exmesh_graph.geometry.quality import mesh_quality
+from exmesh_graph.geometry.flip import flip
+from exmesh_graph.geometry.params import FlipSettings
 from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.geometry.split import split
 
 BOLD = FlipSettings(max_bend=1.2, max_shift=0.5, min_shape=0.02)
-CHOICES = [FlipSettings(), BOLD, FlipSettings(criterion="valence"), FlipSettings("valence", 1.2, 0.5, 0.02)]
+CHOICES = [FlipSettings(), BOLD, FlipSettings(method="valence"), BOLD.replaced(method="valence")]
 
 
 @settings(max_examples=15, deadline=None)
 @given(meshes(), st.sampled_from(CHOICES), st.integers(1, 3))
 def test_rounds_equal_the_sequential_pass(mesh, choice, rounds):
     vertices, faces, uvs, uv_faces, _ = mesh
-    done = flip(vertices, faces, uvs, uv_faces, choice, max_rounds=rounds)
+    done = flip(vertices, faces, uvs, uv_faces, choice.replaced(max_rounds=rounds))
     want_faces, want_corners = faces, uv_faces
     for _ in range(rounds):
         want_faces, want_corners = flip_round(vertices, want_faces, uvs, want_corners, choice)
@@ -58,7 +59,7 @@ def test_delaunay_flips_end_without_an_edge_to_flip_on_a_plane():
     inner = ~np.isin(vertices[:, [0, 2]], (0, 1)).any(axis=1)
     vertices[inner] += (rng.uniform(-0.06, 0.06, (inner.sum(), 3)) * [1, 0, 1]).astype(np.float32)
     uvs = vertices[:, [2, 0]].copy()
-    done = flip(vertices, faces, uvs, faces, FlipSettings(min_shape=0.0), max_rounds=50)
+    done = flip(vertices, faces, uvs, faces, FlipSettings(min_shape=0.0, max_rounds=50))
     assert done.count > 5
     p = vertices[:, [2, 0]].astype(np.float64)
     for face in done.faces:
@@ -86,7 +87,7 @@ def test_flips_even_out_what_splits_have_scattered(criterion, figure):
     gradient = np.random.default_rng(0).random(len(vertices))
     done = split(vertices, faces, uvs, uv_faces, gradient, 2000)
     before = mesh_quality(done.vertices, done.faces)
-    flipped = flip(done.vertices, done.faces, done.uvs, done.uv_faces, FlipSettings(criterion=criterion))
+    flipped = flip(done.vertices, done.faces, done.uvs, done.uv_faces, FlipSettings(method=criterion))
     after = mesh_quality(flipped.vertices, flipped.faces)
     assert after["degree_std"] < (0.8 if criterion == "delaunay" else 0.7) * before["degree_std"]
     assert after[figure] > before[figure] + 2 if criterion == "delaunay" else after[figure] < 1.0

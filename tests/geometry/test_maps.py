@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from exmesh_graph.geometry.maps import Step, VertexMap
-from exmesh_graph.geometry.merge import MergeSettings, merge
+from exmesh_graph.geometry.merge import merge
+from exmesh_graph.geometry.params import MergeSettings, SplitSettings
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.geometry.split import SplitSettings, split
-from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.geometry.split import split, subdivide
+from exmesh_graph.geometry.topology import Step, VertexMap
 
 
 def test_kept_first_then_interpolated():
@@ -36,7 +36,7 @@ def test_positions_carried_as_an_attribute_are_the_new_positions(operation):
         done = split(vertices, faces, uvs, faces, rng.random(len(vertices)), 1500, choice)
         assert len(done.map.steps) > 1
     elif operation == "merge":
-        choice = MergeSettings(area_quantile=0.9, min_cosine=0.0)
+        choice = MergeSettings(min_faces=4, area_quantile=0.9, min_cosine=0.0)
         done = merge(vertices, faces, uvs, faces, rng.integers(0, 2, len(faces)), choice)
         assert done.count > 0
     else:

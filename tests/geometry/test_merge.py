@@ -6,23 +6,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from topology_meshes import SHAPES, canonical, check_topology, meshes, same_sharing, unwrapped
 from topology_reference import merge_round
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import area_vectors, signed_volume
-from exmesh_graph.geometry.maps import VertexMap
-from exmesh_graph.geometry.merge import MergeSettings, apply_merges, merge, plan_merges
-from exmesh_graph.geometry.quality import degeneracy
+from exmesh_graph.geometry.merge import apply_merges, merge, plan_merges
+from exmesh_graph.geometry.params import MergeSettings
 from exmesh_graph.geometry.shapes import grid
-from exmesh_graph.geometry.split import Topology, split
+from exmesh_graph.geometry.split import split
+from exmesh_graph.geometry.topology import Topology, VertexMap, degeneracy
 from exmesh_graph.types.edges import is_closed
 
-EAGER = MergeSettings(degenerate=0.3, area_quantile=0.9, min_cosine=0.2)
+EAGER = MergeSettings(min_faces=4, degenerate=0.3, area_quantile=0.9, min_cosine=0.2)
 
 
 @settings(max_examples=18, deadline=None)
-@given(meshes(), st.sampled_from([MergeSettings(), EAGER]), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1))
+@given(meshes(), st.sampled_from([MergeSettings(min_faces=4), EAGER]), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1))
 def test_round_equals_the_sequential_pass(mesh, choice, unseen, seed):
     vertices, faces, uvs, uv_faces, _ = mesh
     seen = np.random.default_rng(seed).random(len(faces)) >= unseen
@@ -44,8 +45,8 @@ def test_round_equals_the_sequential_pass(mesh, choice, unseen, seed):
 def test_merge_keeps_topology(mesh, unseen, seed, criterion):
     vertices, faces, uvs, uv_faces, gradient = mesh
     rendered = (np.random.default_rng(seed).random(len(faces)) >= unseen).astype(int)
-    choice = MergeSettings(degenerate=0.3, area_quantile=0.9, min_cosine=0.2, criterion=criterion)
-    done = merge(vertices, faces, uvs, uv_faces, rendered, choice, min_faces=4, seed=seed)
+    choice = MergeSettings(min_faces=4, degenerate=0.3, area_quantile=0.9, min_cosine=0.2, method=criterion)
+    done = merge(vertices, faces, uvs, uv_faces, rendered, choice, seed=seed)
     check_topology((vertices, faces, uvs, uv_faces), done)
     assert len(done.faces) >= min(4, len(faces))
     assert len(done.vertices) == len(np.unique(done.faces))  # compact
@@ -69,7 +70,7 @@ def test_fuzzed_splits_and_merges_stay_a_manifold():
             total += done.count
             before = (done.vertices, done.faces, done.uvs, done.uv_faces)
             rendered = (rng.random(len(done.faces)) > 0.5).astype(int)
-            done = merge(*before, rendered, EAGER, min_faces=20)
+            done = merge(*before, rendered, EAGER.replaced(min_faces=20))
             check_topology(before, done)
             total += done.count
             vertices, faces, uvs, uv_faces = done.vertices, done.faces, done.uvs, done.uv_faces
@@ -79,7 +80,7 @@ def test_fuzzed_splits_and_merges_stay_a_manifold():
 
 def test_tetrahedron_is_left_alone():
     mesh = unwrapped("tetrahedron")
-    done = merge(*mesh, np.zeros(4, int), MergeSettings(area_quantile=1.0, min_cosine=-1.0))
+    done = merge(*mesh, np.zeros(4, int), MergeSettings(min_faces=4, area_quantile=1.0, min_cosine=-1.0))
     assert done.count == 0
     assert len(done.faces) == 4
 
@@ -87,9 +88,8 @@ def test_tetrahedron_is_left_alone():
 def test_torus_neck_is_not_pinched():
     # every loop across the tube has three edges: collapsing one of them would pinch the tube
     vertices, faces, uvs, uv_faces = unwrapped("neck")
-    done = merge(
-        vertices, faces, uvs, uv_faces, np.zeros(len(faces), int), MergeSettings(area_quantile=1.0, min_cosine=0.0)
-    )
+    choice = MergeSettings(min_faces=4, area_quantile=1.0, min_cosine=0.0)
+    done = merge(vertices, faces, uvs, uv_faces, np.zeros(len(faces), int), choice)
     check_topology((vertices, faces, uvs, uv_faces), done)
 
 
@@ -99,7 +99,7 @@ def test_boundary_vertices_outlive_inner_ones():
     inner = np.setdiff1d(np.arange(len(vertices)), rim)
     vertices = vertices.copy()
     vertices[inner[0]] = vertices[rim[0]] + np.array([1e-3, 0, 1e-3], np.float32)  # slivers at a corner
-    done = merge(vertices, faces, uvs, uv_faces)
+    done = merge(vertices, faces, uvs, uv_faces, None, MergeSettings(min_faces=4))
     assert done.count >= 1
     kept = set(map(tuple, done.vertices.tolist()))
     assert all(tuple(v) in kept for v in vertices[rim].tolist())
@@ -114,7 +114,7 @@ def test_degenerate_faces_disappear():
         other = other[other != v][0]
         vertices[v] = 0.98 * vertices[other] + 0.02 * vertices[v]
     before = (degeneracy(vertices, faces) < 0.05).sum()
-    done = merge(vertices, faces, uvs, uv_faces, None, MergeSettings(area_quantile=0.6))
+    done = merge(vertices, faces, uvs, uv_faces, None, MergeSettings(min_faces=4, area_quantile=0.6))
     assert before >= 15
     assert (degeneracy(done.vertices, done.faces) < 0.05).sum() <= 0.1 * before
     assert is_closed(done.faces)
@@ -126,8 +126,8 @@ def test_large_and_rendered_faces_stay():
     faces = mesh[1]
     assert merge(*mesh, np.ones(len(faces), int)).count == 0
     assert merge(*mesh).count == 0
-    assert merge(*mesh, np.zeros(len(faces), int), min_faces=len(faces)).count == 0
-    assert merge(*mesh, np.zeros(len(faces), int), MergeSettings(area_quantile=1.0), min_faces=200).count > 10
+    assert merge(*mesh, np.zeros(len(faces), int), MergeSettings(min_faces=len(faces))).count == 0
+    assert merge(*mesh, np.zeros(len(faces), int), MergeSettings(area_quantile=1.0, min_faces=200)).count > 10
 
 
 def test_no_face_turns_over():
@@ -136,8 +136,8 @@ def test_no_face_turns_over():
     inner = ~np.isin(vertices[:, [0, 2]], (0, 1)).any(axis=1)
     vertices[inner] += rng.uniform(-0.05, 0.05, (inner.sum(), 3)).astype(np.float32) * [1, 0, 1]
     vertices = vertices.astype(np.float32)
-    uvs, choice = vertices[:, [2, 0]].copy(), MergeSettings(area_quantile=1.0, min_cosine=0.0)
-    done = merge(vertices, faces, uvs, faces, np.zeros(len(faces), int), choice, min_faces=30)
+    uvs, choice = vertices[:, [2, 0]].copy(), MergeSettings(min_faces=4, area_quantile=1.0, min_cosine=0.0)
+    done = merge(vertices, faces, uvs, faces, np.zeros(len(faces), int), choice.replaced(min_faces=30))
     assert done.count > 20
     assert (area_vectors(done.vertices, done.faces)[:, 1] > 0).all()
     # the texture does not slide: on a plane with an affine atlas every corner still agrees with its vertex
@@ -171,5 +171,5 @@ def test_merge_refuses_arrays_that_do_not_fit():
     mesh = unwrapped("sphere")
     with pytest.raises(GeometryError, match="contribution counts"):
         merge(*mesh, np.ones(3, int))
-    with pytest.raises(GeometryError, match="criterion"):
-        merge(*mesh, None, MergeSettings(criterion="best"))
+    with pytest.raises(ValidationError, match="method"):
+        MergeSettings(method="best")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from exmesh_graph.geometry.quality import corner_angles, corner_edge_lengths, degeneracy, mesh_quality
+from benchmarks.mesh_quality import corner_angles, mesh_quality
 from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.geometry.topology import corner_edge_lengths, degeneracy
 
 
 def test_degeneracy_of_known_triangles():

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from topology_meshes import SHAPES, check_topology, meshes, unwrapped, uv_areas
 
+from benchmarks.mesh_quality import mesh_quality
 from exmesh_graph.geometry.adjacency import area_vectors
 from exmesh_graph.geometry.flip import flip
-from exmesh_graph.geometry.quality import mesh_quality
 from exmesh_graph.geometry.relax import relax
-from exmesh_graph.geometry.remesh import closest_on_triangles
 from exmesh_graph.geometry.shapes import grid, icosphere
 from exmesh_graph.geometry.split import split
+from exmesh_graph.geometry.surface import closest_on_triangles
 from exmesh_graph.types.edges import edges_of
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas
-from exmesh_graph.geometry.sampling import sample_surface
+from exmesh_graph.geometry.surface import sample_surface
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 3.0]])
 FACES = np.array([[0, 1, 2], [0, 1, 3], [1, 1, 2]])

@@ -8,21 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from topology_meshes import SHAPES, canonical, check_topology, meshes, same_sharing, unwrapped
 from topology_reference import curvature, split_round
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas, signed_volume
-from exmesh_graph.geometry.maps import VertexMap
+from exmesh_graph.geometry.params import SplitSettings
 from exmesh_graph.geometry.shapes import grid, icosphere
-from exmesh_graph.geometry.split import (
-    SplitSettings,
-    Topology,
-    apply_splits,
-    face_curvature,
-    plan_splits,
-    split,
-)
+from exmesh_graph.geometry.split import apply_splits, face_curvature, plan_splits, split
+from exmesh_graph.geometry.topology import Topology, VertexMap
 from exmesh_graph.types.edges import is_closed
 
 slow_but_few = settings(max_examples=30, deadline=None)
@@ -52,7 +47,7 @@ def test_round_equals_the_sequential_pass(mesh, edge_degrees, quantile, budget):
 def test_split_keeps_topology_and_the_cap(mesh, factor, criterion, odd):
     vertices, faces, uvs, uv_faces, gradient = mesh
     target = len(faces) * factor + odd
-    done = split(vertices, faces, uvs, uv_faces, gradient, target, SplitSettings(criterion=criterion), seed=3)
+    done = split(vertices, faces, uvs, uv_faces, gradient, target, SplitSettings(method=criterion), seed=3)
     assert len(faces) <= len(done.faces) <= target
     check_topology((vertices, faces, uvs, uv_faces), done)
     np.testing.assert_array_equal(done.vertices[: len(vertices)], vertices)
@@ -184,9 +179,18 @@ def test_curvature_is_exact_for_flat_and_bent_and_safe_without_area():
     np.testing.assert_allclose(got, curvature(vertices.astype(np.float64), faces.tolist()), atol=1e-12)
 
 
+def test_uniform_splits_all_faces_or_none():
+    mesh = unwrapped("sphere")
+    gradient, uniform, n = np.zeros(len(mesh[0])), SplitSettings(method="uniform"), len(mesh[1])
+    assert len(split(*mesh, gradient, 4 * n, uniform).faces) == 4 * n
+    left = split(*mesh, gradient, 4 * n - 1, uniform)
+    assert left.count == 0
+    assert left.faces is mesh[1]
+
+
 def test_split_refuses_arrays_that_do_not_fit():
     vertices, faces, uvs, uv_faces = unwrapped("sphere")
     with pytest.raises(GeometryError, match="gradients"):
         split(vertices, faces, uvs, uv_faces, np.ones(3), 1000)
-    with pytest.raises(GeometryError, match="criterion"):
-        split(vertices, faces, uvs, uv_faces, np.ones(len(vertices)), 1000, SplitSettings(criterion="best"))
+    with pytest.raises(ValidationError, match="method"):
+        SplitSettings(method="best")

@@ -7,7 +7,7 @@ import pytest
 from topology_meshes import SHAPES, check_topology, unwrapped
 
 from exmesh_graph.geometry.adjacency import components, face_areas
-from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.geometry.split import subdivide
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topology_meshes import check_topology, meshes, unwrapped, uv_areas
 
-from exmesh_graph.geometry.flip import FlipSettings, flip
-from exmesh_graph.geometry.maps import VertexMap
-from exmesh_graph.geometry.merge import MergeSettings, merge
+from exmesh_graph.geometry.flip import flip
+from exmesh_graph.geometry.merge import merge
+from exmesh_graph.geometry.params import FlipSettings, MergeSettings, SplitSettings
 from exmesh_graph.geometry.relax import relax
-from exmesh_graph.geometry.split import SplitSettings, Topology, split
-from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.geometry.split import split, subdivide
+from exmesh_graph.geometry.topology import Topology, VertexMap
 from exmesh_graph.types.edges import edges_of
 
 OPERATIONS = ("split", "split_random", "merge", "merge_random", "flip", "valence", "relax", "uniform")
@@ -29,13 +29,15 @@ def carry_out(name, mesh, gradient, seed):
     if name == "split":
         return split(*mesh, gradient, cap, seed=seed), cap
     if name == "split_random":
-        choice = SplitSettings(criterion="random", position="random", edge_degrees="endpoints")
+        choice = SplitSettings(method="random", position="random", edge_degrees="endpoints")
         return split(*mesh, gradient, cap, choice, seed=seed), cap
     if name.startswith("merge"):
-        choice = MergeSettings(criterion="random", area_quantile=1.0) if name == "merge_random" else EAGER
-        return merge(*mesh, rendered, choice, min_faces=max(4, faces // 2), seed=seed), faces
+        choice = MergeSettings(method="random", area_quantile=1.0) if name == "merge_random" else EAGER
+        return merge(*mesh, rendered, choice.replaced(min_faces=max(4, faces // 2)), seed=seed), faces
     if name in ("flip", "valence"):
-        return flip(*mesh, FlipSettings("valence" if name == "valence" else "delaunay", 1.2, 0.3)), faces
+        return flip(
+            *mesh, FlipSettings(method="valence" if name == "valence" else "delaunay", max_bend=1.2, max_shift=0.3)
+        ), faces
     if name == "relax":
         vertices, uvs, _ = relax(*mesh, max_bend=1.0)
         return Topology(vertices, mesh[1], uvs, mesh[3], VertexMap(), np.arange(faces), 0), faces

@@ -9,9 +9,11 @@ import pytest
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import clean_mesh, inspect
+from exmesh_graph.geometry.params import CleanSettings, TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.types import DepthMaps, Views
 
+CARVE = TsdfSettings(resolution=48, truncation=3, min_weight=2)
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 
 
@@ -58,14 +60,14 @@ def test_points_beyond_the_radius_are_ignored(sphere):
     """A wall behind the sphere, 2 from the origin on every side."""
     views, depths = sphere
     walled = DepthMaps(depths.names, np.where(depths.depth > 0, depths.depth, np.float32(5.5)))
-    kept, _ = fuse(views, walled, voxel=2 / 48, masked=False, radius=1.0)
+    kept, _ = fuse(views, walled, TsdfSettings(resolution=48, masked=False, radius=1.0))
     assert np.linalg.norm(kept - [0.1, -0.05, 0.0], axis=1).max() < 0.85
-    with_wall, _ = fuse(views, walled, voxel=2 / 48, masked=False)
+    with_wall, _ = fuse(views, walled, TsdfSettings(resolution=48, masked=False))
     assert np.linalg.norm(with_wall, axis=1).max() > 1.5
 
 
 def test_sphere(sphere):
-    vertices, faces = fuse(*sphere, voxel=2 / 64)
+    vertices, faces = fuse(*sphere, TsdfSettings(resolution=64))
     r = np.linalg.norm(vertices - [0.1, -0.05, 0.0], axis=1)
     # Half a pixel of shift in the projection would move the surface by 0.01 here; the voxel is 0.031.
     assert r.mean() == pytest.approx(0.7, abs=0.004)
@@ -78,13 +80,13 @@ def test_sphere(sphere):
 def test_finer_voxels_are_more_exact(sphere):
     errors = []
     for resolution in (32, 96):
-        vertices, _ = fuse(*sphere, voxel=2 / resolution)
+        vertices, _ = fuse(*sphere, TsdfSettings(resolution=resolution))
         errors.append(np.abs(np.linalg.norm(vertices - [0.1, -0.05, 0.0], axis=1) - 0.7).mean())
     assert errors[1] < 0.5 * errors[0]
 
 
 def test_same_bytes_each_time(sphere):
-    first, second = fuse(*sphere, voxel=2 / 48), fuse(*sphere, voxel=2 / 48)
+    first, second = fuse(*sphere, TsdfSettings(resolution=48)), fuse(*sphere, TsdfSettings(resolution=48))
     assert np.array_equal(first[0], second[0])
     assert np.array_equal(first[1], second[1])
 
@@ -92,25 +94,25 @@ def test_same_bytes_each_time(sphere):
 def test_masks_remove_background(sphere):
     views, depths = sphere
     walled = np.where(depths.depth > 0, depths.depth, 3.9).astype(np.float32)  # a wall behind the sphere
-    masked, _ = fuse(views, DepthMaps(views.names, walled), voxel=2 / 48)
+    masked, _ = fuse(views, DepthMaps(views.names, walled), TsdfSettings(resolution=48))
     assert np.linalg.norm(masked, axis=1).max() < 1
-    plain, _ = fuse(views, DepthMaps(views.names, walled), voxel=2 / 48, masked=False)
+    plain, _ = fuse(views, DepthMaps(views.names, walled), TsdfSettings(resolution=48, masked=False))
     assert len(plain) > len(masked)
 
 
 def test_result_can_be_cleaned(sphere):
-    vertices, faces = clean_mesh(*fuse(*sphere, voxel=2 / 48), faces_budget=600, close_holes=100)
+    vertices, faces = clean_mesh(*fuse(*sphere, TsdfSettings(resolution=48)), CleanSettings(faces=600, close_holes=100))
     assert inspect(vertices, faces).closed
 
 
 def test_bad_input(sphere):
     views, depths = sphere
     with pytest.raises(DataError, match="not those of the views"):
-        fuse(views, DepthMaps(tuple(reversed(views.names)), depths.depth), voxel=0.05)
+        fuse(views, DepthMaps(tuple(reversed(views.names)), depths.depth), TsdfSettings(resolution=40))
     with pytest.raises(DataError, match="the depth maps are"):
-        fuse(views, DepthMaps(views.names, depths.depth[:, ::2]), voxel=0.05)
+        fuse(views, DepthMaps(views.names, depths.depth[:, ::2]), TsdfSettings(resolution=40))
     with pytest.raises(GeometryError, match="no surface"):
-        fuse(views, DepthMaps(views.names, depths.depth * 0), voxel=0.05)
+        fuse(views, DepthMaps(views.names, depths.depth * 0), TsdfSettings(resolution=40))
 
 
 def test_sample_mesh_from_ray_cast_depth():
@@ -135,7 +137,7 @@ def test_sample_mesh_from_ray_cast_depth():
         origins = np.repeat(pose[None, :3, 3], len(d), axis=0).astype(np.float32)
         hit = embree.run(origins, unit, output=1)
         depths.append(np.where(hit["primID"] >= 0, hit["tfar"] / length, 0).reshape(views.height, views.width))
-    fused = fuse(views, DepthMaps(views.names, np.stack(depths).astype(np.float32)), voxel=2 / 128)
+    fused = fuse(views, DepthMaps(views.names, np.stack(depths).astype(np.float32)), TsdfSettings(resolution=128))
     result = chamfer(*fused, truth.mesh_vertices, truth.mesh_faces, samples=5000)
     assert result.chamfer < 2.5e-3  # a sixth of a voxel; half a pixel of shift would give 0.006
 
@@ -164,9 +166,9 @@ def test_carved_depth_is_closed_and_where_the_truth_is():
         out = np.linalg.norm(pose[:3, 3] + far[..., None] * rays - centre, axis=-1) > 0.7
         cut[i] = np.where(inside, np.where(out, 0, far), depths.depth[i])
         half[i] = np.where(points[..., 1] < centre[1], 0, depths.depth[i])
-    whole = carve(field, views, depths, resolution=48)
-    bitten = carve(field, views, replace(depths, depth=cut.astype(np.float32)), resolution=48)
-    unseen = carve(field, views, replace(depths, depth=half.astype(np.float32)), resolution=48)
+    whole = carve(field, views, depths, CARVE)
+    bitten = carve(field, views, replace(depths, depth=cut.astype(np.float32)), CARVE)
+    unseen = carve(field, views, replace(depths, depth=half.astype(np.float32)), CARVE)
     for vertices, faces in (whole, bitten, unseen):
         report = inspect(vertices, faces)
         assert report.closed

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from exmesh_graph.geometry.split import MU_MAX, MU_MIN
+
 
 def incidence(faces):
     """({undirected edge: [(face, corner k of the half-edge)]}, {vertex: neighbours}); dead faces are None."""
@@ -109,7 +111,7 @@ def split_round(vertices, faces, uvs, uv_faces, gradient, budget, settings):
             d = faces[beyond[0]][(beyond[1] + 2) % 3]
             opposites.append(d)
             mu = 0.5 * sum(float(np.dot(p[x] - p[i], along) / np.dot(along, along)) for x in (o, d))
-        if not settings.mu_min - 1e-6 <= mu <= settings.mu_max + 1e-6:
+        if not MU_MIN - 1e-6 <= mu <= MU_MAX + 1e-6:
             continue
         if any(len(near[x]) >= settings.max_degree for x in opposites):
             continue

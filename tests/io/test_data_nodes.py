@@ -144,14 +144,14 @@ def test_depth_files(with_depth, context):
 
 def test_visual_hull(blender_scene, context):
     scene = data.blender(context, p=data.BlenderParams(path=blender_scene))
-    mesh = init.visual_hull(context, scene.train, p=init.HullParams(resolution=24)).mesh
+    mesh = init.visual_hull(context, scene.train, p=init.HullSettings(resolution=24)).mesh
     assert mesh.facets() == {"manifold": True, "closed": True, "uv": False, "units": "normalised"}
     radius = RADIUS / frame_scale(scene.frame)
     volume = 4 / 3 * np.pi * radius**3
     assert volume < signed_volume(mesh.vertices, mesh.faces) < 1.4 * volume  # a hull holds the ball
     empty = replace(scene.train, alpha=np.where(np.arange(9)[:, None, None] == 4, 0, scene.train.alpha))
     with pytest.raises(DataError, match=f"{scene.train.names[4]}: .*empty"):
-        init.visual_hull(context, empty, p=init.HullParams(resolution=24))
+        init.visual_hull(context, empty, p=init.HullSettings(resolution=24))
 
 
 def test_tsdf(with_depth, context):
@@ -174,7 +174,7 @@ def test_clean(method, context):
     vertices, faces = icosphere(3)
     small, few = icosphere(1, radius=0.1)
     mesh = Mesh(np.concatenate([vertices, small + 3]), np.concatenate([faces, faces[:5], few + len(vertices)]))
-    out = init.clean(context, mesh, p=init.CleanParams(faces=400, method=method)).mesh
+    out = init.clean(context, mesh, p=init.CleanSettings(faces=400, method=method)).mesh
     assert out.facets() == {"manifold": True, "closed": True, "uv": False, "units": "normalised"}
     assert 300 <= len(out.faces) <= 400
     assert np.abs(out.vertices).max() < 1.1  # the small part is gone
@@ -185,9 +185,9 @@ def test_clean(method, context):
 def test_clean_refuses_what_it_cannot_do(context):
     mesh = Mesh(*icosphere(1))
     with pytest.raises(GeometryError, match="close_holes"):
-        init.clean(context, mesh, p=init.CleanParams(faces=40, method="open3d", close_holes=10))
+        init.clean(context, mesh, p=init.CleanSettings(faces=40, method="open3d", close_holes=10))
     with pytest.raises(GeometryError, match="no faces"):
-        init.clean(context, replace(mesh, faces=mesh.faces[:0]), p=init.CleanParams())
+        init.clean(context, replace(mesh, faces=mesh.faces[:0]), p=init.CleanSettings())
 
 
 @pytest.mark.parametrize("name", ["ball.ply", "ball.obj"])

@@ -10,7 +10,7 @@ from exmesh_graph.types import EnvMap
 
 
 def test_a_package_from_disk_and_our_own_asset_on_one_table(scene, context, tmp_path):
-    ours = export.usd(context, scene.asset, p=export.UsdParams(name="ours")).files
+    ours = export.usd(context, scene.asset, p=export.ExportSettings(name="ours")).files
     package = tmp_path / "other.usdz"
     package.write_bytes((ours.root / ours.main).read_bytes())
     context.warnings.clear()

@@ -199,7 +199,7 @@ def test_points_far_outside_are_left_out(views):
     points = random_points(200, radius=0.8)
     points[:20] *= 1000
     lines = []
-    found, once = PointCloud(points, np.full((200, 3), 0.5)), QUICK.replaced(iterations=1, densify_rounds=0)
+    found, once = PointCloud(points, np.full((200, 3), 0.5, np.float32)), QUICK.replaced(iterations=1, densify_rounds=0)
     made, _ = pgsr(views, once, points=found, log=lines.append)
     assert len(made) == 180
     assert "20 far outside" in lines[0]

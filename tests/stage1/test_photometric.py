@@ -63,7 +63,7 @@ def test_correlation_peaks_where_the_surface_is(views):
 
 
 def test_blank_photographs_move_nothing(views):
-    grey = replace(views, images=np.where(views.alpha[..., None] > 0, 0.3, 0.0).astype(np.float32))
+    grey = replace(views, images=np.where(views.alpha[..., None] > 0, 0.3, 0.0).repeat(3, axis=-1).astype(np.float32))
     vertices, faces, _ = bulged(0.06)
     moved, figures = sweep(vertices, faces, prepare_targets(grey), PhotometricSettings(passes=1))
     assert figures["known"] < 0.2  # rims against the black ground

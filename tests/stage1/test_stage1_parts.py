@@ -5,7 +5,7 @@ import pytest
 import torch
 from stage1_scenes import ball, fresh_state, grid_ball, photographs, texture
 
-from exmesh_graph.errors import GeometryError
+from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.optim import adam_step, decayed, view_at
 from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1.appearance.colours import UVTexture
@@ -135,8 +135,10 @@ def test_other_first_textures(kind):
 def test_a_texture_that_is_not_square_is_refused():
     from dataclasses import replace
 
-    with pytest.raises(GeometryError, match="square"):
-        initial_state(replace(ball(), texture=np.zeros((4, 8, 3), np.float32)), photographs(ball(), count=2))
+    with pytest.raises(DataError, match=r"Carrier\.texture: .*\n.*\[R, R, 3\]"):
+        replace(ball(), texture=np.zeros((4, 8, 3), np.float32))
+    with pytest.raises(GeometryError, match="R > 0"):
+        initial_state(replace(ball(), texture=np.zeros((0, 0, 3), np.float32)), photographs(ball(), count=2))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (7, 5), (16, 16), (33, 2)])

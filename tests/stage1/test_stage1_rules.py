@@ -8,7 +8,7 @@ import torch
 from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph import losses
-from exmesh_graph.geometry.subdivide import subdivide
+from exmesh_graph.geometry.split import subdivide
 from exmesh_graph.optim import adam_step
 from exmesh_graph.stage1.init import initial_state
 from exmesh_graph.stage1.refine import refine

@@ -83,6 +83,7 @@ def test_starts_that_do_not_fit_are_refused(carrier, train_views, transport):
 
 @pytest.mark.parametrize("fitted", [0.004, 0.996])
 def test_a_fitted_metallic_is_kept(carrier, train_views, transport, fitted):
-    start = dataclasses.replace(neutral_asset(carrier), metallic=np.full((16, 16), fitted, np.float32))
+    neutral = neutral_asset(carrier)
+    start = dataclasses.replace(neutral, metallic=np.full_like(neutral.roughness, fitted))
     model = Decomposition(carrier, train_views, transport, SHORT.replaced(metallic=True), "cpu", start=start)
     torch.testing.assert_close(model.maps.values()[:, 4].detach(), torch.full((len(model.maps.texels),), fitted))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.uv.dilate import dilate
 from exmesh_graph.uv.maintain import refill
+from exmesh_graph.uv.raster import dilate
 from exmesh_graph.uv.transfer import sample_bilinear
 from exmesh_graph.uv.unwrap import unwrap
 

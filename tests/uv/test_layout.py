@@ -12,7 +12,7 @@ from exmesh_graph.types.edges import edges_of
 from exmesh_graph.uv.charts import partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches
 from exmesh_graph.uv.layout import _overlaps, lay_out
-from exmesh_graph.uv.outline import near, winding
+from exmesh_graph.uv.marks import near, winding
 
 
 @settings(max_examples=30, deadline=None)

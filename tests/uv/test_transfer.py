@@ -10,10 +10,10 @@ import pytest
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas
 from exmesh_graph.geometry.shapes import icosphere
+from exmesh_graph.uv.params import DiscSettings
 from exmesh_graph.uv.raster import rasterize_atlas
-from exmesh_graph.uv.regen import regenerate
 from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
-from exmesh_graph.uv.unwrap import unwrap
+from exmesh_graph.uv.unwrap import regenerate, unwrap
 
 SIZE = 256
 
@@ -22,7 +22,12 @@ SIZE = 256
 def atlases():
     """A mesh and two different atlases of it."""
     vertices, faces = icosphere(3)
-    return vertices, faces, unwrap(vertices, faces, SIZE), unwrap(vertices, faces, SIZE, bend=0.1, padding=3)
+    return (
+        vertices,
+        faces,
+        unwrap(vertices, faces, SIZE),
+        unwrap(vertices, faces, SIZE, DiscSettings(bend=0.1, padding=3)),
+    )
 
 
 def paint(function, uvs, uv_faces, size=SIZE):
@@ -124,7 +129,7 @@ def test_moments_move_with_their_texels():
     v, _ = paint(lambda p: p[:, 0] ** 2, *one)
     m, v = np.repeat(m, 3, axis=2), np.repeat(v, 3, axis=2)
     for size in (SIZE, 2 * SIZE):
-        new = regenerate(vertices, faces, *one, np.clip(m, 0, 1), m, v, size, bend=0.1)
+        new = regenerate(vertices, faces, *one, np.clip(m, 0, 1), m, v, size, DiscSettings(bend=0.1))
         assert new.second_moment.min() >= 0
         assert new.texture.shape == new.first_moment.shape == (size, size, 3)
         x, _ = paint(lambda p: p[:, 0], new.uvs, new.uv_faces, size)

@@ -9,6 +9,7 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import components, face_areas
 from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
 from exmesh_graph.uv.maintain import check_atlas
+from exmesh_graph.uv.params import DiscSettings
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.unwrap import unwrap
 
@@ -37,7 +38,7 @@ MESHES = {
 def test_atlas_is_valid(name):
     vertices, faces = MESHES[name]
     size = 256
-    uvs, uv_faces = unwrap(vertices, faces, size, padding=3)
+    uvs, uv_faces = unwrap(vertices, faces, size, DiscSettings(padding=3))
     assert uvs.dtype == np.float32
     assert uv_faces.dtype == np.int32
     assert uv_faces.shape == faces.shape
@@ -112,9 +113,9 @@ def test_nonmanifold_meshes_are_refused_or_cut():
     extra = extra[(extra[:, 2] != extra[:, 0]) & (extra[:, 2] != extra[:, 1])]
     broken = np.concatenate([faces, extra])
     with pytest.raises(GeometryError, match="edges with more than two faces") as caught:
-        unwrap(vertices, broken, 512)
+        unwrap(vertices, broken, 512, DiscSettings(cut_nonmanifold=False))
     assert "cut_nonmanifold" in caught.value.fix
-    uvs, uv_faces = unwrap(vertices, broken, 512, cut_nonmanifold=True)
+    uvs, uv_faces = unwrap(vertices, broken, 512)
     assert (uv_areas(uvs, uv_faces) > 0).all()
     assert check_atlas(vertices, broken, uvs, uv_faces, 512).welded == 0
 
@@ -130,6 +131,6 @@ def test_unusable_meshes_are_refused():
         ((vertices, np.concatenate([faces, [[0, 1, 1]]]).astype(np.int32)), "twice"),
     ):
         with pytest.raises(GeometryError, match=what):
-            unwrap(*args, 256)
+            unwrap(*args, 256, DiscSettings(cut_nonmanifold=False))
     with pytest.raises(GeometryError, match="do not fit"):
-        unwrap(rough(icosphere(3)[0], 0.3), icosphere(3)[1], 16, padding=16)
+        unwrap(rough(icosphere(3)[0], 0.3), icosphere(3)[1], 16, DiscSettings(padding=16))

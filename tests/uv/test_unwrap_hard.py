@@ -16,6 +16,7 @@ from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh
 from exmesh_graph.uv import xatlas_charts as guarded
 from exmesh_graph.uv.maintain import check_atlas
+from exmesh_graph.uv.params import DiscSettings, XatlasSettings
 from exmesh_graph.uv.unwrap import unwrap
 
 SIZE = 1024
@@ -68,7 +69,7 @@ def broken(kind):
 )
 def test_broken_meshes_get_a_sound_atlas(kind):
     vertices, faces = broken(kind)
-    uvs, uv_faces = unwrap(vertices, faces.astype(np.int32), SIZE, padding=2, cut_nonmanifold=True)
+    uvs, uv_faces = unwrap(vertices, faces.astype(np.int32), SIZE, DiscSettings(padding=2))
     report = check_atlas(vertices, faces, uvs, uv_faces, SIZE)
     assert report.welded == report.flipped == 0
     # a face that repeats another one shows the same texels; all else has its own
@@ -82,7 +83,7 @@ def test_broken_meshes_get_a_sound_atlas(kind):
 def test_a_repeated_face_shows_the_texels_of_the_first():
     vertices, faces = icosphere(1)
     again = np.concatenate([faces, faces[[5, 9]][:, [2, 0, 1]]]).astype(np.int32)
-    _, uv_faces = unwrap(vertices, again, 128, cut_nonmanifold=True)
+    _, uv_faces = unwrap(vertices, again, 128)
     np.testing.assert_array_equal(uv_faces[-2:], uv_faces[[5, 9]][:, [2, 0, 1]])
     assert components(uv_faces).max() <= 12
 
@@ -91,7 +92,7 @@ def test_at_an_edge_with_three_faces_the_smoothest_two_stay_together():
     # two coplanar triangles and a fin upright on their common edge
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 0.5, 1]], np.float32)
     faces = np.array([[4, 1, 2], [0, 1, 2], [3, 2, 1]], np.int32)
-    _, uv_faces = unwrap(vertices, faces, 64, padding=1, cut_nonmanifold=True)
+    _, uv_faces = unwrap(vertices, faces, 64, DiscSettings(padding=1))
     chart = components(uv_faces)
     assert chart[1] == chart[2] != chart[0]
 
@@ -119,7 +120,7 @@ def test_xatlas_is_ended_when_its_time_is_up():
 def test_a_death_of_xatlas_is_told(monkeypatch):
     monkeypatch.setattr(guarded, "_CHILD", "import os; os.abort()")
     told: list[str] = []
-    uvs, _ = unwrap(*icosphere(1), 64, method="xatlas", warn=told.append)
+    uvs, _ = unwrap(*icosphere(1), 64, XatlasSettings(), warn=told.append)
     assert "ended with status -6" in told[0]
     assert len(uvs)
 
@@ -127,7 +128,7 @@ def test_a_death_of_xatlas_is_told(monkeypatch):
 def test_xatlas_charts():
     vertices, faces = rough_sphere()
     before = "xatlas" in sys.modules
-    first, again = (unwrap(vertices, faces, 256, method="xatlas", warn=pytest.fail) for _ in range(2))
+    first, again = (unwrap(vertices, faces, 256, XatlasSettings(), warn=pytest.fail) for _ in range(2))
     assert first[0].tobytes() == again[0].tobytes()
     report = check_atlas(vertices, faces, *first, 256)
     assert report.welded == report.flipped == 0

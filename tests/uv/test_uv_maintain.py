@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.adjacency import without_unused
 from exmesh_graph.geometry.shapes import grid, icosphere
-from exmesh_graph.uv.maintain import check_atlas, compact
+from exmesh_graph.uv.maintain import check_atlas
 from exmesh_graph.uv.unwrap import unwrap
 
 
@@ -20,13 +21,13 @@ def test_compaction_renumbers_and_moves_nothing():
     vertices, faces = icosphere(1)
     uvs, uv_faces = unwrap(vertices, faces, 128)
     keep = uv_faces[:40]
-    new_uvs, new_faces = compact(uvs, keep)
+    new_uvs, new_faces = without_unused(uvs, keep)
     assert len(new_uvs) == len(np.unique(keep)) < len(uvs)
     np.testing.assert_array_equal(new_uvs[new_faces], uvs[keep])
     assert new_faces.dtype == uv_faces.dtype
     # equal coordinates of different indices stay two: islands that touch are not welded
     twin = np.concatenate([uvs, uvs])
-    assert len(compact(twin, np.concatenate([uv_faces, uv_faces + len(uvs)]))[0]) == len(twin)
+    assert len(without_unused(twin, np.concatenate([uv_faces, uv_faces + len(uvs)]))[0]) == len(twin)
 
 
 def test_a_sound_atlas():

@@ -33,10 +33,11 @@ from exmesh_graph.evaluate.metrics.image import ssim_map
 from exmesh_graph.evaluate.metrics.lpips import Lpips
 from exmesh_graph.evaluate.params import OrbParams
 from exmesh_graph.evaluate.renders import Progress, Steps
-from exmesh_graph.evaluate.scores import benchmark_row, points_to_dataset, spread
-from exmesh_graph.geometry.sampling import sample_surface
+from exmesh_graph.evaluate.scores import benchmark_row, points_to_dataset
+from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.normalise import frame_scale
+from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Asset, Frame, LitViews, SceneTruth, Views
 
 SHAPE_SAMPLES = 30_000

@@ -1,8 +1,9 @@
 """USD: writing an asset, judging any file, reading it back."""
 
+from exmesh_graph.export.params import ExportSettings
 from exmesh_graph.export.usd.gate import validate_usd
 from exmesh_graph.export.usd.problem import Problem
 from exmesh_graph.export.usd.read import UsdContents, read_usd, up_axis
-from exmesh_graph.export.usd.write import ExportSettings, write_usd
+from exmesh_graph.export.usd.write import write_usd
 
 __all__ = ["ExportSettings", "Problem", "UsdContents", "read_usd", "up_axis", "validate_usd", "write_usd"]

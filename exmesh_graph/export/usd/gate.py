@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.export.usd.package import package_rules
 from exmesh_graph.export.usd.problem import Pictures, Problem
 from exmesh_graph.export.usd.read import open_usd, select_variant
-from exmesh_graph.export.usd.rules_light import dome_rules
-from exmesh_graph.export.usd.rules_material import material_rules
+from exmesh_graph.export.usd.rules import dome_rules, material_rules, path_rules, stage_rules
 from exmesh_graph.export.usd.rules_mesh import mesh_rules
-from exmesh_graph.export.usd.rules_stage import package_rules, path_rules, stage_rules
 
 
 def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
@@ -60,13 +59,13 @@ def _prim_rules(stage: Any, pictures: Pictures, kinds: tuple[str, ...]) -> Itera
 
 def _other_variants(stage: Any) -> list[tuple[str, str]]:
     """(variant set, alternative) of all alternatives that are not selected."""
-    found: dict[tuple[str, str], None] = {}
+    others: dict[tuple[str, str], None] = {}
     for prim in stage.Traverse():
         sets = prim.GetVariantSets()
         for name in sets.GetNames():
             variants = sets.GetVariantSet(name)
-            found |= {(name, c): None for c in variants.GetVariantNames() if c != variants.GetVariantSelection()}
-    return list(found)
+            others |= {(name, c): None for c in variants.GetVariantNames() if c != variants.GetVariantSelection()}
+    return list(others)
 
 
 def _openusd_findings(stage: Any) -> Iterator[Problem]:

@@ -14,18 +14,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.export.content import LODS, AssetContent
+from exmesh_graph.export.content import LODS, AssetContent, camera_contents, mesh_content, mesh_report, place
 from exmesh_graph.export.folder import new_folder
-from exmesh_graph.export.geometry import UpAxis, camera_contents, mesh_content, mesh_report, place
 from exmesh_graph.export.inputs import check_asset, check_name, check_views, clipped
-from exmesh_graph.export.maps import MapSettings, prepare_maps, to_codes, write_environment, write_map
+from exmesh_graph.export.maps import prepare_maps, to_codes, write_environment, write_map
+from exmesh_graph.export.params import ExportSettings
 from exmesh_graph.export.usd.gate import validate_usd
 from exmesh_graph.export.usd.layers import (
     author_flat,
@@ -42,28 +42,6 @@ from exmesh_graph.types import Asset, Frame, Views
 from exmesh_graph.version import __version__
 
 Plain = str | int | float
-
-
-@dataclass(frozen=True)
-class ExportSettings:
-    """name             prim and file name: a USD identifier
-    maps             how textures are written
-    up_axis          "Y", or "Z": points, cameras and light turned by 90 degrees about x
-    recentre         the object's middle becomes the stage's origin; by how much it was moved goes into the provenance
-    gate             judge the files before they appear under their name; False is noted in the asset
-    clip             clip base colour to [0, 1] and light to half floats, counted; else values outside are errors
-    require_scale    an unknown metric scale is an error
-    require_closed   an open or non-manifold mesh is an error
-    """
-
-    name: str = "asset"
-    maps: MapSettings = field(default_factory=MapSettings)
-    up_axis: UpAxis = "Y"
-    recentre: bool = False
-    gate: bool = True
-    clip: bool = False
-    require_scale: bool = False
-    require_closed: bool = False
 
 
 def write_usd(
@@ -96,7 +74,7 @@ def write_usd(
     levels = _levels(asset, lods or {})
     if views is not None:
         check_views(views)
-    maps, report = prepare_maps(asset, settings.maps)
+    maps, report = prepare_maps(asset, settings, settings.normal_bits)
     report |= counts
     content, files = _content(levels, maps, frame, views, settings, report)
     _demand(settings, report)
@@ -159,15 +137,15 @@ def _content(
     codes = {"high": maps}
     for lod, level in levels.items():
         if lod != "high":
-            codes[lod] = {**maps, **_own_maps(high, level, settings.maps)}
+            codes[lod] = {**maps, **_own_maps(high, level, settings)}
             report[f"faces_{lod}"] = len(level.faces)
-    if any("normal" in found for found in codes.values()):  # a level without one reads a flat one
-        codes = {lod: {"normal": _flat_normal(settings.maps.normal_bits), **found} for lod, found in codes.items()}
+    if any("normal" in own for own in codes.values()):  # a level without one reads a flat one
+        codes = {lod: {"normal": _flat_normal(settings.normal_bits), **own} for lod, own in codes.items()}
     names: dict[str, dict[str, str]] = {}
     files: dict[str, np.ndarray] = {}
-    for lod, found in codes.items():
+    for lod, own in codes.items():
         names[lod] = {}
-        for name, pixels in found.items():
+        for name, pixels in own.items():
             shared = lod != "high" and name in names["high"] and pixels is codes["high"][name]
             names[lod][name] = (
                 names["high"][name] if shared else f"{name}.png" if lod == "high" else f"{name}_{lod}.png"
@@ -200,7 +178,7 @@ def _demand(settings: ExportSettings, report: Mapping[str, Any]) -> None:
         )  # fmt: skip
 
 
-def _own_maps(high: Asset, level: Asset, settings: MapSettings) -> dict[str, np.ndarray]:
+def _own_maps(high: Asset, level: Asset, settings: ExportSettings) -> dict[str, np.ndarray]:
     """The maps of a coarser level that hold other values than those of the finest one."""
 
     def same(name: str) -> bool:
@@ -208,7 +186,7 @@ def _own_maps(high: Asset, level: Asset, settings: MapSettings) -> dict[str, np.
         return ours is theirs or (ours is not None and theirs is not None and np.array_equal(ours, theirs))
 
     names = [name for name in ("base_color", "roughness", "metallic", "normal") if not same(name)]
-    prepared = prepare_maps(level, settings)[0] if names else {}
+    prepared = prepare_maps(level, settings, settings.normal_bits)[0] if names else {}
     return {name: prepared[name] for name in names if name in prepared}
 
 

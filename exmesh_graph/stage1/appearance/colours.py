@@ -9,8 +9,7 @@ import torch
 
 from exmesh_graph.raster import barycentrics, shade
 from exmesh_graph.stage1.appearance.model import AppearanceModel, Surface
-from exmesh_graph.uv.dilate import dilate
-from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.raster import dilate, rasterize_atlas
 from exmesh_graph.uv.transfer import COVER
 
 _CHUNK = 1 << 16

@@ -1,28 +1,12 @@
-"""Figures on the shape of triangles: degeneracy (eq. 4), angles, edge lengths, degrees."""
+"""Figures on the shape of a mesh's triangles: angles, edge lengths, slivers, degrees."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.adjacency import edge_lengths, face_areas, lengths, vertex_degrees
+from exmesh_graph.geometry.adjacency import edge_lengths, vertex_degrees
+from exmesh_graph.geometry.topology import degeneracy
 from exmesh_graph.types.edges import edges_of
-
-
-def degeneracy(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """float64 [F], D_f = Area(f) / l_max(f)^2 (eq. 4): sqrt(3)/4 when equilateral, 0 for a sliver or a point.
-
-    Equation: 4.
-    """
-    longest2 = (corner_edge_lengths(vertices, faces) ** 2).max(axis=1)
-    area = face_areas(vertices, faces)
-    return np.divide(area, longest2, out=np.zeros_like(area), where=longest2 > 0)
-
-
-def corner_edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """float64 [F, 3], the length of half-edge 3 f + k."""
-    points = vertices.astype(np.float64)
-    corner = [points[faces[:, k]] for k in range(3)]
-    return np.stack([lengths(corner[(k + 1) % 3] - corner[k]) for k in range(3)], axis=1)
 
 
 def corner_angles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

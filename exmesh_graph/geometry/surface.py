@@ -1,4 +1,4 @@
-"""Points drawn on a triangle mesh, uniform by area."""
+"""Points on a triangle mesh: the nearest one, and ones drawn uniformly by area."""
 
 from __future__ import annotations
 
@@ -6,6 +6,29 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas
+
+
+def closest_on_triangles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Nearest point [N, 3] of each triangle [N, 3, 3] to its point [N, 3]."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normal = np.cross(b - a, c - a)
+    area = np.einsum("ni,ni->n", normal, normal)
+    to = points - a
+    s = np.einsum("ni,ni->n", np.cross(to, c - a), normal)
+    t = np.einsum("ni,ni->n", np.cross(b - a, to), normal)
+    inside = (s >= 0) & (t >= 0) & (s + t <= area) & (area > 0)
+    safe = np.where(area > 0, area, 1)[:, None]
+    best = points - normal * np.einsum("ni,ni->n", to, normal)[:, None] / safe
+    distance = np.where(inside, ((best - points) ** 2).sum(1), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        along = end - start
+        length = np.einsum("ni,ni->n", along, along)
+        u = np.clip(np.einsum("ni,ni->n", points - start, along) / np.where(length > 0, length, 1), 0, 1)
+        foot = start + u[:, None] * along
+        squared = ((foot - points) ** 2).sum(1)
+        nearer = squared < distance
+        best, distance = np.where(nearer[:, None], foot, best), np.where(nearer, squared, distance)
+    return best
 
 
 def sample_surface(
