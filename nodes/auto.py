@@ -85,7 +85,9 @@ def auto(
         if method == "pgsr":
             depths = _fitted_depths(ctx, views, points, iterations, factor, p)
         assert depths is not None
-        whole = init.TsdfParams(resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks)
+        whole = init.TsdfParams(
+            resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks
+        )
         bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
         mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
         if p.method == "auto" and method == "pgsr" and masks and len(views) >= ENOUGH_VIEWS:

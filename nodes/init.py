@@ -40,7 +40,12 @@ def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedM
     from exmesh_graph.geometry.hull import visual_hull as hull
 
     field = SilhouetteField.from_masks(
-        views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=p.wrong_masks, names=views.names, chunk=p.chunk
+        views.alpha,
+        views.intrinsics,
+        views.world_to_camera,
+        wrong_masks=p.wrong_masks,
+        names=views.names,
+        chunk=p.chunk,
     )
     vertices, faces = hull(field, resolution=p.resolution)
     vertices = taubin(vertices, faces, p.smooth)

@@ -317,13 +317,13 @@ class _Export(Family):
         units: The file's space: the normalised world, the Y-up scene, or the data set's own axes and units.
         name: File name, without .ply.
         """
-    def gltf(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", recentre: bool | Parameter = False, roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode3:
+    def gltf(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode3:
         """Write mesh, tangents and maps as one binary glTF file, in metres; glTF holds no environment.
 
         name: Name of the asset and its files: letters, digits and _.
-        recentre: Put the object's middle at the origin, for scenes far from theirs.
-        roughness_floor: Lowest roughness written. [>= 0.0, <= 1.0]
+        roughness_floor: Lowest roughness written: below it, highlights are spikes that renderers disagree about; how many texels were raised is reported. [>= 0.0, <= 1.0]
         dilation: Padding of the charts, so that mip levels do not bleed. [texels, >= 0, <= 64]
+        recentre: Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset.
         """
     def lod(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node | None = None, share: float | Parameter = 0.25, texture_size: int | Parameter = 0, fit_pixels: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> AssetNode:
         """A coarser level of detail: fewer faces on the same atlas, normals baked from the fine mesh, smaller maps.
@@ -332,22 +332,22 @@ class _Export(Family):
         texture_size: Side of the maps, a divisor of theirs; 0: as they are. [texels, >= 0, <= 8192]
         fit_pixels: Side of the maps at which a texel is no larger than a pixel in the wired views, for 95 % of the surface.
         """
-    def obj(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, name: str | Parameter = "asset", recentre: bool | Parameter = False, roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode4:
+    def obj(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode4:
         """Write mesh and maps as Wavefront OBJ with an MTL file; OBJ holds neither light nor units.
 
         name: Name of the asset and its files: letters, digits and _.
-        recentre: Put the object's middle at the origin, for scenes far from theirs.
-        roughness_floor: Lowest roughness written. [>= 0.0, <= 1.0]
+        roughness_floor: Lowest roughness written: below it, highlights are spikes that renderers disagree about; how many texels were raised is reported. [>= 0.0, <= 1.0]
         dilation: Padding of the charts, so that mip levels do not bleed. [texels, >= 0, <= 64]
+        recentre: Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset.
         """
-    def usd(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, views: Wire[Views] | Node | None = None, mid: Wire[Asset] | Node | None = None, low: Wire[Asset] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", up_axis: Literal["Y", "Z"] | Parameter = "Y", recentre: bool | Parameter = False, roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, normal_bits: Literal[8, 16] | Parameter = 8, clip: bool | Parameter = False, require_scale: bool | Parameter = False, require_closed: bool | Parameter = False, gate: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode:
+    def usd(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, views: Wire[Views] | Node | None = None, mid: Wire[Asset] | Node | None = None, low: Wire[Asset] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, up_axis: Literal["Y", "Z"] | Parameter = "Y", normal_bits: Literal[8, 16] | Parameter = 8, clip: bool | Parameter = False, require_scale: bool | Parameter = False, require_closed: bool | Parameter = False, gate: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode:
         """Write mesh, maps, light and cameras as USD; judged by the gate before anything is published.
 
         name: Name of the asset and its files: letters, digits and _.
-        up_axis: Z turns points, cameras and light; many tools turn Y-up by themselves.
-        recentre: Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset.
-        roughness_floor: Lowest roughness written; how many texels were raised is reported. [>= 0.0, <= 1.0]
+        roughness_floor: Lowest roughness written: below it, highlights are spikes that renderers disagree about; how many texels were raised is reported. [>= 0.0, <= 1.0]
         dilation: Padding of the charts, so that mip levels do not bleed. [texels, >= 0, <= 64]
+        recentre: Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset.
+        up_axis: Z turns points, cameras and light; many tools turn Y-up by themselves.
         normal_bits: Depth of the normal map. [bits]
         clip: Clip base colour to [0, 1] and light to half floats; else values outside are errors.
         require_scale: Refuse an asset whose metric scale is not known.
@@ -482,22 +482,25 @@ class _Init(Family):
         chunk: Points handled at once; bounds memory. [points, >= 4096]
         """
 class _Mesh(Family):
-    def flip(self, name: str = "", *, state: Wire[Stage1State] | Node, method: Literal["delaunay", "valence"] | Parameter = "delaunay", max_bend: float | Parameter = 0.5, max_shift: float | Parameter = 0.1, max_rounds: int | Parameter = 8, relax: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
+    def flip(self, name: str = "", *, state: Wire[Stage1State] | Node, method: Literal["delaunay", "valence"] | Parameter = "delaunay", max_bend: float | Parameter = 0.5, max_shift: float | Parameter = 0.1, min_shape: float | Parameter = 0.1, max_rounds: int | Parameter = 8, relax: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Flip edges inside charts to even out the triangles that splits and merges leave, then space vertices evenly.
 
-        method: Which edges turn: those under wide angles, or those between vertices of many edges.
+        method: Which edges turn: those whose two opposite angles sum to more than half a turn, or those between vertices whose degrees then come nearer to six (four on a boundary).
         max_bend: Only pairs of faces that are flatter than this. [radians, >= 0.0, <= 1.5]
         max_shift: How far the texture may move under the new edge; 0 allows rounding only. [diagonals, >= 0.0]
+        min_shape: A new face is not more degenerate (eq. 4) than this, unless the worse old one was. [>= 0.0, <= 1.0]
         max_rounds: Passes over the mesh; it ends early when no edge is left to flip. [>= 1, <= 64]
         relax: Then glide vertices, with their UVs, towards even spacing. [steps, >= 0, <= 20]
         """
-    def merge(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, degenerate: float | Parameter = 0.05, area_quantile: float | Parameter = 0.3, method: Literal["degenerate", "random"] | Parameter = "degenerate", min_faces: int | Parameter = 100, supersample: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
+    def merge(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, degenerate: float | Parameter = 0.05, area_quantile: float | Parameter = 0.3, method: Literal["degenerate", "random"] | Parameter = "degenerate", min_faces: int | Parameter = 100, min_cosine: float | Parameter = 0.5, outline_cosine: float | Parameter = 0.7, supersample: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Collapse small faces that are degenerate or, with views given, that no view shows.
 
-        degenerate: tau_degen: faces below this area / longest edge squared go. [>= 0.0, <= 0.433]
+        degenerate: tau_degen of eq. 4: faces below this area / longest edge squared go. [>= 0.0, <= 1.0]
         area_quantile: Only faces up to this quantile of area may go. [>= 0.0, <= 1.0]
-        method: Which faces go: degenerate or never rendered ones, or a tenth at random.
+        method: Which faces go: degenerate or never rendered ones, or a tenth of the small ones at random.
         min_faces: The mesh keeps at least this many. [faces, >= 4]
+        min_cosine: A face that stays keeps its normal within the angle of this cosine. [>= -1.0, <= 1.0]
+        outline_cosine: A vertex on a boundary or seam goes only where that line turns by no more than the angle of this cosine. [>= -1.0, <= 1.0]
         supersample: Views are searched for each face at this multiple of their resolution. [>= 1, <= 8]
         """
     def split(self, name: str = "", *, state: Wire[Stage1State] | Node, max_faces: int | Parameter = 200000, target_faces: int | Parameter = 0, growth: float | Parameter = 1.5, method: Literal["score", "area", "random", "uniform"] | Parameter = "score", position: Literal["projection", "midpoint", "random"] | Parameter = "projection", edge_degrees: Literal["opposite", "endpoints"] | Parameter = "opposite", gradient_weight: float | Parameter = 0.6, curvature_weight: float | Parameter = 0.4, area_quantile: float | Parameter = 0.5, max_degree: int | Parameter = 10, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
@@ -512,7 +515,7 @@ class _Mesh(Family):
         gradient_weight: w_g of eq. 3. [>= 0.0]
         curvature_weight: w_k of eq. 3. [>= 0.0]
         area_quantile: Faces from this quantile of area on may be selected. [>= 0.0, < 1.0]
-        max_degree: Vertices that start a round with this degree get no further edge in it. [>= 6]
+        max_degree: An edge is not split when a vertex opposite to it has this degree as a round begins; splits on two sides of a vertex in one round may pass it by one. [>= 6]
         """
     def untangle(self, name: str = "", *, state: Wire[Stage1State] | Node, steps: int | Parameter = 12, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Smooth faces apart that cut one another; nothing else moves. For starts and photographs that leave such faces.

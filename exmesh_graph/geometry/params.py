@@ -11,7 +11,9 @@ class HullSettings(Params):
     """The visual hull of masks (`geometry.hull`)."""
 
     resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the object's longest side.")
-    wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point; 1 for hand-made masks.")
+    wrong_masks: int = param(
+        0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point; 1 for hand-made masks."
+    )
     smooth: int = param(
         10, ge=0, le=200, unit="steps", doc="Taubin smoothing steps (no shrinking) after marching cubes."
     )
