@@ -5,8 +5,8 @@ import torch
 
 from exmesh_graph import losses
 from exmesh_graph.shading import brdf, envmap
-from exmesh_graph.shading.brdf_sampling import sample_brdf
 from exmesh_graph.shading.env_sampling import EnvSampler
+from exmesh_graph.shading.monte_carlo.reference import sample_brdf
 from exmesh_graph.shading.point_sets import hammersley
 from exmesh_graph.shading.specular import PrefilteredStack
 

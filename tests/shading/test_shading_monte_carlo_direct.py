@@ -9,9 +9,9 @@ from monte_carlo_scenes import bowl, material, on_mesh, studio, tracer_of, wall_
 
 from exmesh_graph.rays.reference import BruteTracer
 from exmesh_graph.shading import brdf, envmap
-from exmesh_graph.shading.brdf_sampling import pdf_brdf
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Material, Points, draw_light, make_pool, shade, shade_reference
+from exmesh_graph.shading.monte_carlo.reference import pdf_brdf
 from exmesh_graph.shading.monte_carlo.samples import draw_directions
 
 pytestmark = pytest.mark.usefixtures("one_thread")

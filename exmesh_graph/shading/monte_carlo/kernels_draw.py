@@ -1,7 +1,7 @@
 """Warp kernels that draw light samples: one source for CPU and CUDA.
 
-A thread is a surface point; nothing per sample is written but a direction and a weight. Formulas as in
-`shading.brdf_sampling` and `shading.env_sampling`. Imported after Warp has been configured.
+A thread is a surface point; nothing per sample is written but a direction and a weight. Formulas as in `reference`
+(lobes) and `shading.env_sampling`. Imported after Warp has been configured.
 """
 
 # mypy: ignore-errors
