@@ -10,17 +10,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.api.judge import declared
 from exmesh_graph.api.node import Node
 from exmesh_graph.api.values import Place, Plug, Wire, here, plain
 from exmesh_graph.graph.declare.components import BoundComponent, Component
-from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.declare.ports import Port, Signature, signature, type_name
+from exmesh_graph.graph.declare.ports import Port, signature, type_name
 from exmesh_graph.graph.language.check import Bound, check_part
 from exmesh_graph.graph.language.expand import Graph, NodeSpec
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
-from exmesh_graph.graph.problems import Problems, fail, nearest
+from exmesh_graph.graph.problems import Problems, fail
 from exmesh_graph.graph.run import contracts
 from exmesh_graph.graph.run.memory import mark_of
 from exmesh_graph.graph.session import Session, current_session
@@ -73,8 +73,8 @@ def call(
     on. Raises GraphErrors for what the node does not take, and what the node itself raises.
     """
     packs, where, problems = (session or current_session()).packs(), here(), Problems()
-    definition, known = _declared(type, packs, where)
-    kind = definition.type
+    definition = declared(type, packs, where)
+    kind, known = definition.type, signature(definition)
     if known.component is not None:
         fail(
             "node-type",
@@ -116,18 +116,6 @@ def call(
     return result
 
 
-def _declared(declared: Any, packs: Packs, where: Place) -> tuple[NodeDef, Signature]:
-    """Definition and signature of a type, or of the function that declares it."""
-    definition = packs.find(declared) if isinstance(declared, str) else None
-    for other in packs.types.values():
-        definition = other if other.function is declared else definition
-    if definition is not None:
-        return definition, signature(definition)
-    shown = declared if isinstance(declared, str) else getattr(declared, "__qualname__", repr(declared))
-    near, fix = nearest(str(shown), packs.types), "exmesh nodes lists all types"
-    return fail("node-type", where, f"there is no node type {shown!r}", nearest=near, fix=fix)
-
-
 def _fits(what: str, value: Any, port: Port, where: Place, problems: Problems) -> bool:
     """Whether a value is an artifact of a type that the port takes; else notes what it is instead."""
     if isinstance(value, port.types):
@@ -163,7 +151,7 @@ def _plug(what: str, value: Any, port: Port, packs: Packs, where: Place, problem
 
 def _made(what: str, plug: Plug[Any], packs: Packs, where: Place, problems: Problems) -> Component | None:
     """The object that a Plug describes; faults are noted."""
-    _, known = _declared(plug.type, packs, where)
+    known = signature(declared(plug.type, packs, where))
     fields: dict[str, Value] = {}
     nested: dict[str, Component] = {}
     for name, value in plug.fields.items():

@@ -8,10 +8,12 @@ from exmesh_graph.graph.language.check import check_part
 from exmesh_graph.graph.language.expand import Graph, NodeSpec
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
-from exmesh_graph.graph.problems import Problems
+from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 if TYPE_CHECKING:
     from exmesh_graph.api.scope import Scope
+    from exmesh_graph.graph.declare.node import NodeDef
+    from exmesh_graph.graph.declare.packs import Packs
 
 _OWN = ("type", "every", "at", "doc", "seed")  # of a node's entry, what is neither port nor parameter
 
@@ -41,6 +43,18 @@ def judge(scope: Scope, name: str) -> Problems:
         fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
     specs[name] = NodeSpec(name, kind, fields, entry.where, 0)
     return check_part(Graph(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)[1]
+
+
+def declared(kind: Any, packs: Packs, where: Where) -> NodeDef:
+    """The type of a name, or the one that a function or class declares. Raises GraphErrors."""
+    definition = packs.find(kind) if isinstance(kind, str) else None
+    for other in packs.types.values():
+        definition = other if other.function is kind else definition
+    if definition is None:
+        shown = kind if isinstance(kind, str) else getattr(kind, "__qualname__", repr(kind))
+        near, fix = nearest(str(shown), packs.types), "exmesh nodes lists all types; @node or @component declares one"
+        fail("node-type", where, f"there is no node type {shown!r}", nearest=near, fix=fix)
+    return definition
 
 
 def _neighbours(scope: Scope | None, name: str) -> dict[str, NodeSpec]:

@@ -7,13 +7,10 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 from exmesh_graph.api.families import Families
-from exmesh_graph.api.judge import judge
+from exmesh_graph.api.judge import declared, judge
 from exmesh_graph.api.node import Node, UnknownPort
 from exmesh_graph.api.values import Parameter, Plug, Wire, here, plain
-from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.components import Component
-from exmesh_graph.graph.declare.node import NodeDef
-from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port
 from exmesh_graph.graph.language.spec import NAME
 from exmesh_graph.graph.language.yamlfile import Map
@@ -35,6 +32,10 @@ class Scope:
         """The entries written here."""
         raise NotImplementedError
 
+    def written(self) -> Map:
+        """The same, to be changed."""
+        return self.own
+
     @property
     def base(self) -> Map:
         """The entries of what the graph extends."""
@@ -53,12 +54,14 @@ class Scope:
         where, problems = here(), Problems()
         _refuse_name(name, self, where)
         entry = Map(where)
-        entry.put("type", type if isinstance(type, str) else _type_of(type, self.graph.packs, where), where)
-        self.own.put(name, entry, where)
+        entry.put("type", type if isinstance(type, str) else declared(type, self.graph.packs, where).type, where)
+        own = self.written()
+        before = own.copy()
+        own.put(name, entry, where)
         try:
             self._fill(name, entry, fields, where, problems)
         except GraphErrors:
-            self.own.pop(name)
+            _restore(own, before)  # with the components that it brought
             raise
         return Node(self, name)
 
@@ -66,15 +69,15 @@ class Scope:
         """Change inputs and parameters of a node, also of one from the graph that this one extends or uses."""
         where = here()
         scope, name = self.at(str(node).removeprefix("@"), where)
-        scope._fill(name, scope._patch(name, where), fields, where, Problems())
+        scope._fill(name, scope.patch(name, where), fields, where, Problems())
 
     def remove(self, node: str | Node) -> None:
         """Take a node out, also one from the graph that this one extends."""
         where = here()
         scope, name = self.at(str(node).removeprefix("@"), where)
-        scope.own.pop(name, None)
+        scope.written().pop(name, None)
         if name in scope.base:
-            scope.own.put(name, None, where)
+            scope.written().put(name, None, where)
 
     def repeat(self, name: str, count: int | Parameter, /, **carry: Any) -> Block:
         """A block of nodes that is unrolled `count` times; `carry` is what goes into the first round."""
@@ -88,7 +91,7 @@ class Scope:
         entry.put("carry", carried, where)
         entry.put("nodes", Map(where), where)
         entry.put("next", Map(where), where)
-        self.own.put(name, entry, where)
+        self.written().put(name, entry, where)
         return Block(self, name)
 
     def part(self, name: str, file: str | os.PathLike[str], /, **fields: Any) -> Node:
@@ -103,7 +106,7 @@ class Scope:
         for key, value in fields.items():
             entry.put(key, self._value(f"{name}.{key}", value, None, where, problems), where)
         problems.raise_if_any()
-        self.own.put(name, entry, where)
+        self.written().put(name, entry, where)
         return Node(self, name)
 
     def __getitem__(self, name: str) -> Node | Block:
@@ -189,30 +192,31 @@ class Scope:
     def _has(self, name: str, key: str) -> bool:
         return any(key in layer for layer in self.entry(name))
 
-    def _patch(self, name: str, where: Where) -> Map:
+    def patch(self, name: str, where: Where) -> Map:
         """The own entry of a node, made where only what the graph extends has one."""
-        if not isinstance(self.own.get(name), Map):
-            self.own.put(name, Map(where), where)
-        return self.own[name]  # type: ignore[no-any-return]
+        own = self.written()
+        if not isinstance(own.get(name), Map):
+            own.put(name, Map(where), where)
+        return own[name]  # type: ignore[no-any-return]
 
     def _fill(self, name: str, entry: Map, fields: Mapping[str, Any], where: Where, problems: Problems) -> None:
         """Put values into an entry and judge the node. Raises GraphErrors, and leaves the entry as it was."""
         before, known = entry.copy(), self.graph.signature(self.type_of(name))
-        for key, value in fields.items():
-            port = known.inputs.get(known.renamed.get(key, key)) if known else None
-            entry.put(key, self._value(f"{name}.{key}", value, port, where, problems), where)
-        if not problems:
-            self._judge(name, problems)
-        if problems:
-            for key in fields:
-                entry.pop(key)
-            entry.update(before)
+        try:
+            for key, value in fields.items():
+                port = known.inputs.get(known.renamed.get(key, key)) if known else None
+                entry.put(key, self._value(f"{name}.{key}", value, port, where, problems), where)
+            if not problems:
+                self._judge(name, problems)
             problems.raise_if_any()
+        except GraphErrors:
+            _restore(entry, before)
+            raise
 
     def _value(self, what: str, value: Any, port: Port | None, where: Where, problems: Problems) -> Any:
         """A field's value as a graph file holds it. A plug becomes a component of its own, called `node_field`."""
         if isinstance(value, Component):
-            kind = _type_of(type(value), self.graph.packs, where)
+            kind = declared(type(value), self.graph.packs, where).type
             value = Plug(kind, {key: getattr(value, key) for key in value.model_fields_set})
         if isinstance(value, str) and port is not None and self._names_component(value, port):
             value = Plug(value, {})
@@ -258,6 +262,9 @@ class Scope:
         fix = ""
         if source.graph is not self.graph:
             state = f"{node} belongs to another graph, {source.graph.name}"
+        elif isinstance(source, _Inside):
+            state = f"{node} is inside the sub-graph {source.name}"
+            fix = "wire an output of the sub-graph"
         elif isinstance(source, Block):
             state = f"{node} is inside the repeat block {source.name}"
             fix = f"let {source.name}.next(...) hand it on, and wire what comes out of {source.name}"
@@ -279,12 +286,16 @@ class Block(Scope):
 
     @property
     def own(self) -> Map:
-        return child(self.scope._patch(self.name, here()), "nodes")
+        nodes = self.scope.entry(self.name)[0].get("nodes")
+        return nodes if isinstance(nodes, Map) else Map(self.scope.where_of(self.name))
+
+    def written(self) -> Map:
+        return child(self.scope.patch(self.name, here()), "nodes")
 
     @property
     def base(self) -> Map:
         found = self.scope.entry(self.name)[1].get("nodes")
-        return found if isinstance(found, Map) else Map(Where(None))
+        return found if isinstance(found, Map) else Map(self.scope.where_of(self.name))
 
     @property
     def carry(self) -> Node:
@@ -299,7 +310,7 @@ class Block(Scope):
     def next(self, **values: Any) -> None:
         """What a round hands on to the next one, and the last one to the outside; one for each name that is carried."""
         where, problems = here(), Problems()
-        entry = child(self.scope._patch(self.name, where), "next")
+        entry = child(self.scope.patch(self.name, where), "next")
         for key, value in values.items():
             if key not in self.carried_names():
                 problems.add("repeat", where, f"{self.name} carries no {key!r}", nearest=self.carried_names())
@@ -359,6 +370,12 @@ class _Carry(Node):
         return Wire(block, "carry", port)
 
 
+def _restore(entry: Map, before: Map) -> None:
+    entry.clear()
+    entry.update(before)
+    entry.lines = before.lines
+
+
 def child(entry: Map, key: str) -> Map:
     """A mapping below a key, made where there is none."""
     if not isinstance(entry.get(key), Map):
@@ -376,13 +393,3 @@ def _refuse_name(name: str, scope: Scope, where: Where) -> None:
         problems.add("duplicate-key", where, f"there is a node {name!r} already, from {scope.own.lines[name]}",
                      fix=f'change it: set("{name}", ...), or remove it first')  # fmt: skip
     problems.raise_if_any()
-
-
-def _type_of(declared: Any, packs: Packs, where: Where) -> str:
-    """The type that a function or class declares."""
-    matches: list[NodeDef] = [one for one in packs.types.values() if one.function is declared]
-    if not matches:
-        raise GraphError(f"{getattr(declared, '__qualname__', declared)!r} declares no node type", where=str(where),
-                         expected="the name of a type, or a function or class under @node or @component",
-                         fix="exmesh nodes lists all types")  # fmt: skip
-    return matches[0].type

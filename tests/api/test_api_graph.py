@@ -108,6 +108,7 @@ def test_a_graph_that_extends_a_file(folder: Path) -> None:
     graph.set("rounds.step", amount=5)
     graph.set("one", value=3)
     graph.remove("files")
+    assert list(graph["rounds"]) == ["step", "leap"]
     last = graph.add("last", "toy.step", state=graph["rounds"].state, amount=1)
     graph.output("asset", last.state)
     checked = ex.check(graph)
@@ -171,6 +172,11 @@ def test_faults_are_told_where_they_are_added() -> None:
     assert {fault.code for fault in faults} == {"unknown-port", "unknown-parameter", "parameter"}
     assert all("test_api_graph.py:" in str(fault.where) for fault in faults)
     assert "x" not in graph
+    both = ex.component("curve.sum", first=ex.component("curve.line"), second=ex.component("curve.lin"))
+    problems(lambda: graph.add("x", "toy.evaluate", number=one, curve=both))
+    assert list(graph) == ["one"]
+    problems(lambda: graph.set("one", value=2, vale=1))
+    assert ex.check(graph).nodes["one"].params.model_dump()["value"] == 1
     assert problems(lambda: graph.add("x", "toy.stp"))[0].nearest[0] == "toy.step"
     assert problems(lambda: one.numbr)[0].nearest == ("number",)
     assert not hasattr(one, "numbr")
