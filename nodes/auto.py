@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_nodes.gaussians import KERNELS
-
 from exmesh_graph.geometry.params import CleanSettings, HullSettings
+from exmesh_graph.gpu.settings import DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
-from exmesh_graph.params import Params, param
+from exmesh_graph.params import param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
 
 
-class AutoParams(Params):
+class AutoParams(DeviceSettings):
     method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] = param(
         "auto", doc="auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere."
     )
@@ -26,8 +25,6 @@ class AutoParams(Params):
     faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
     close_holes: int = param(60, ge=0, unit="edges", doc="Without masks: fill holes of at most so many edges.")
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point.")
-    device: Literal["auto", "cpu", "cuda"] = param("auto", doc="Where to compute; auto takes a CUDA device if any.")
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
 class AutoOut(NamedTuple):
@@ -39,7 +36,6 @@ class AutoOut(NamedTuple):
     "init.auto",
     version="1",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
-    code=KERNELS,
     resumable=True,
     resources={"cpu": 0, "gpu?": 1},
 )

@@ -6,22 +6,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
+from exmesh_graph.gpu.settings import DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
 from exmesh_graph.types import DepthMaps, Files, Frame, Metrics, PlanarGaussians, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
-Device = Literal["auto", "cpu", "cuda"]
 _LIBRARIES = ("torch", "warp-lang", "scipy", "scikit-image")
-KERNELS = tuple(  # loaded by a computed name
-    f"exmesh_graph.splat.kernels_{name}" for name in ("adam", "blend", "camera", "harmonics", "project")
-)
 
 
-class PgsrParams(PgsrSettings):
-    device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+class PgsrParams(DeviceSettings, PgsrSettings):
+    pass
 
 
 class PgsrOut(NamedTuple):
@@ -29,22 +25,22 @@ class PgsrOut(NamedTuple):
     history: Metrics
 
 
-@node("init.pgsr", version="1", libraries=_LIBRARIES, code=KERNELS, resumable=True, resources={"cpu": 0, "gpu?": 1})
+@node("init.pgsr", version="1", libraries=_LIBRARIES, resumable=True, resources={"cpu": 0, "gpu?": 1})
 def pgsr(
     ctx: Context, views: Train, points: PointCloud | None = None, begin: PlanarGaussians | None = None, *, p: PgsrParams
 ) -> PgsrOut:
     """Fit planar Gaussians to the photographs (PGSR): a coarse surface that opens what no outline shows."""
-    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
+    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.splat.pgsr import pgsr as run
 
-    with torch_threads(p.threads):
+    with computing(p) as device:
         gaussians, history = run(
             views,
             p,
             points=points,
             begin=begin,
             seed=ctx.seed,
-            device=pick_device(p.device),
+            device=device,
             progress=ctx.progress,
             log=ctx.log,
             where=ctx.node,
@@ -58,9 +54,8 @@ def pgsr(
     return PgsrOut(gaussians, Metrics(history))
 
 
-class DepthParams(DepthSettings):
-    device: Device = param("auto", doc="Where to compute.")
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+class DepthParams(DeviceSettings, DepthSettings):
+    pass
 
 
 class DepthOut(NamedTuple):
@@ -71,19 +66,17 @@ class DepthOut(NamedTuple):
     "prior.depth_from_gaussians",
     version="1",
     libraries=("torch", "warp-lang", "scipy"),
-    code=KERNELS,
     resources={"cpu": 0, "gpu?": 1},
 )
 def depth_from_gaussians(ctx: Context, gaussians: PlanarGaussians, views: Views, *, p: DepthParams) -> DepthOut:
     """Depth maps of fitted Gaussians, without grazing planes and what neighbouring views contradict."""
     from exmesh_graph.errors import GeometryError
-    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
+    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.splat.depths import depth_maps
     from exmesh_graph.splat.gaussians import Gaussians
     from exmesh_graph.targets import prepare_targets
 
-    with torch_threads(p.threads):
-        device = pick_device(p.device)
+    with computing(p) as device:
         depths, share = depth_maps(Gaussians.of(gaussians, device), prepare_targets(views, device=device), p)
     if not (depths.depth > 0).any():
         raise GeometryError(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.geometry.params import CleanSettings, HullSettings, TsdfSettings
+from exmesh_graph.gpu.settings import DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.stage1.settings import PhotometricSettings
@@ -128,11 +129,8 @@ def clean(ctx: Context, mesh: Mesh, *, p: CleanSettings) -> ManifoldMeshOut:
     return ManifoldMeshOut(Mesh(vertices, faces))
 
 
-class PhotometricParams(PhotometricSettings):
-    device: Literal["auto", "cpu", "cuda"] = param(
-        "auto", doc="Where to compute; auto takes a CUDA device if there is one."
-    )
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+class PhotometricParams(DeviceSettings, PhotometricSettings):
+    pass
 
 
 @node("init.photometric", version="1", libraries=("torch", "warp-lang", "scipy"), resources={"cpu": 0, "gpu?": 1})
@@ -140,12 +138,12 @@ def photometric(
     ctx: Context, mesh: Annotated[Mesh, facets(manifold=True)], views: Train, *, p: PhotometricParams
 ) -> ManifoldMeshOut:
     """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree."""
-    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
+    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.stage1.photometric import sweep
     from exmesh_graph.targets import prepare_targets
 
-    with torch_threads(p.threads):
-        targets = prepare_targets(views, device=pick_device(p.device))
+    with computing(p) as device:
+        targets = prepare_targets(views, device=device)
         vertices, figures = sweep(mesh.vertices, mesh.faces, targets, p, ctx.progress)
     ctx.log(", ".join(f"{name} {value:.2f}" for name, value in figures.items()))
     return ManifoldMeshOut(Mesh(vertices, mesh.faces))

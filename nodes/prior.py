@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
+from exmesh_graph.gpu.settings import DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.priors.settings import NetworkSettings, SweepSettings
@@ -14,9 +15,8 @@ from exmesh_graph.types import DepthMaps, Views
 AnyDepth = Annotated[DepthMaps, facets(units=None)]
 
 
-class SweepParams(SweepSettings):
-    device: Literal["auto", "cpu", "cuda"] = param("auto", doc="Where to compute.")
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+class SweepParams(DeviceSettings, SweepSettings):
+    pass
 
 
 class DepthOut(NamedTuple):
@@ -26,11 +26,11 @@ class DepthOut(NamedTuple):
 @node("prior.plane_sweep", version="1", libraries=("torch", "warp-lang", "scipy"), resources={"cpu": 0, "gpu?": 1})
 def plane_sweep(ctx: Context, views: Views, *, p: SweepParams) -> DepthOut:
     """Depth from the photographs alone: where windows of neighbouring views correlate best (plane sweep)."""
-    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
+    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.priors.plane_sweep import plane_sweep as run
 
-    with torch_threads(p.threads):
-        depths = run(views, p, device=pick_device(p.device), progress=ctx.progress)
+    with computing(p) as device:
+        depths = run(views, p, device=device, progress=ctx.progress)
     known = (depths.depth > 0).mean(axis=(1, 2))
     ctx.log(f"depth in {known.mean():.0%} of the pixels, from {known.min():.0%} to {known.max():.0%} by view")
     return DepthOut(depths)

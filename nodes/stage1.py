@@ -8,23 +8,21 @@ from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
 from pydantic import model_validator
 
+from exmesh_graph.gpu.settings import DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
-from exmesh_graph.params import Params, param
+from exmesh_graph.params import param
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.types import Carrier, DepthMaps, Mesh, Metrics, Stage1State, Views
 
 Train = Annotated[Views, facets(split="train")]
-Device = Literal["auto", "cpu", "cuda"]
 
 _LIBRARIES = ("torch", "warp-lang", "scipy")
 
 
-class InitParams(Params):
+class InitParams(DeviceSettings):
     texture: Literal["views", "carrier", "grey"] = param(
         "views", doc="First texture: projected from the photographs, the carrier's own, or plain grey."
     )
-    device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
 class InitOut(NamedTuple):
@@ -36,21 +34,18 @@ def init(
     ctx: Context, carrier: Carrier, views: Train, appearance: Appearance | None = None, *, p: InitParams
 ) -> InitOut:
     """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero."""
-    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
+    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.stage1.init import initial_state
 
-    with torch_threads(p.threads):
-        device = pick_device(p.device)
+    with computing(p) as device:
         state = initial_state(carrier, views, texture=p.texture, device=device)
         return InitOut(state if appearance is None else appearance.begin(state, ctx.seed, str(device)))
 
 
-class RefineParams(RefineSettings):
+class RefineParams(DeviceSettings, RefineSettings):
     share: float = param(
         0.0, ge=0, le=1, doc="This round's part of total_iterations; above 0 it stands in place of iterations."
     )
-    device: Device = param("auto", doc="Where to compute; auto takes a CUDA device if there is one.")
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
     @model_validator(mode="after")
     def _share_of_something(self) -> RefineParams:
@@ -76,7 +71,7 @@ def refine(
     p: RefineParams,
 ) -> RefineOut:
     """Move vertices and texels against the photographs on a fixed topology."""
-    from exmesh_graph.gpu.torch_setup import pick_device, torch_threads
+    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.stage1.refine import refine as run
 
     if not views.has_masks and region is None:
@@ -86,7 +81,7 @@ def refine(
         ctx.warn(f"{len(bare)} of {len(views)} views have no mask and shape the surface by colour alone: {_some(bare)}")
     if p.share > 0:
         p = p.replaced(iterations=round(p.share * p.total_iterations))
-    with torch_threads(p.threads):
+    with computing(p) as device:
         new, history = run(
             state,
             views,
@@ -97,7 +92,7 @@ def refine(
             region=region,
             progress=ctx.progress,
             where=ctx.node,
-            device=pick_device(p.device),
+            device=device,
             checkpoint=ctx.checkpoint,
             resumed=ctx.resume(),
         )

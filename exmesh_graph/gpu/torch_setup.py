@@ -5,11 +5,22 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from exmesh_graph.errors import MissingLibraryError
+
+if TYPE_CHECKING:
+    from exmesh_graph.gpu.settings import DeviceSettings
+
+
+@contextmanager
+def computing(settings: DeviceSettings) -> Iterator[torch.device]:
+    """The device that `settings.device` names, while torch takes `settings.threads` CPU threads."""
+    with torch_threads(settings.threads):
+        yield pick_device(settings.device)
 
 
 @contextmanager

@@ -48,6 +48,30 @@ def read_points(path: Path) -> np.ndarray:
     return points
 
 
+def read_vertex_table(path: Path) -> np.ndarray:
+    """All vertex properties of a binary PLY file: a structured array with a field for each.
+
+    Raises DataError for a file that is missing, cut short, not a binary PLY, or whose first element is not vertices.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DataError("the file does not exist", where=str(path), fix="correct `path`")
+    try:
+        form, elements, body = _ply_parts(path.read_bytes())
+        name, count, properties = elements[0]
+        if form == "ascii" or name != "vertex" or any(len(p) > 2 for p in properties):
+            raise ValueError("its first element is not a binary table of vertices")
+        layout = np.dtype(
+            [(p[0], (">" if form == "binary_big_endian" else "<") + _PLY_TYPES[p[1]]) for p in properties]
+        )
+        if len(body) < count * layout.itemsize:
+            raise ValueError(f"it ends early: {count} vertices are announced")
+        return np.frombuffer(body, layout, count)
+    except (ValueError, IndexError, KeyError) as error:
+        raise DataError(f"the file cannot be read ({error})", where=str(path), expected="a binary PLY file",
+                        fix="export or copy it again") from error  # fmt: skip
+
+
 def check_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
     """DataError unless there are faces, all indices are in range and all positions finite."""
     if len(vertices) == 0 or len(faces) == 0:
@@ -82,12 +106,7 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    data = path.read_bytes()
-    end = data.find(b"end_header")
-    if not data.startswith(b"ply") or end < 0:
-        raise ValueError("no PLY header")
-    body = data[data.index(b"\n", end) + 1 :]
-    form, elements = _ply_header(data[:end].decode("ascii", errors="replace"))
+    form, elements, body = _ply_parts(path.read_bytes())
     if form == "ascii":
         return _ply_ascii(body.decode("ascii").split(), elements)
     return _ply_binary(body, elements, "<" if form == "binary_little_endian" else ">")
@@ -96,10 +115,13 @@ def _read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 _Element = tuple[str, int, list[tuple[str, ...]]]
 
 
-def _ply_header(header: str) -> tuple[str, list[_Element]]:
-    """(format, [(element, count, [(name, type) or (name, count type, item type)])])."""
+def _ply_parts(data: bytes) -> tuple[str, list[_Element], bytes]:
+    """(format, [(element, count, [(name, type) or (name, count type, item type)])], what follows the header)."""
+    end = data.find(b"end_header")
+    if not data.startswith(b"ply") or end < 0:
+        raise ValueError("no PLY header")
     form, elements = "", []  # type: str, list[_Element]
-    for line in header.splitlines():
+    for line in data[:end].decode("ascii", errors="replace").splitlines():
         words = line.split()
         if not words:
             continue
@@ -113,7 +135,7 @@ def _ply_header(header: str) -> tuple[str, list[_Element]]:
             elements[-1][2].append((words[2], words[1]))
     if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise ValueError(f"unknown PLY format {form!r}")
-    return form, elements
+    return form, elements, data[data.index(b"\n", end) + 1 :]
 
 
 def _ply_ascii(words: list[str], elements: list[_Element]) -> tuple[np.ndarray, np.ndarray]:

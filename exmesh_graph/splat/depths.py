@@ -9,7 +9,7 @@ import torch
 
 from exmesh_graph.priors.depth_filter import agreed, normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
-from exmesh_graph.splat.fit import neighbours
+from exmesh_graph.splat.fit import nearest_views
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.render import Render, plane_depth, render
 from exmesh_graph.targets import Targets
@@ -51,7 +51,7 @@ def depth_maps(gaussians: Gaussians, targets: Targets, settings: DepthSettings) 
         depths.append(torch.where(valid, depth, 0.0))
     stack = torch.stack(depths)
     if settings.agreeing > 0:
-        near = neighbours(targets.world_to_camera)
+        near = nearest_views(targets.world_to_camera)
         cameras = targets.intrinsics, targets.world_to_camera
         stack = torch.stack([
             agreed(i, near[i], stack, *cameras, min(settings.agreeing, len(near[i])), settings.tolerance)

@@ -70,7 +70,7 @@ class _Fit:
         self.density = Density(len(gaussians), gaussians.means)
         self.gains = Gains(targets)
         self.rays: dict[bytes, torch.Tensor] = {}
-        self.near = neighbours(targets.world_to_camera)
+        self.near = nearest_views(targets.world_to_camera)
         self.rounds = set(control_rounds(settings))
         self.history: dict[str, list] = {"iteration": [], "loss": [], "psnr": [], "gaussians": []}
 
@@ -203,7 +203,7 @@ class _Fit:
         }  # fmt: skip
 
 
-def neighbours(world_to_camera: torch.Tensor) -> list[np.ndarray]:
+def nearest_views(world_to_camera: torch.Tensor) -> list[np.ndarray]:
     """For each view the up to eight nearest in direction, less than 45 degrees away and not at the same place."""
     poses = torch.linalg.inv(world_to_camera.cpu().double()).numpy()
     forward, centre = poses[:, :3, 2], poses[:, :3, 3]

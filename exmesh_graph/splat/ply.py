@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.meshes import read_vertex_table
 from exmesh_graph.splat.gaussians import Gaussians, harmonics
 
-_TYPES = {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8", "uchar": "u1", "uint8": "u1", "int": "i4"}
 _REST = {0: 1, 9: 4, 24: 9, 45: 16}
 
 
@@ -37,23 +38,12 @@ def read_gaussians(path: Path) -> Gaussians:
 
     Raises DataError for a file that is missing, cut short, not binary, without the properties, or not finite.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise DataError("the file does not exist", where=str(path), fix="correct `path`")
-    data = path.read_bytes()
-    end = data.find(b"end_header")
-    body = data.find(b"\n", end) + 1
-    if not data.startswith(b"ply") or end < 0 or body == 0:
-        raise DataError("no PLY header", where=str(path), expected="a PLY file of Gaussians")
-    order, count, layout = _header(data[:end].decode("ascii", errors="replace"), path)
-    kind = np.dtype([(name, order + form) for name, form in layout])
-    if len(data) - body < count * kind.itemsize:
-        raise DataError(f"the file ends early: {count} Gaussians are announced", where=str(path), fix="copy it again")
-    table = np.frombuffer(data, kind, count, body)
-    rest = sum(name.startswith("f_rest_") for name, _ in layout)
+    table = read_vertex_table(path)
+    names = table.dtype.names or ()
+    rest = sum(name.startswith("f_rest_") for name in names)
     needed = ["x", "y", "z", *(f"f_dc_{i}" for i in range(3)), "opacity", *(f"scale_{i}" for i in range(3)),
               *(f"rot_{i}" for i in range(4))]  # fmt: skip
-    missing = [name for name in needed if name not in (kind.names or ())]
+    missing = [name for name in needed if name not in names]
     if missing or rest not in _REST:
         raise DataError(
             f"not Gaussians: {'no ' + ', '.join(missing) if missing else f'{rest} f_rest properties'}",
@@ -66,7 +56,7 @@ def read_gaussians(path: Path) -> Gaussians:
 
     sh = columns(*(f"f_dc_{i}" for i in range(3)))[:, None]
     if rest:
-        higher = columns(*(f"f_rest_{i}" for i in range(rest))).view(count, 3, -1).transpose(1, 2)
+        higher = columns(*(f"f_rest_{i}" for i in range(rest))).view(len(table), 3, -1).transpose(1, 2)
         sh = torch.cat([sh, higher], dim=1)
     made = Gaussians(
         columns("x", "y", "z"), columns("scale_0", "scale_1", "scale_2"), columns("rot_0", "rot_1", "rot_2", "rot_3"),
@@ -76,25 +66,6 @@ def read_gaussians(path: Path) -> Gaussians:
     if bad:
         raise DataError(f"{', '.join(bad)} hold NaN or Inf", where=str(path), fix="export it again without them")
     return made
-
-
-def _header(text: str, path: Path) -> tuple[str, int, list[tuple[str, str]]]:
-    order, count, layout, inside = "", -1, [], False
-    for words in (line.split() for line in text.splitlines()):
-        if words[:1] == ["format"]:
-            order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1], "")
-        elif words[:1] == ["element"]:
-            inside = words[1] == "vertex"
-            count = int(words[2]) if inside else count
-            if not inside and count < 0:
-                raise DataError("the vertices are not the first element", where=str(path), fix="export it again")
-        elif words[:1] == ["property"] and inside:
-            if words[1] not in _TYPES:
-                raise DataError(f"a property of type {words[1]!r}", where=str(path), expected="float properties")
-            layout.append((words[2], _TYPES[words[1]]))
-    if not order or count < 0:
-        raise DataError("not a binary PLY with vertices", where=str(path), fix="export it as binary PLY")
-    return order, count, layout
 
 
 def transformed(gaussians: Gaussians, similarity: np.ndarray) -> Gaussians:
@@ -107,22 +78,13 @@ def transformed(gaussians: Gaussians, similarity: np.ndarray) -> Gaussians:
     at = torch.nn.functional.normalize(torch.randn(64, 3, generator=torch.Generator().manual_seed(0)).double(), dim=1)
     count = gaussians.sh.shape[1]
     mixing = torch.linalg.lstsq(harmonics(at)[:, :count], harmonics(at @ turn)[:, :count]).solution
+    quaternion = torch.from_numpy(np.roll(Rotation.from_matrix(turn.numpy()).as_quat(), 1))  # scipy has w last
     new = Gaussians(
         double.means @ matrix[:3, :3].T + matrix[:3, 3], double.scales + np.log(scale),
-        _product(_quaternion(turn), double.rotations), double.opacities,
+        _product(quaternion, double.rotations), double.opacities,
         torch.einsum("kj,gjc->gkc", mixing, double.sh),
     )  # fmt: skip
     return new.map(lambda t: t.to(gaussians.means).contiguous())
-
-
-def _quaternion(rotation: torch.Tensor) -> torch.Tensor:
-    """(w, x, y, z) of a rotation matrix: the eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000)."""
-    r = rotation
-    k = torch.zeros(4, 4, dtype=r.dtype)
-    k[0, 0] = r.trace()
-    k[1:, 1:] = r + r.T - r.trace() * torch.eye(3, dtype=r.dtype)
-    k[0, 1:] = k[1:, 0] = torch.stack([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    return torch.linalg.eigh(k).eigenvectors[:, -1]
 
 
 def _product(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:

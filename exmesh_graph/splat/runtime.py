@@ -6,11 +6,20 @@ import importlib.util
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import torch
 
 from exmesh_graph.gpu.warp_runtime import warp
+
+if TYPE_CHECKING:  # the files are loaded by a computed name: these lines tell the code fingerprints of nodes
+    from exmesh_graph.splat import (  # noqa: F401
+        kernels_adam,
+        kernels_blend,
+        kernels_camera,
+        kernels_harmonics,
+        kernels_project,
+    )
 
 _USES = {"project": ("camera", "harmonics")}
 """Files whose functions a file of kernels calls."""

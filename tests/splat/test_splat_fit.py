@@ -14,6 +14,7 @@ from exmesh_graph.geometry.hull import SilhouetteField
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.normalise import make_frame
 from exmesh_graph.io.params import BlenderOptions
+from exmesh_graph.splat import runtime
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.fit import fit
 from exmesh_graph.splat.gaussians import Gaussians, rotation_matrices
@@ -184,6 +185,16 @@ def test_hard_views_give_a_result_or_a_clear_error(views):
     black = replace(views, images=np.zeros_like(views.images), alpha=np.zeros_like(views.alpha))
     with pytest.raises(GeometryError, match="no Gaussian is left"):
         pgsr(black, QUICK.replaced(iterations=300, min_opacity=0.08, count=50, start="random"))
+
+
+def test_the_code_of_every_kernel_is_part_of_the_nodes_fingerprint():
+    from exmesh_graph.graph.cache.fingerprint import fingerprint
+    from exmesh_graph.graph.declare.packs import load_packs
+
+    files = {f"exmesh_graph.splat.{path.stem}" for path in Path(runtime.__file__).parent.glob("kernels_*.py")}
+    assert len(files) == 5
+    assert files <= set(fingerprint(load_packs().types["init.pgsr"]).modules)
+    assert files <= set(fingerprint(load_packs().types["prior.depth_from_gaussians"]).modules)
 
 
 def test_any_object_with_the_settings_attributes_will_do(views):

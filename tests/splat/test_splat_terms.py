@@ -9,7 +9,7 @@ from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.consistency import View, edge_weight, flattening, multi_view, patch_mismatch, single_view_normal
 from exmesh_graph.splat.depths import depth_maps, middle_planes
-from exmesh_graph.splat.fit import neighbours
+from exmesh_graph.splat.fit import nearest_views
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.render import plane_depth, render
 from exmesh_graph.splat.settings import DepthSettings
@@ -175,6 +175,6 @@ def test_depth_maps_and_their_filters():
 
 def test_neighbours_are_the_nearest_in_direction():
     poses = torch.stack([camera(turn=t)[1] for t in (0.0, 0.2, 0.5, 1.0, 3.0, 0.0)])
-    found = neighbours(poses)
+    found = nearest_views(poses)
     assert found[0].tolist() == [1, 2]  # not itself, not the one at the same place, not beyond 45 degrees
     assert found[4].tolist() == []

@@ -1,0 +1,16 @@
+"""Where a node computes: the parameters that all of them share. Loads no torch."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from exmesh_graph.params import Params, param
+
+
+class DeviceSettings(Params):
+    """Of `torch_setup.computing`."""
+
+    device: Literal["auto", "cpu", "cuda"] = param(
+        "auto", doc="Where to compute; auto takes a CUDA device if there is one."
+    )
+    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
