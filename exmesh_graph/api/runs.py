@@ -191,9 +191,6 @@ class Plan(list["Step"]):
         """How many nodes are in which state."""
         return {state: sum(step.state == state for step in self) for state in ("hit", "run", "unknown")}
 
-    def __repr__(self) -> str:
-        return f"<plan of {self.graph.name}: {', '.join(f'{count} {state}' for state, count in self.counts.items())}>"
-
     def __str__(self) -> str:
         width = max((len(step.name) for step in self), default=0)
         lines = [f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip() for step in self]

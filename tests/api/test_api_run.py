@@ -59,7 +59,7 @@ def test_an_earlier_run_is_opened(loop: Any, run: Any) -> None:
 def test_plan_says_what_would_run(loop: Any, run: Any) -> None:
     before = ex.plan(loop())
     assert {step.state for step in before} == {"run", "unknown"}
-    assert repr(before) == "<plan of loop: 0 hit, 1 run, 7 unknown>"
+    assert repr(before).endswith("0 hit, 1 to run, 7 unknown (below a node that must run)")
     assert repr(before.graph) == "<checked graph loop: 8 nodes>"
     run(loop())
     assert {step.state for step in ex.plan(loop())} == {"hit"}
