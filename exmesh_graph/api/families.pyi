@@ -372,9 +372,11 @@ class _Gallery(Family):
     def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 128, faces: int | Parameter = 5000, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 128, faces: int | Parameter = 5000, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
         """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
 
+        device: Where to compute; auto takes a CUDA device if there is one.
+        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         method: auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere.
         seconds: Processor time the start may take, by a fixed estimate. [s, > 0]
         iterations: Of the planar Gaussians; 0: as many as `seconds` pays for, 500 to 1500. [>= 0]
@@ -384,8 +386,6 @@ class _Init(Family):
         faces: Face budget of the result. [faces, >= 20]
         close_holes: Without masks: fill holes of at most so many edges. [edges, >= 0]
         wrong_masks: Masks that may be wrong at a point. [views, >= 0]
-        device: Where to compute; auto takes a CUDA device if any.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
     def clean(self, name: str = "", *, mesh: Wire[Mesh] | Node, faces: int | Parameter = 5000, method: Literal["builtin", "pymeshlab", "open3d"] | Parameter = "builtin", components: int | Parameter = 1, min_area: float | Parameter = 0.0, close_holes: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed.
@@ -555,7 +555,7 @@ class _Prior(Family):
         agreeing: Neighbours that must show the same point; 0: none asked. [views, >= 0]
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
         outward: Added along the surface's normal: a fit shrinks the object by about so much. [px, >= 0, <= 4]
-        device: Where to compute.
+        device: Where to compute; auto takes a CUDA device if there is one.
         threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
     def plane_sweep(self, name: str = "", *, views: Wire[Views] | Node, planes: int | Parameter = 128, neighbours: int | Parameter = 4, window: int | Parameter = 9, downscale: int | Parameter = 2, min_score: float | Parameter = 0.6, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
@@ -568,7 +568,7 @@ class _Prior(Family):
         min_score: Least correlation of the windows. [>= -1, <= 1]
         agreeing: Neighbours that must have found the same point. [views, >= 0]
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
-        device: Where to compute.
+        device: Where to compute; auto takes a CUDA device if there is one.
         threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
 class _Regulariser(Family):
@@ -594,14 +594,14 @@ class _Scene(Family):
         threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
 class _Stage1(Family):
-    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, texture: Literal["views", "carrier", "grey"] | Parameter = "views", device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
+    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero.
 
-        texture: First texture: projected from the photographs, the carrier's own, or plain grey.
         device: Where to compute; auto takes a CUDA device if there is one.
         threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
+        texture: First texture: projected from the photographs, the carrier's own, or plain grey.
         """
-    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, fill_unseen: bool | Parameter = True, share: float | Parameter = 0.0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateHistoryNode:
+    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, fill_unseen: bool | Parameter = True, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, share: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateHistoryNode:
         """Move vertices and texels against the photographs on a fixed topology.
 
         iterations: Iterations of this round, one view each. [>= 0]
@@ -621,9 +621,9 @@ class _Stage1(Family):
         gains: Fit one factor per view and channel, for photographs of wandering exposure.
         downscale: Work on pictures reduced by this factor. [>= 1, <= 16]
         fill_unseen: Fill texels that this round never touched from their neighbours.
-        share: This round's part of total_iterations; above 0 it stands in place of iterations. [>= 0, <= 1]
         device: Where to compute; auto takes a CUDA device if there is one.
         threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
+        share: This round's part of total_iterations; above 0 it stands in place of iterations. [>= 0, <= 1]
         """
 class _Stage2(Family):
     def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> AssetHistoryNode:
