@@ -23,7 +23,7 @@ import torch
 from benchmarks import light_scene
 from benchmarks.gradient_seed import independent_gradient
 from exmesh_graph.gpu.torch_setup import pick_device
-from exmesh_graph.losses import d_ssim, linear_to_srgb, log_l1, ssim_target, total_variation
+from exmesh_graph.losses import d_ssim, linear_to_srgb, log_l1, ssim_target
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
@@ -200,6 +200,26 @@ def arguments() -> argparse.Namespace:
     if options.quick:
         options.relight, options.view, options.sky, options.texture, options.frames = 96, 64, 32, 128, 2
     return options
+
+
+def total_variation(image: torch.Tensor, mask: torch.Tensor | None = None) -> torch.Tensor:
+    """Mean absolute difference of horizontal plus of vertical neighbours of [H, W, C].
+
+    `mask` bool [H, W] keeps the pairs with both ends inside; 0 where no pair is left.
+    """
+    total = image.new_zeros(())
+    for axis in (0, 1):
+        size = image.shape[axis]
+        if size < 2:
+            continue
+        difference = (image.narrow(axis, 1, size - 1) - image.narrow(axis, 0, size - 1)).abs()
+        if mask is None:
+            total = total + difference.mean()
+        else:
+            pairs = mask.narrow(axis, 1, size - 1) & mask.narrow(axis, 0, size - 1)
+            kept = torch.where(pairs[..., None], difference, 0.0).sum()
+            total = total + kept / (pairs.sum() * image.shape[-1]).clamp(min=1)
+    return total
 
 
 if __name__ == "__main__":

@@ -20,29 +20,33 @@ def l1(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     return (image - target).abs().mean()
 
 
-def log_l1(image: torch.Tensor, target: torch.Tensor, epsilon: float = 1.0) -> torch.Tensor:
-    """mean |log(image + epsilon) - log(target + epsilon)| of non-negative linear radiance."""
-    return (torch.log(image.clamp(min=0) + epsilon) - torch.log(target.clamp(min=0) + epsilon)).abs().mean()
+def log_l1(
+    image: torch.Tensor,
+    target: torch.Tensor,
+    clipped: torch.Tensor | None = None,
+    weight: torch.Tensor | None = None,
+) -> torch.Tensor:
+    """Mean of |log(1 + image) - log(1 + target)| over linear radiance [N, 3], negative taken as 0.
 
-
-def total_variation(image: torch.Tensor, mask: torch.Tensor | None = None) -> torch.Tensor:
-    """Mean absolute difference of horizontal plus of vertical neighbours of [H, W, C].
-
-    `mask` bool [H, W] keeps the pairs with both ends inside; 0 where no pair is left.
+    clipped  bool [N, 3], where the photograph is at the top of its range: any image above it is right
+    weight   [N], of the pixels; None: all alike
     """
-    total = image.new_zeros(())
-    for axis in (0, 1):
-        size = image.shape[axis]
-        if size < 2:
-            continue
-        difference = (image.narrow(axis, 1, size - 1) - image.narrow(axis, 0, size - 1)).abs()
-        if mask is None:
-            total = total + difference.mean()
-        else:
-            pairs = mask.narrow(axis, 1, size - 1) & mask.narrow(axis, 0, size - 1)
-            kept = torch.where(pairs[..., None], difference, 0.0).sum()
-            total = total + kept / (pairs.sum() * image.shape[-1]).clamp(min=1)
-    return total
+    residual = torch.log1p(image.clamp(min=0)) - torch.log1p(target.clamp(min=0))
+    if clipped is not None:
+        residual = torch.where(clipped, residual.clamp(max=0), residual)
+    if weight is None:
+        return residual.abs().mean()
+    return (residual.abs().mean(dim=1) * weight).sum() / weight.sum()
+
+
+def pair_variation(values: torch.Tensor, pairs: torch.Tensor) -> torch.Tensor:
+    """TV of a map projected to the screen: mean absolute step [per channel] over neighbouring pixels `pairs` [Q, 2].
+
+    Equation: 23.
+    """
+    if len(pairs) == 0:
+        return values.sum() * 0
+    return (values[pairs[:, 0]] - values[pairs[:, 1]]).abs().mean()
 
 
 def silhouette_l1(alpha: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:

@@ -121,15 +121,11 @@ def test_masked_box_weighted_by_its_share_equals_the_whole():
     assert losses.mask_box(torch.zeros(6, 7, dtype=torch.bool)) == losses.Box(0, 6, 0, 7)
 
 
-def test_l1_log_l1_and_total_variation_by_hand():
+def test_l1_and_log_l1_by_hand():
     a = torch.tensor([[[0.0], [1.0]], [[3.0], [3.0]]])
     b = torch.zeros_like(a)
     assert float(losses.l1(a, b)) == pytest.approx(7 / 4)
     assert float(losses.log_l1(a, b)) == pytest.approx((np.log(2) + 2 * np.log(4)) / 4)
-    assert float(losses.total_variation(a)) == pytest.approx((3 + 2) / 2 + 1 / 2)
-    mask = torch.tensor([[True, True], [False, True]])
-    assert float(losses.total_variation(a, mask)) == pytest.approx(2 + 1)
-    assert float(losses.total_variation(a, torch.zeros(2, 2, dtype=torch.bool))) == 0
 
 
 def test_silhouette_losses_at_zero_and_one():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from exmesh_graph.losses import d_ssim, linear_to_srgb, ssim_target
+from exmesh_graph.losses import d_ssim, linear_to_srgb, log_l1, pair_variation, ssim_target
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.gbuffer import ViewBuffer
@@ -61,26 +61,6 @@ def view_psnr(predicted: torch.Tensor, buffer: ViewBuffer) -> float:
     """PSNR of a view's pixels in sRGB [dB]."""
     error = ((encode_srgb(predicted) - encode_srgb(buffer.target)) ** 2).mean()
     return float(-10 * torch.log10(error.clamp_min(1e-10)))
-
-
-def log_l1(predicted: torch.Tensor, target: torch.Tensor, clipped: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """Mean of |log(1 + predicted) - log(1 + target)| over pixels [N, 3], weighted by coverage [N].
-
-    Where the photograph is `clipped` at the top of its range, any prediction above the target is right.
-    """
-    residual = torch.log1p(predicted) - torch.log1p(target)
-    residual = torch.where(clipped, residual.clamp(max=0), residual)
-    return (residual.abs().mean(dim=1) * weight).sum() / weight.sum()
-
-
-def pair_variation(values: torch.Tensor, pairs: torch.Tensor) -> torch.Tensor:
-    """TV of a map projected to the screen: mean absolute step [per channel] over neighbouring pixels `pairs` [Q, 2].
-
-    Equation: 23.
-    """
-    if len(pairs) == 0:
-        return values.sum() * 0
-    return (values[pairs[:, 0]] - values[pairs[:, 1]]).abs().mean()
 
 
 def encode_srgb(linear: torch.Tensor) -> torch.Tensor:

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.losses import log_l1, pair_variation
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import initial_base_color, neutral_asset, resize_texture
-from exmesh_graph.stage2.objective import log_l1, pair_variation
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.result import complete_maps
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
