@@ -18,7 +18,8 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.problems import nearest
-from exmesh_graph.graph.run.job import BROKEN, Job, Outcome, execute, rekeyed
+from exmesh_graph.graph.run.execute import execute
+from exmesh_graph.graph.run.job import BROKEN, Job, Outcome, rekeyed
 from exmesh_graph.graph.run.memory import Memory
 from exmesh_graph.graph.run.rundir import is_alive, log_file
 

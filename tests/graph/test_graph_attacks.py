@@ -17,7 +17,8 @@ from exmesh_graph.graph.cache.keys import key_of, preimage_of
 from exmesh_graph.graph.declare.packs import declare
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.checkpoint import Checkpoints
-from exmesh_graph.graph.run.job import execute, job_of
+from exmesh_graph.graph.run.execute import execute
+from exmesh_graph.graph.run.job import job_of
 from exmesh_graph.graph.run.memory import Memory
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.runner import NodeFailed
@@ -135,7 +136,7 @@ nodes:
             saved.append(self.root)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("exmesh_graph.graph.run.job.Checkpoints", Seen)
+        patch.setattr("exmesh_graph.graph.run.execute.Checkpoints", Seen)
         assert execute(job, store, Memory(), bench.events.append).state == "done"
         assert set(saved) == {store.root}
         saved.clear()

@@ -362,9 +362,9 @@ def test_kill_9_at_any_write(bench: Any, states: Any) -> None:
 
 
 def test_code_edited_during_the_run_is_not_remembered(bench: Any, states: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph.run import job
+    from exmesh_graph.graph.run import execute
 
-    monkeypatch.setattr(job, "sources_changed", lambda definition: ["toy_pack.nodes"])
+    monkeypatch.setattr(execute, "sources_changed", lambda definition: ["toy_pack.nodes"])
     record = bench.run(CUT)
     assert all("not remembered" in row["warnings"][0] for row in record["nodes"])
     monkeypatch.undo()

@@ -10,7 +10,8 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.backends import Backend
-from exmesh_graph.graph.run.job import STOPPED, Emit, Job, Outcome, execute
+from exmesh_graph.graph.run.execute import execute
+from exmesh_graph.graph.run.job import STOPPED, Emit, Job, Outcome
 from exmesh_graph.graph.run.memory import Memory
 from exmesh_graph.graph.run.schedule import machine_tokens
 

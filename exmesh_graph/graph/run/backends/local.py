@@ -29,7 +29,7 @@ _WAITING = {"OMP_WAIT_POLICY": "passive"}  # threads that spin at barriers starv
 _MEMORY_SHARE = 0.3  # of the machine's memory, for artifacts kept by all workers together
 _LOOK = 1.0  # seconds; a child that a node left behind may keep a dead worker's pipe open
 _TAIL = 12  # lines of a dead worker's output that are shown,
-_OWN_FRAME = str(Path("run", "job.py"))  # up to where the traceback of a fault leaves the node
+_OWN_FRAME = str(Path("run", "execute.py"))  # up to where the traceback of a fault leaves the node
 
 
 class Local:

@@ -20,7 +20,8 @@ from typing import Any
 
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.run.job import STOPPED, Job, Outcome, execute
+from exmesh_graph.graph.run.execute import execute
+from exmesh_graph.graph.run.job import STOPPED, Job, Outcome
 from exmesh_graph.graph.run.memory import Memory
 
 

@@ -1,0 +1,225 @@
+"""Carrying out a job in whatever process: inputs from memory or the store, contracts checked, the result recorded."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.errors import GraphError, StoreError
+from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in, sources_changed
+from exmesh_graph.graph.cache.records import NOTHING, Stored
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.ports import artifact_types
+from exmesh_graph.graph.language.check import Bound
+from exmesh_graph.graph.machine import machine_facts, peak_memory, reset_peak_memory
+from exmesh_graph.graph.run import contracts
+from exmesh_graph.graph.run.checkpoint import Checkpoints
+from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
+from exmesh_graph.graph.run.memory import Memory
+from exmesh_graph.types import Artifact, Files
+
+_CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time
+
+
+class _BrokenInput(Exception):
+    """An input whose bytes in the store cannot be used."""
+
+
+def execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
+    """Run a job to its outcome: inputs from memory or the store, contracts checked, outputs and record stored.
+
+    Errors of the node become an outcome; KeyboardInterrupt passes through with the attempt's folder removed.
+    """
+    try:
+        return _execute(job, store, memory, emit)
+    except _BrokenInput as broken:
+        return Outcome(job.name, BROKEN, info={"port": broken.args[0], "note": broken.args[1]})
+    except (Exception, SystemExit) as error:
+        return failure(job.name, error)
+
+
+class NodeContext:
+    """The `Context` that a running node sees. `stopping` makes the next checkpoint the last step."""
+
+    def __init__(self, job: Job, scratch: Path, checkpoints: Checkpoints | None, emit: Emit) -> None:
+        self.node, self.key, self.seed, self.threads = job.name, job.key, job.seed, job.threads
+        self._job, self._scratch, self._checkpoints, self._emit = job, scratch, checkpoints, emit
+        self._next = 0.0
+        self._due = time.monotonic() + job.checkpoint_every
+        self.stopping = False
+        self.warnings: list[str] = []
+
+    @property
+    def scratch(self) -> Path:
+        self._scratch.mkdir(exist_ok=True)
+        return self._scratch
+
+    def checkpoint(self, step: int, state: Mapping[str, Any]) -> None:
+        kept, began = self._kept(), time.monotonic()
+        if began < self._due and not self.stopping:
+            return
+        try:
+            kept.save(step, state)
+        except StoreError as error:  # the work itself may still come through
+            self.warn(f"no checkpoint at step {step}: {error.what}")
+        now = time.monotonic()
+        every = self._job.checkpoint_every
+        self._due = now + (max(every, _CHECKPOINT_SHARE * (now - began)) if every else 0.0)
+        if self.stopping:
+            self.log(f"stopped at step {step}; the same command goes on from there")
+            raise KeyboardInterrupt
+
+    def resume(self) -> tuple[int, dict[str, Any]] | None:
+        kept = self._kept()
+        last = kept.load()
+        for note in kept.notes:
+            self.log(note)
+        if last is not None:
+            self.log(f"goes on from the checkpoint at step {last[0]}")
+        return last
+
+    def _kept(self) -> Checkpoints:
+        if self._checkpoints is None:
+            what = f"{self._job.type} uses checkpoints, which its declaration does not say"
+            raise GraphError(what, where=self.node, fix="@node(..., resumable=True)")
+        return self._checkpoints
+
+    def progress(self, step: int, total: int, **figures: float) -> None:
+        now = time.monotonic()
+        if now >= self._next or step >= total:
+            self._next = now + 0.2
+            plain = {name: float(value) for name, value in figures.items()}
+            self._emit({"event": "progress", "node": self.node, "step": step, "total": total, **plain})
+
+    def log(self, message: str) -> None:
+        self._emit({"event": "log", "node": self.node, "message": message})
+
+    def warn(self, message: str) -> None:
+        self.warnings.append(message)
+        self._emit({"event": "warning", "node": self.node, "message": message})
+
+
+def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
+    bound = job.bound()
+    remember_in(store.code)
+    loaded = {port: _value(job, port, store, memory) for port in job.inputs}
+    inputs = {port: value for port, (value, _) in loaded.items()}
+    marks = {port: mark for port, (_, mark) in loaded.items()}
+    for port, given in inputs.items():
+        contracts.check_input(bound, port, given, job.promised.get(port, {}))
+    with store.attempt() as attempt:
+        kept = attempt if _changed(bound, job) else store.root  # what other code computes is none of this key's states
+        checkpoints = Checkpoints(kept, job.key) if bound.definition.resumable else None
+        context = NodeContext(job, attempt / "scratch", checkpoints, emit)
+        reset_peak_memory()
+        started, began = time.time(), time.perf_counter()
+        with _stoppable(context, bound.definition.resumable):
+            result = _call(bound, context, inputs)
+        seconds, peak = time.perf_counter() - began, peak_memory()
+        contracts.check_untouched(bound, inputs, marks)
+        values = contracts.outputs_of(bound, result)
+        del result
+        stored = {port: NOTHING if v is None else store.put(v, attempt) for port, v in values.items()}
+        for port, value in values.items():
+            if value is not None and not isinstance(value, Files):  # files are read back: the work folder goes away
+                memory.put(stored[port].digest, value)
+    info = {
+        "node": job.name, "graph": job.graph, "run": job.run, "seconds": seconds,
+        "store_seconds": time.perf_counter() - began - seconds, "peak_rss": peak, "started": started,
+        "finished": time.time(), "warnings": context.warnings, "machine": machine_facts(),
+        "code_parts": fingerprint(bound.definition).parts,
+    }  # fmt: skip
+    _record(job, bound, store, stored, info, context)
+    if checkpoints is not None:
+        checkpoints.clear()
+    if context.stopping:  # it ended without another checkpoint
+        raise KeyboardInterrupt
+    return Outcome(job.name, DONE, stored, {name: info[name] for name in FIGURES})
+
+
+def _value(job: Job, port: str, store: Store, memory: Memory) -> tuple[Artifact, int]:
+    """An input and its mark."""
+    type_name, digest = job.inputs[port]
+    remembered = memory.get(digest)
+    if remembered is None:
+        kinds = artifact_types()
+        if type_name not in kinds:
+            raise GraphError(f"no node pack defines the artifact type {type_name!r}", where=job.wires[port])
+        loaded = store.load(kinds[type_name], digest)
+        if loaded is None:
+            raise _BrokenInput(port, store.notes[-1] if store.notes else f"object {digest} is gone")
+        return loaded, memory.put(digest, loaded)
+    return remembered
+
+
+def _call(bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) -> Any:
+    """Call the node's function; Python warnings go to its log."""
+    name = bound.signature.params_name
+    extra: dict[str, Any] = {port: plug.value for port, plug in bound.components.items()}
+    if name:
+        extra[name] = bound.params
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        warnings.showwarning = lambda message, category, *_, **__: context.log(f"{category.__name__}: {message}")
+        return bound.definition.function(context, **inputs, **extra)
+
+
+@contextlib.contextmanager
+def _stoppable(context: NodeContext, resumable: bool) -> Iterator[None]:
+    """While a resumable node runs, the first SIGINT or SIGTERM asks it to stop at its next checkpoint."""
+    if not resumable or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def ask(number: int, frame: Any) -> None:
+        if context.stopping:
+            raise KeyboardInterrupt
+        context.stopping = True
+
+    for number in before:
+        signal.signal(number, ask)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _record(
+    job: Job, bound: Bound, store: Store, stored: Mapping[str, Stored], info: Mapping[str, Any], context: NodeContext
+) -> None:
+    """Record the action, unless what it was keyed by changed under its hands."""
+    listed = {} if bound.definition.sources is None else bound.definition.sources(bound.params)
+    if {str(name): Path(path) for name, path in listed.items()} != dict(bound.sources):
+        raise GraphError(f"the list of source files changed while {bound.name} ran", where=str(bound.where))
+    for name, path in bound.sources.items():
+        if store.sources.digest(path) != job.preimage["sources"][name]:
+            raise GraphError(f"the source file {name} changed while {bound.name} ran", where=str(path))
+    changed = _changed(bound, job)
+    if changed:
+        context.warn(f"not remembered: its code changed during the run ({', '.join(changed)})")
+        return
+    store.record(job.preimage, stored, info)
+
+
+def _changed(bound: Bound, job: Job) -> list[str]:
+    """What of the code is not as it was when the job was keyed."""
+    changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
+    keyed = {"": job.preimage["code"]} | dict(_codes(job.preimage.get("components", {})))
+    now = {"": fingerprint(bound.definition).digest}
+    now |= {plug.name: fingerprint(plug.definition).digest for plug in bound.plugged()}
+    return changed or (["since the run was planned"] if now != keyed else [])
+
+
+def _codes(plugs: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, str]]:
+    """(name as `rebuild` gives it, code) of all components of a pre-image."""
+    for port, plug in plugs.items():
+        yield place + port, plug["code"]
+        yield from _codes(plug["components"], f"{place}{port}.")
