@@ -127,12 +127,12 @@ nodes:
   d: {type: toy.add, a: "@c.number"}
   e: {type: toy.add, a: "@a.number", b: "@d.number"}
 """
-    found = bench.problems(text)
-    assert [problem.code for problem in found] == ["cycle", "cycle"]
-    assert "a <- b <- a" in found[0].what
-    assert "c <- d <- c" in found[1].what
-    assert ":3) <- b (" in found[0].wire
-    assert "repeat" in found[0].fix
+    told = bench.problems(text)
+    assert [problem.code for problem in told] == ["cycle", "cycle"]
+    assert "a <- b <- a" in told[0].what
+    assert "c <- d <- c" in told[1].what
+    assert ":3) <- b (" in told[0].wire
+    assert "repeat" in told[0].fix
 
 
 def test_self_loop(bench: Any) -> None:
@@ -274,11 +274,11 @@ def test_ports_are_read_from_annotations() -> None:
         c: Annotated[Metrics | None, facets(z=3)] = None,
     ) -> _Out: ...
 
-    found = signature(_define(one))
-    assert {name: (dict(port.facets), port.optional) for name, port in found.inputs.items()} == {
+    kind = signature(_define(one))
+    assert {name: (dict(port.facets), port.optional) for name, port in kind.inputs.items()} == {
         "a": ({"x": 1}, False),
         "b": ({"y": 2}, True),
         "c": ({"z": 3}, True),
     }
-    assert list(found.outputs) == ["metrics"]
-    assert found.params is Params
+    assert list(kind.outputs) == ["metrics"]
+    assert kind.params is Params

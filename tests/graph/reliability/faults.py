@@ -73,17 +73,17 @@ def why_not() -> str | None:
 def traced(body: Callable[[], object], fault: Fault | None, timeout: float) -> Traced:
     """Run `body` in a forked child under `fault`. Raises Stuck after `timeout` seconds."""
     child = forked(body, prepare=_ask_to_be_traced)
-    found = Traced(0)
+    child_run = Traced(0)
     try:
         with deadline(timeout):
             os.waitpid(child, 0)
             _ptrace(SETOPTIONS, child, OPTIONS)
             _ptrace(SYSCALL, child)
-            _follow(child, fault, found)
+            _follow(child, fault, child_run)
     except BaseException:
         end(child)
         raise
-    return found
+    return child_run
 
 
 def forked(body: Callable[[], object], prepare: Callable[[], object] = lambda: None) -> int:
@@ -165,14 +165,14 @@ def _ask_to_be_traced() -> None:
     os.kill(os.getpid(), signal.SIGSTOP)
 
 
-def _follow(child: int, fault: Fault | None, found: Traced) -> None:
+def _follow(child: int, fault: Fault | None, child_run: Traced) -> None:
     inside: dict[int, str | None] = {}  # threads within a system call, and what to do when it returns
     while True:
         thread, status = os.waitpid(-1, ALL_THREADS)
         if os.WIFEXITED(status) or os.WIFSIGNALED(status):
             inside.pop(thread, None)
             if thread == child:
-                found.status = os.waitstatus_to_exitcode(status)
+                child_run.status = os.waitstatus_to_exitcode(status)
                 return
             continue
         passed_on = 0
@@ -180,7 +180,7 @@ def _follow(child: int, fault: Fault | None, found: Traced) -> None:
             if thread in inside:
                 _leave(child, thread, inside.pop(thread))
             else:
-                inside[thread] = _enter(child, thread, fault, found)
+                inside[thread] = _enter(child, thread, fault, child_run)
         elif os.WSTOPSIG(status) not in (signal.SIGSTOP, signal.SIGTRAP):
             passed_on = os.WSTOPSIG(status)
         try:
@@ -189,26 +189,26 @@ def _follow(child: int, fault: Fault | None, found: Traced) -> None:
             continue
 
 
-def _enter(child: int, thread: int, fault: Fault | None, found: Traced) -> str | None:
+def _enter(child: int, thread: int, fault: Fault | None, child_run: Traced) -> str | None:
     registers = _Registers()
     _ptrace(GETREGS, thread, registers)
     name, needs_room = _step(registers)
     if name is None:
         return None
-    found.steps.append(name)
-    if fault is None or len(found.steps) < fault.step or (fault.kind != "full" and found.reached):
+    child_run.steps.append(name)
+    if fault is None or len(child_run.steps) < fault.step or (fault.kind != "full" and child_run.reached):
         return None
     if fault.kind == "torn" and name == "write" and registers.rdx > 1:
-        found.reached = True
+        child_run.reached = True
         registers.rdx //= 2
         _ptrace(SETREGS, thread, registers)
         return "kill"
     if fault.kind in ("kill", "torn"):
-        found.reached = True
+        child_run.reached = True
         os.kill(child, signal.SIGKILL)
         return None
     if fault.kind == "error" or needs_room:
-        found.reached = True
+        child_run.reached = True
         registers.orig_rax = 2**64 - 1  # no such system call: nothing happens
         _ptrace(SETREGS, thread, registers)
         return "ENOSPC" if fault.kind == "full" else "EIO"

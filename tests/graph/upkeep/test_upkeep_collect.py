@@ -59,16 +59,16 @@ def shown_by_a_run(runs: Path, *keys: str) -> Path:
     return folder
 
 
-def names(found: Survey) -> set[str]:
-    return {item.name for item in found.items}
+def names(surveyed: Survey) -> set[str]:
+    return {item.name for item in surveyed.items}
 
 
 def test_only_what_nothing_shows_goes(store: Store, tmp_path: Path) -> None:
     shown, loose, pinned, new = (result(store, n, days=0 if n == 3 else 10) for n in range(4))
     pin(store, "best", "a key", [pinned[0]])
     shown_by_a_run(tmp_path / "runs", shown[0])
-    found = survey(store, [tmp_path / "runs"])
-    assert names(found) == set(loose)
+    surveyed = survey(store, [tmp_path / "runs"])
+    assert names(surveyed) == set(loose)
     assert store.look_up(loose[0]) is not None
     age(store.root / "actions" / loose[0][:2] / f"{loose[0]}.json", 10)
     removed, spared = delete(store, survey(store, [tmp_path / "runs"]))
@@ -122,10 +122,10 @@ def test_a_spoilt_note_of_runs_is_told(store: Store, tmp_path: Path) -> None:
         (path,) = (store.root / "roots").iterdir()
         path.write_text(path.read_text().replace("there", "where"))
         try:
-            found = look()
+            surveyed = look()
         except StoreError as error:
-            found = {"note of runs": str(error)}
-        assert any("note of runs" in what and "checksum does not fit" in why for what, why in found.items())
+            surveyed = {"note of runs": str(error)}
+        assert any("note of runs" in what and "checksum does not fit" in why for what, why in surveyed.items())
         assert not path.exists()
 
 
@@ -156,21 +156,21 @@ def test_budget_takes_the_oldest_first(store: Store, tmp_path: Path) -> None:
     everything = survey(store, [runs])
     assert everything.items == []
     one = everything.kept_bytes // 5
-    found = survey(store, [runs], budget=3 * one + one // 2)
-    assert names(found) == {*made[1], *made[2]}
-    assert found.kept_bytes <= 3 * one + one // 2
-    assert "used longest ago" in found.items[0].why
-    found = survey(store, [runs], budget=0)
-    assert names(found) == {name for pair in made[1:] for name in pair}
-    assert "more than the budget" in found.notes[0]
+    surveyed = survey(store, [runs], budget=3 * one + one // 2)
+    assert names(surveyed) == {*made[1], *made[2]}
+    assert surveyed.kept_bytes <= 3 * one + one // 2
+    assert "used longest ago" in surveyed.items[0].why
+    surveyed = survey(store, [runs], budget=0)
+    assert names(surveyed) == {name for pair in made[1:] for name in pair}
+    assert "more than the budget" in surveyed.notes[0]
 
 
 def test_a_record_used_after_the_survey_stays(store: Store) -> None:
     used, other = result(store, 1), result(store, 2)
-    found = survey(store)
-    assert names(found) == {*used, *other}
+    surveyed = survey(store)
+    assert names(surveyed) == {*used, *other}
     assert store.look_up(used[0]) is not None
-    removed, spared = delete(store, found)
+    removed, spared = delete(store, surveyed)
     assert {item.name for item in removed} == set(other)
     assert {item.name for item in spared} == set(used)
     assert store.look_up(used[0]) is not None
@@ -181,10 +181,10 @@ def test_a_record_used_while_it_is_in_the_trash_comes_back(store: Store, monkeyp
     """Between the rename and the check a reader that had opened the record notes its use on the moved file."""
     key, digest = result(store, 1)
     path = store.root / "actions" / key[:2] / f"{key}.json"
-    found = survey(store)
+    surveyed = survey(store)
     with path.open() as opened:
         monkeypatch.setattr(collect.time, "sleep", lambda _: os.utime(opened.fileno()))
-        removed, _ = delete(store, found)
+        removed, _ = delete(store, surveyed)
     assert removed == []
     assert store.look_up(key) is not None
     assert store.sound(digest)
@@ -192,7 +192,7 @@ def test_a_record_used_while_it_is_in_the_trash_comes_back(store: Store, monkeyp
 
 def test_an_object_that_a_new_record_needs_comes_back(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     _, digest = result(store, 1)
-    found = survey(store)
+    surveyed = survey(store)
     stored = Stored("Metrics", digest, 1)
     keys: list[str] = []
 
@@ -200,7 +200,7 @@ def test_an_object_that_a_new_record_needs_comes_back(store: Store, monkeypatch:
         keys.append(store.record({"type": "new"}, {"m": stored}, {}))
 
     monkeypatch.setattr(collect.time, "sleep", recorded)
-    delete(store, found)
+    delete(store, surveyed)
     assert store.look_up(keys[0]) is not None
     assert store.sound(digest)
 
@@ -208,11 +208,11 @@ def test_an_object_that_a_new_record_needs_comes_back(store: Store, monkeypatch:
 def test_writing_the_same_object_again_protects_it(store: Store) -> None:
     key, digest = result(store, 1)
     (store.root / "actions" / key[:2] / f"{key}.json").unlink()
-    found = survey(store)
-    assert names(found) == {digest}
+    surveyed = survey(store)
+    assert names(surveyed) == {digest}
     with store.attempt() as attempt:
         store.put(Metrics({"x": 1, "pad": "x" * 1000}), attempt)
-    removed, _ = delete(store, found)
+    removed, _ = delete(store, surveyed)
     assert removed == []
     assert store.sound(digest)
 
@@ -308,10 +308,10 @@ def test_a_run_removed_while_gc_lists_it_needs_nothing(
         return read(path, *args, **options)
 
     monkeypatch.setattr(Path, "read_text", removed_first)
-    found = survey(store, [tmp_path / "runs"])
-    assert found.roots.runs == 1
-    assert found.roots.shown == {kept}
-    assert lost in names(found)
+    surveyed = survey(store, [tmp_path / "runs"])
+    assert surveyed.roots.runs == 1
+    assert surveyed.roots.shown == {kept}
+    assert lost in names(surveyed)
 
 
 def test_a_pin_removed_while_pins_are_listed_is_none(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,12 +20,12 @@ def no_torch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_gpu", lambda: Finding(OK, "GPU", "not looked at"))
 
 
-def found(store: Path, packs: Packs, shared: str | None = None) -> dict[str, Finding]:
+def findings(store: Path, packs: Packs, shared: str | None = None) -> dict[str, Finding]:
     return {finding.what: finding for finding in examine(Store(store, shared), packs)}
 
 
 def test_a_sound_machine(tmp_path: Path, packs: Packs) -> None:
-    shown = found(tmp_path / "not" / "there", packs)
+    shown = findings(tmp_path / "not" / "there", packs)
     assert {f.what: f.state for f in shown.values() if f.what.startswith("store")} == {
         "store, rename": OK, "store, fsync": OK, "store, hard links": OK, "store, locks": OK, "store, file times": OK,
     }  # fmt: skip
@@ -42,7 +42,7 @@ def test_file_systems_that_lack_something(tmp_path: Path, packs: Packs, monkeypa
     monkeypatch.setattr(fcntl, "flock", lambda *_: None)
     monkeypatch.setattr(os, "rename", refuse)
     monkeypatch.setattr(doctor, "sync", refuse)
-    shown = found(tmp_path, packs)
+    shown = findings(tmp_path, packs)
     assert {name: shown[f"store, {name}"].state for name in ("rename", "fsync", "hard links", "locks")} == {
         "rename": FAIL, "fsync": FAIL, "hard links": WARN, "locks": WARN,
     }  # fmt: skip
@@ -55,7 +55,7 @@ def test_a_store_that_may_only_be_read(tmp_path: Path, packs: Packs, monkeypatch
         raise OSError(30, "Read-only file system")
 
     monkeypatch.setattr(doctor.tempfile, "mkdtemp", refuse)
-    finding = found(tmp_path, packs)["store"]
+    finding = findings(tmp_path, packs)["store"]
     assert finding.state == FAIL
     assert "Read-only file system" in finding.found
 
@@ -67,13 +67,13 @@ def test_free_space(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatc
 
     Usage.free = free  # type: ignore[attr-defined]
     monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: Usage)
-    assert found(tmp_path, packs)["free space"].state == state
+    assert findings(tmp_path, packs)["free space"].state == state
 
 
 def test_missing_libraries_name_their_nodes(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatch) -> None:
     real = doctor._there
     monkeypatch.setattr(doctor, "_there", lambda module: module not in ("xatlas", "ray") and real(module))
-    shown = found(tmp_path, packs)
+    shown = findings(tmp_path, packs)
     assert shown["library xatlas"].state == WARN
     assert "uv.xatlas_regen" in shown["library xatlas"].found
     assert "pip install xatlas" in str(shown["library xatlas"])
@@ -86,7 +86,7 @@ def test_broken_packs_and_system_libraries(tmp_path: Path, packs: Packs, monkeyp
     monkeypatch.setattr(doctor, "SYSTEM", {"libnothere.so.1": "nothere"})
     broken = Packs()
     broken.broken["pack.module"] = "SyntaxError: x"
-    shown = found(tmp_path, broken)
+    shown = findings(tmp_path, broken)
     assert shown["node pack"].state == shown["node types"].state == FAIL
     assert "apt-get install nothere" in str(shown["libnothere.so.1"])
 
@@ -94,5 +94,5 @@ def test_broken_packs_and_system_libraries(tmp_path: Path, packs: Packs, monkeyp
 def test_a_shared_store_out_of_reach(tmp_path: Path, packs: Packs) -> None:
     pytest.importorskip("fsspec")
     (tmp_path / "file").write_text("x")
-    assert found(tmp_path / "s", packs, str(tmp_path / "file" / "x"))["shared store"].state == WARN
-    assert found(tmp_path / "s", packs, str(tmp_path / "y"))["shared store"].state == OK
+    assert findings(tmp_path / "s", packs, str(tmp_path / "file" / "x"))["shared store"].state == WARN
+    assert findings(tmp_path / "s", packs, str(tmp_path / "y"))["shared store"].state == OK

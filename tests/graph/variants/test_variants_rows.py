@@ -36,24 +36,24 @@ variants:
   off: [{bypass: rounds.hop}]
 """
     )
-    found = {row.name: row for row in rows(bench, text)}
-    assert list(found) == ["base", "both", "three", "off"]
-    both = found["both"].checked
+    listed = {row.name: row for row in rows(bench, text)}
+    assert list(listed) == ["base", "both", "three", "off"]
+    both = listed["both"].checked
     assert [both.nodes[name].params.model_dump()["value"] for name in "ab"] == [3, 9]
     assert "rounds[1].hop" not in both.nodes
-    assert found["both"].doc == "Two changes."
-    assert found["off"].settings == {"variant": "off"}
-    assert found["off"].checked.name == "toy-off"
-    assert found["off"].checked.resolved()["variant"] == "off"
+    assert listed["both"].doc == "Two changes."
+    assert listed["off"].settings == {"variant": "off"}
+    assert listed["off"].checked.name == "toy-off"
+    assert listed["off"].checked.resolved()["variant"] == "off"
 
 
 def test_a_child_file_adds_changes_and_removes_variants(bench: Any, base: str) -> None:
     bench.write(base + "variants: {x: [{set: a.value, to: 3}], y: [{bypass: rounds.hop}]}", "base.yaml")
-    found = {
+    listed = {
         row.name: row for row in rows(bench, "extends: base.yaml\nvariants: {x: [{set: a.value, to: 4}], y: null}")
     }
-    assert list(found) == ["base", "x"]
-    assert found["x"].checked.nodes["a"].params.model_dump()["value"] == 4
+    assert list(listed) == ["base", "x"]
+    assert listed["x"].checked.nodes["a"].params.model_dump()["value"] == 4
 
 
 MATRIX = """
@@ -68,12 +68,12 @@ matrix:
 
 
 def test_a_matrix_combines_variants_parameters_and_patch_lists(bench: Any, base: str) -> None:
-    found = {row.name: row for row in rows(bench, base + MATRIX)}
-    assert list(found) == [
+    listed = {row.name: row for row in rows(bench, base + MATRIX)}
+    assert list(listed) == [
         "base", "alone", "n=1,start=sum", "n=1,start=left", "n=3,start=sum", "n=3,start=left",
         "off,n=1,start=sum", "off,n=3,start=sum", "off,n=4,start=left",
     ]  # fmt: skip
-    row = found["off,n=4,start=left"]
+    row = listed["off,n=4,start=left"]
     assert row.settings == {"variant": "off", "n": 4, "start": "left"}
     assert "b" not in row.checked.nodes["start"].inputs
     assert "rounds[4].step" in row.checked.nodes
@@ -82,32 +82,32 @@ def test_a_matrix_combines_variants_parameters_and_patch_lists(bench: Any, base:
 
 def test_an_include_may_name_what_no_axis_has(bench: Any, base: str) -> None:
     text = "variants: {off: []}\nmatrix: {n: [1], include: [{n: 2}, {variant: 'off', a.value: 4}, {five: 6, n: 1}]}"
-    found = {row.name: row.checked for row in rows(bench, base + text)}
-    assert list(found) == ["base", "n=1", "n=2", "off,a.value=4", "five=6,n=1"]
-    assert found["off,a.value=4"].nodes["a"].params.model_dump()["value"] == 4
+    listed = {row.name: row.checked for row in rows(bench, base + text)}
+    assert list(listed) == ["base", "n=1", "n=2", "off,a.value=4", "five=6,n=1"]
+    assert listed["off,a.value=4"].nodes["a"].params.model_dump()["value"] == 4
 
 
 def test_repeats_count_seeds_up(bench: Any, base: str) -> None:
-    found = rows(bench, base + "seed: 5\nrepeats: 3\nvariants: {x: [{set: a.value, to: 3}]}")
-    assert [(row.name, row.repeat, row.seed) for row in found] == [
+    listed = rows(bench, base + "seed: 5\nrepeats: 3\nvariants: {x: [{set: a.value, to: 3}]}")
+    assert [(row.name, row.repeat, row.seed) for row in listed] == [
         (name, number, 4 + number) for name in ("base", "x") for number in (1, 2, 3)
     ]
-    assert [row.checked.nodes["a"].seed for row in found[:3]] == [5, 6, 7]
+    assert [row.checked.nodes["a"].seed for row in listed[:3]] == [5, 6, 7]
     assert [row.seed for row in rows(bench, base + "repeats: 2", "seed=9")] == [9, 10]
 
 
 def test_repeats_of_single_nodes_leave_the_others_alone(bench: Any, base: str) -> None:
-    found = rows(bench, base + "repeats: {count: 2, of: [end, rounds.hop]}")
-    assert [row.checked.nodes["a"].seed for row in found] == [0, 0]
-    assert [row.checked.nodes["end"].seed for row in found] == [0, 1]
-    assert found[0].checked.nodes["rounds[1].hop"].seed != found[1].checked.nodes["rounds[1].hop"].seed
-    assert found[0].checked.nodes["rounds[1].step"].seed == found[1].checked.nodes["rounds[1].step"].seed
+    listed = rows(bench, base + "repeats: {count: 2, of: [end, rounds.hop]}")
+    assert [row.checked.nodes["a"].seed for row in listed] == [0, 0]
+    assert [row.checked.nodes["end"].seed for row in listed] == [0, 1]
+    assert listed[0].checked.nodes["rounds[1].hop"].seed != listed[1].checked.nodes["rounds[1].hop"].seed
+    assert listed[0].checked.nodes["rounds[1].step"].seed == listed[1].checked.nodes["rounds[1].step"].seed
 
 
 def test_a_variant_without_the_node_of_the_repeats_is_the_same_in_all(bench: Any, base: str) -> None:
-    found = rows(bench, base + "repeats: {count: 2, of: [rounds.hop]}\nvariants: {off: [{bypass: rounds.hop}]}")
-    assert [row.name for row in found] == ["base", "base", "off", "off"]
-    assert found[2].checked.resolved() == found[3].checked.resolved()
+    listed = rows(bench, base + "repeats: {count: 2, of: [rounds.hop]}\nvariants: {off: [{bypass: rounds.hop}]}")
+    assert [row.name for row in listed] == ["base", "base", "off", "off"]
+    assert listed[2].checked.resolved() == listed[3].checked.resolved()
 
 
 def test_only_keeps_the_base_and_what_is_named(bench: Any, base: str) -> None:
@@ -159,12 +159,12 @@ def test_what_cannot_be_read_is_refused(bench: Any, base: str, text: str, what: 
 
 def test_variants_that_cannot_be_read_are_told_at_once_with_their_lines(bench: Any, base: str) -> None:
     text = base + "variants:\n  x: [{sett: 1}, 3]\n  y: {extends: x}\n  z: {extends: q}\n"
-    found = refused(bench, text)
-    assert [problem.what.partition(" {")[0] for problem in found] == [
+    listed = refused(bench, text)
+    assert [problem.what.partition(" {")[0] for problem in listed] == [
         "no operation in", "a patch is a mapping, not 3", "there is no variant 'q'"
     ]  # fmt: skip
     first = text.splitlines().index("variants:") + 2
-    assert [problem.where.line for problem in found] == [first, first, first + 2]
+    assert [problem.where.line for problem in listed] == [first, first, first + 2]
 
 
 def test_the_number_of_variants_is_bounded(bench: Any, base: str) -> None:
@@ -196,7 +196,7 @@ variants:
   z: {extends: x}
 """
     )
-    found = {problem.what.partition(": ")[0]: problem for problem in refused(bench, text)}
-    assert list(found) == ["variant x, z", "variant y"]
+    listed = {problem.what.partition(": ")[0]: problem for problem in refused(bench, text)}
+    assert list(listed) == ["variant x, z", "variant y"]
     (problem,) = refused(bench, text.replace("value: 2}", "value: 9999}"))[:1]
     assert problem.what.startswith("a: value")  # a fault of the base is told as such, once
