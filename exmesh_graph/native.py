@@ -86,8 +86,8 @@ def _import(module: str, distribution: str, fix: str = "") -> ModuleType:
 
 def missing_system_library(message: str, module: str) -> MissingLibraryError:
     """Turn the loader's message ("libX.so.1: cannot open shared object file ...") into an error with the fix."""
-    found = re.search(r"(lib[\w+.-]+\.so[.\d]*)", message)
-    library = found.group(1) if found else ""
+    match = re.search(r"(lib[\w+.-]+\.so[.\d]*)", message)
+    library = match.group(1) if match else ""
     package = APT_PACKAGES.get(library, "")
     if not library:
         return MissingLibraryError(f"{module} cannot be loaded: {message}", where=module)

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from exmesh_graph import native
 from exmesh_graph.errors import MissingLibraryError
-from exmesh_graph.io import native
 
 
 @pytest.mark.parametrize(

@@ -128,13 +128,13 @@ def compare_with_blender(
 def judged(usd: Path, python: Path) -> list[Problem]:
     """What Blender says of the file's first camera: a note with the figures, an error below MIN_PSNR or MIN_IOU."""
     try:
-        found = compare_with_blender(usd, BlenderSettings(python))
+        figures = compare_with_blender(usd, BlenderSettings(python))
     except DataError as error:
         return [Problem("error", "blender", str(usd), ": ".join(filter(None, (error.what, error.fix))))]
-    gain = " ".join(f"{value:.3f}" for value in found["gain"])
-    what = f"{found['psnr']:.1f} dB from our picture on the object, IoU {found['iou']:.4f}, Blender / ours {gain}"
-    good = found["psnr"] >= MIN_PSNR and found["iou"] >= MIN_IOU
-    return [Problem("note" if good else "error", "blender", f"camera {found['view']}", what)]
+    gain = " ".join(f"{value:.3f}" for value in figures["gain"])
+    what = f"{figures['psnr']:.1f} dB from our picture on the object, IoU {figures['iou']:.4f}, Blender / ours {gain}"
+    good = figures["psnr"] >= MIN_PSNR and figures["iou"] >= MIN_IOU
+    return [Problem("note" if good else "error", "blender", f"camera {figures['view']}", what)]
 
 
 def camera_names(usd: Path) -> list[str]:

@@ -58,11 +58,6 @@ def opencv_from_blender(camera_to_world: np.ndarray) -> np.ndarray:
     return camera_to_world @ np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def blender_from_opencv(camera_to_world: np.ndarray) -> np.ndarray:
-    """The inverse of `opencv_from_blender`; the same flip."""
-    return camera_to_world @ np.diag([1.0, -1.0, -1.0, 1.0])
-
-
 def camera_to_world_from_rt(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """float64 [4, 4] camera-to-world from x_cam = R X + t."""
     camera_to_world = np.eye(4)

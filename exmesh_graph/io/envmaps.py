@@ -33,11 +33,6 @@ def canonical_from_blender(radiance: np.ndarray) -> np.ndarray:
     return shift_columns(radiance, radiance.shape[1] / 4)
 
 
-def blender_from_canonical(radiance: np.ndarray) -> np.ndarray:
-    """The inverse of `canonical_from_blender` (exact where W is a multiple of 4)."""
-    return shift_columns(radiance, -radiance.shape[1] / 4)
-
-
 def shift_columns(image: np.ndarray, columns: float) -> np.ndarray:
     """out[:, j] = in[:, j + columns], periodic, linear between columns."""
     whole = int(np.floor(columns))
@@ -54,11 +49,3 @@ def canonical_directions(height: int, width: int) -> np.ndarray:
     lat = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
     lon, lat = np.meshgrid(lon, lat)
     return np.stack([np.sin(lon) * np.cos(lat), np.sin(lat), np.cos(lon) * np.cos(lat)], axis=-1)
-
-
-def blender_directions(height: int, width: int) -> np.ndarray:
-    """float64 [H, W, 3] unit directions, in the z-up world, of a Blender map's texel centres."""
-    phi = 2 * np.pi * (0.5 - (np.arange(width) + 0.5) / width)
-    theta = np.pi * (np.arange(height) + 0.5) / height
-    phi, theta = np.meshgrid(phi, theta)
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)

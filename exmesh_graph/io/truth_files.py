@@ -55,7 +55,7 @@ def relit_pictures(folder: Path, test: Sequence[Shot], hdr: bool) -> dict[str, l
     ending = ".exr" if hdr and any(place.glob("*.exr")) else ".png"
     last = _base(test[0])
     names = sorted(f.name.removesuffix(f"_{last}{ending}") for f in place.glob(f"*_{last}{ending}"))
-    found = {}
+    pictures = {}
     for name in names:
         files = [place / f"{name}_{_base(shot)}{ending}" for shot in test]
         missing = [file for file in files if not file.is_file()]
@@ -64,8 +64,8 @@ def relit_pictures(folder: Path, test: Sequence[Shot], hdr: bool) -> dict[str, l
                 "the relit picture does not exist, though those of other test views do", where=str(missing[0]),
                 fix="restore it, or set truth: false",
             )  # fmt: skip
-        found[name] = files
-    return found
+        pictures[name] = files
+    return pictures
 
 
 def relit_light(folder: Path, name: str) -> Path | None:

@@ -92,20 +92,8 @@ class LitViews(Views):
     """
 
     type_name: ClassVar[str] = "LitViews"
-    layout: ClassVar[Mapping[str, str]] = {**Views.layout, "environments": "float32? N height width 3"}
-    environments: np.ndarray | None = None
-
-    def save(self, folder: Path) -> None:
-        assert self.environments is not None  # a default only because fields of Views have some
-        super().save(folder)
-        (folder / "lights").mkdir()
-        save_arrays(folder / "lights", {"environments": self.environments}, {})
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        arrays, meta = load_arrays(folder)
-        lights, _ = load_arrays(folder / "lights")
-        return cls(names=tuple(meta.pop("names")), **arrays, **meta, **lights)
+    layout: ClassVar[Mapping[str, str]] = {**Views.layout, "environments": "float32 N height width 3"}
+    environments: np.ndarray | None = None  # a default only because fields of Views have some
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,15 +166,15 @@ class _Border:
 
 
 def _borders(one: np.ndarray, two: np.ndarray, length: np.ndarray, ends: np.ndarray) -> list[dict[int, _Border]]:
-    found: list[dict[int, _Border]] = [{} for _ in range(int(max(one.max(initial=-1), two.max(initial=-1))) + 1)]
+    borders: list[dict[int, _Border]] = [{} for _ in range(int(max(one.max(initial=-1), two.max(initial=-1))) + 1)]
     for i, j, size, (a, b) in zip(one.tolist(), two.tolist(), length.tolist(), ends.tolist(), strict=True):
-        border = found[i].get(j)
+        border = borders[i].get(j)
         if border is None:
-            border = found[i][j] = found[j][i] = _Border()
+            border = borders[i][j] = borders[j][i] = _Border()
         border.edges += 1
         border.length += size
         border.vertices.update((a, b))
-    return found
+    return borders
 
 
 def _merge(

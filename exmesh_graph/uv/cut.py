@@ -26,12 +26,12 @@ def defects(faces: np.ndarray) -> str:
     """What keeps `faces` from being a manifold surface, in words; empty for one that is."""
     edges = edges_of(faces)
     start = faces.reshape(-1)[edges.halfedges[edges.interior]]
-    found = {
+    counts = {
         "edges with more than two faces": int((edges.count > 2).sum()),
         "edges between faces of opposite winding": int((start[:, 0] == start[:, 1]).sum()),
         "faces that use a vertex twice": int(_collapsed(faces).sum()),
     }
-    return ", ".join(f"{count} {what}" for what, count in found.items() if count)
+    return ", ".join(f"{count} {what}" for what, count in counts.items() if count)
 
 
 def cut_open(points: np.ndarray, faces: np.ndarray, cut_nonmanifold: bool) -> Sheets:

@@ -11,11 +11,11 @@ def first_free(
     taken: wp.array2d(dtype=wp.uint8),
     cells: wp.array(dtype=wp.vec2i),
     columns: int,
-    found: wp.array(dtype=int),
+    lowest: wp.array(dtype=int),
 ):
-    """Lowest place (row * columns + column) at which none of `cells` (row, column) is taken: minimum into found[0]."""
+    """Lowest place (row * columns + column) at which none of `cells` (row, column) is taken: minimum into lowest[0]."""
     place = wp.tid()
-    if place > found[0]:  # a lower place is known: never wrong, only saves time
+    if place > lowest[0]:  # a lower place is known: never wrong, only saves time
         return
     row = place // columns
     column = place - row * columns
@@ -23,4 +23,4 @@ def first_free(
         cell = cells[k]
         if taken[row + cell[0], column + cell[1]] != wp.uint8(0):
             return
-    wp.atomic_min(found, 0, place)
+    wp.atomic_min(lowest, 0, place)

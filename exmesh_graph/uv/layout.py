@@ -176,9 +176,9 @@ def _overlaps(place: np.ndarray, faces: np.ndarray, chart: np.ndarray, n: int, a
     dx, dy = left - low[:, 0], top - low[:, 1]
     around = np.abs(winding(x[tail] + dx[owner], y[tail] + dy[owner], x[head] + dx[owner], y[head] + dy[owner], sheet))
     rows, columns = np.nonzero(around > 1)
-    found = np.zeros(n, np.int64)
+    doubled = np.zeros(n, np.int64)
     if len(rows):
         for c in range(n):
             inside = (rows >= top[c]) & (rows < top[c] + size[c, 1])
-            found[c] = int((inside & (columns >= left[c]) & (columns < left[c] + size[c, 0])).sum())
-    return found
+            doubled[c] = int((inside & (columns >= left[c]) & (columns < left[c] + size[c, 0])).sum())
+    return doubled

@@ -150,6 +150,6 @@ def near(
     length2 = dx * dx + dy * dy
     t = np.clip((px * dx + py * dy) / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
     close = (px - t * dx) ** 2 + (py - t * dy) ** 2 <= margin * margin
-    found = np.zeros(height * width, bool)
-    found[(row * width + column)[close]] = True
-    return found.reshape(height, width)
+    marked = np.zeros(height * width, bool)
+    marked[(row * width + column)[close]] = True
+    return marked.reshape(height, width)

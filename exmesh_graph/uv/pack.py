@@ -83,12 +83,12 @@ def pack(flat: np.ndarray, corners: np.ndarray, texture_size: int, padding: int)
         )
     while good - bad > 1:
         middle = (good + bad) // 2
-        found = attempt(largest * _STEP**middle)
-        good, bad, best = (good, middle, best) if found is None else (middle, bad, found)
+        packed = attempt(largest * _STEP**middle)
+        good, bad, best = (good, middle, best) if packed is None else (middle, bad, packed)
     least, most, shared = _ORDERS
     orders = min(max(shared // (int(chart.max()) + 1), least), most)
-    while (found := attempt(best.scale * _GROW, orders)) is not None:
-        best = found
+    while (packed := attempt(best.scale * _GROW, orders)) is not None:
+        best = packed
 
     item, which = best.item, owner[used]
     shift = best.corner - best.items.low[item] + best.items.rim * (1 + 1j)
@@ -167,7 +167,7 @@ def _lowest_place(taken: np.ndarray, cells: np.ndarray, rows: int, columns: int)
     if rows <= 0 or columns <= 0:
         return None
     nowhere = np.iinfo(np.int32).max
-    found = np.array([nowhere], np.int32)
+    lowest = np.array([nowhere], np.int32)
     with wp.ScopedDevice("cpu"):
         wp.launch(
             first_free,
@@ -176,7 +176,7 @@ def _lowest_place(taken: np.ndarray, cells: np.ndarray, rows: int, columns: int)
                 wp.array(taken, dtype=wp.uint8, copy=False),
                 wp.array(cells, dtype=wp.vec2i, copy=False),
                 columns,
-                wp.array(found, dtype=int, copy=False),
+                wp.array(lowest, dtype=int, copy=False),
             ],
         )
-    return None if found[0] == nowhere else divmod(int(found[0]), columns)
+    return None if lowest[0] == nowhere else divmod(int(lowest[0]), columns)

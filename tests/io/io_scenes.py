@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 
-from exmesh_graph.io.cameras import blender_from_opencv, intrinsics_from_fov
+from exmesh_graph.io.cameras import intrinsics_from_fov
+from exmesh_graph.io.envmaps import shift_columns
 from exmesh_graph.io.images import encode_rgba, write_image
 
 CENTRE, RADIUS, SIZE, ANGLE = np.array([0.5, -0.3, 0.2]), 0.4, 48, 0.5
@@ -69,3 +70,21 @@ def edit_json(file, change):
     content = json.loads(file.read_text())
     change(content)
     file.write_text(json.dumps(content))
+
+
+def blender_from_opencv(camera_to_world):
+    """The inverse of `io.cameras.opencv_from_blender`; the same flip."""
+    return camera_to_world @ np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def blender_from_canonical(radiance: np.ndarray) -> np.ndarray:
+    """The inverse of `io.envmaps.canonical_from_blender` (exact where W is a multiple of 4)."""
+    return shift_columns(radiance, -radiance.shape[1] / 4)
+
+
+def blender_directions(height: int, width: int) -> np.ndarray:
+    """float64 [H, W, 3] unit directions, in the z-up world, of a Blender map's texel centres."""
+    phi = 2 * np.pi * (0.5 - (np.arange(width) + 0.5) / width)
+    theta = np.pi * (np.arange(height) + 0.5) / height
+    phi, theta = np.meshgrid(phi, theta)
+    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)

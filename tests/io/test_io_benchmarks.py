@@ -6,11 +6,10 @@ import shutil
 import numpy as np
 import pytest
 from exmesh_nodes import data
-from io_scenes import ANGLE, CENTRE, RADIUS, edit_json, ring, sphere_picture, write_blender
+from io_scenes import ANGLE, CENTRE, RADIUS, blender_from_opencv, edit_json, ring, sphere_picture, write_blender
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.io.cameras import blender_from_opencv
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.io.images import encode_rgba, write_image

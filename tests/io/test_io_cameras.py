@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from io_scenes import blender_from_opencv
 from scipy.spatial.transform import Rotation
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import (
-    blender_from_opencv,
     camera_to_world_from_rt,
     check_camera,
     decompose_projection,

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from io_scenes import blender_directions, blender_from_canonical
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import scene_from_dataset
 from exmesh_graph.io.envmaps import (
-    blender_directions,
-    blender_from_canonical,
     canonical_directions,
     canonical_from_blender,
     read_environment,

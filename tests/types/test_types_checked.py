@@ -56,6 +56,7 @@ def gaussians() -> PlanarGaussians:
 
 
 MESH, CARRIER, STATE, ASSET = testing.mesh(1), testing.carrier(), testing.state(), testing.asset()
+LIT = LitViews(**vars(views()), environments=np.ones((2, 2, 4, 3), F32))
 
 REFUSED: list[tuple[Artifact, dict[str, Any], str]] = [
     (MESH, {"vertices": MESH.vertices.astype(float)}, r"Mesh\.vertices: is float64 \[42, 3\]"),
@@ -84,7 +85,11 @@ REFUSED: list[tuple[Artifact, dict[str, Any], str]] = [
     (views(), {"alpha": views(3).alpha}, r"Views\.alpha: .*\n.*N = 2 as in images"),
     (views(), {"intrinsics": views().intrinsics.astype(F32)}, r"Views\.intrinsics: is float32"),
     (views(), {"names": ("a",)}, r"Views\.names: holds 1 names"),
-    (LitViews(**vars(views()), environments=None), {"environments": np.zeros((3, 2, 4, 3), F32)}, r"LitViews\.environ"),
+    (
+        LitViews(**vars(views()), environments=np.ones((2, 2, 4, 3), F32)),
+        {"environments": None},
+        r"environments: is None",
+    ),
     (DepthMaps(("a",), np.zeros((1, 4, 6), F32)), {"depth": np.zeros((4, 6), F32)}, r"DepthMaps\.depth"),
     (DepthMaps(("a",), np.zeros((1, 4, 6), F32)), {"names": ("a", "b")}, r"DepthMaps\.names"),
     (Frame(np.eye(4), np.eye(4)), {"dataset_from_scene": np.eye(3)}, r"Frame\.dataset_from_scene: is float64 \[3, 3\]"),

@@ -195,8 +195,8 @@ def up_axis(path: Path) -> str:
 
 def select_variant(stage: Any, name: str, choice: str) -> None:
     """Choose `choice` of the variant set `name` wherever it is; DataError where there is no such choice."""
-    found = [prim for prim in stage.Traverse() if name in prim.GetVariantSets().GetNames()]
-    offered = sorted({c for prim in found for c in prim.GetVariantSets().GetVariantSet(name).GetVariantNames()})
+    prims = [prim for prim in stage.Traverse() if name in prim.GetVariantSets().GetNames()]
+    offered = sorted({c for prim in prims for c in prim.GetVariantSets().GetVariantSet(name).GetVariantNames()})
     if choice not in offered:
         raise DataError(
             f"there is no variant {name}={choice}",
@@ -206,7 +206,7 @@ def select_variant(stage: Any, name: str, choice: str) -> None:
     from pxr import Usd
 
     with Usd.EditContext(stage, stage.GetSessionLayer()):
-        for prim in found:
+        for prim in prims:
             prim.GetVariantSets().GetVariantSet(name).SetVariantSelection(choice)
 
 
