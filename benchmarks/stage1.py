@@ -3,7 +3,7 @@ every round.
 
     python benchmarks/stage1.py graphs/samples/spot --json curves.json     # adaptive against uniform, same vertices
     python benchmarks/stage1.py SCENE --methods score --hull-views 10 --faces 1250 --levels 1 --rounds 4
-    python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --wrong_masks 1 --faces 5000 \
+    python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --wrong-masks 1 --faces 5000 \
         --levels 1 --silhouette-weight 1 --smoothness-weight 0.1 --gains --methods score
 
 Every method starts from the same hull, atlas and texture, takes the same iterations and ends at the same faces:
@@ -199,7 +199,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("scene", type=Path)
     parser.add_argument("--layout", choices=("blender", "middlebury"), default="blender")
     parser.add_argument("--downscale", type=int, default=1)
-    parser.add_argument("--wrong_masks", type=int, default=0)
+    parser.add_argument("--wrong-masks", type=int, default=0)
     parser.add_argument("--texels", type=int, default=256)
     parser.add_argument("--hull-views", type=int, default=0, help="views that the hull may use; 0 = all")
     parser.add_argument("--faces", type=int, default=2000, help="of the start")
