@@ -104,7 +104,7 @@ class GaussiansOut(NamedTuple):
     gaussians: PlanarGaussians
 
 
-@node("init.gaussian_file", version="1", libraries=("torch",), sources=_gaussian_file)
+@node("init.gaussian_file", version="1", libraries=("torch", "scipy"), sources=_gaussian_file)
 def gaussian_file(ctx: Context, frame: Frame | None = None, *, p: GaussianFileParams) -> GaussiansOut:
     """Gaussians from a PLY file of 3DGS, 2DGS or PGSR."""
     import numpy as np
@@ -128,7 +128,7 @@ class FilesOut(NamedTuple):
     files: Files
 
 
-@node("export.gaussians", version="1", libraries=("torch",))
+@node("export.gaussians", version="1", libraries=("torch", "scipy"))
 def export_gaussians(
     ctx: Context, gaussians: PlanarGaussians, frame: Frame | None = None, *, p: GaussianExportParams
 ) -> FilesOut:
