@@ -16,6 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Self
 
+from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import DEFAULT, Packs, current
 from exmesh_graph.graph.language import check, expand, spec
@@ -47,7 +48,8 @@ class Session:
         self._packs.__exit__()
 
     def packs(self) -> Packs:
-        """Its packs, loaded: `types`, and `broken` ones with the reason."""
+        """Its packs, loaded: `types`, and `broken` ones with the reason. Edited source files are looked at again."""
+        self._packs.part(Sources).refresh()
         return self._packs.load()
 
     @property

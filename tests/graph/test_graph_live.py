@@ -19,7 +19,7 @@ from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import NodeFailed, Run
 from exmesh_graph.graph.session import Session
 
 CELL = """
@@ -298,7 +298,7 @@ SCRIPT = (
 if __name__ == "__main__":
     from exmesh_graph.graph.run.backends.local import Local
     from exmesh_graph.graph.run.rundir import RunFolder
-    from exmesh_graph.graph.run.runner import Run
+    from exmesh_graph.graph.run.runner import NodeFailed, Run
     from exmesh_graph.graph.session import default_session
     session = default_session()
     graph = session.check("g.yaml")
@@ -326,3 +326,58 @@ def test_a_script(tmp_path: Path) -> None:
     assert run() == [["hit", "hit"], 60.0]
     near.write_text("def times(a, b):\n    return a * b + 1\n")  # a module beside the script
     assert run() == [["done", "done"], 62.0]
+
+
+def test_a_module_of_yours_that_is_edited_and_reloaded(notebook: Notebook, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is still loaded as it was must not pass for what the file says now; nor a name taken from it before."""
+    path = notebook.folder / "mine_near.py"
+    path.write_text("def times(a):\n    return a * 2\n")
+    monkeypatch.syspath_prepend(str(notebook.folder))
+    cell = (
+        '@node("cell.near", version="1")\ndef near(ctx: Context, *, p: P) -> Out:\n    return Out(Figure(%s(p.size)))\n'
+    )
+    text = "nodes: {one: {type: cell.near}}\noutputs: {a: '@one.figure'}"
+    notebook.cell("import importlib, mine_near")
+    notebook.cell(cell % "mine_near.times")
+    assert notebook.run(text)[:2] == ({"one": "done"}, 4.0)
+    assert notebook.run(text)[:2] == ({"one": "hit"}, 4.0)
+    path.write_text("def times(a):\n    return a * 30\n")
+    for _ in range(2):  # not reloaded: the old code runs, and what it makes belongs to no key
+        assert notebook.run(text)[:2] == ({"one": "done"}, 4.0)
+        assert any("not remembered" in text for text in notebook.warnings)
+    notebook.cell("importlib.reload(mine_near)")
+    assert notebook.run(text)[:2] == ({"one": "done"}, 60.0)
+    assert notebook.run(text)[:2] == ({"one": "hit"}, 60.0)
+    notebook.cell("from mine_near import times")
+    notebook.cell(cell % "times")
+    assert notebook.run(text)[:2] == ({"one": "done"}, 60.0)
+    path.write_text("def times(a):\n    return a * 400\n")
+    notebook.cell("importlib.reload(mine_near)")
+    with pytest.raises(NodeFailed, match="times is not what the module mine_near calls so now"):
+        notebook.run(text)
+    notebook.cell("from mine_near import times")
+    assert notebook.run(text)[:2] == ({"one": "done"}, 800.0)
+    del sys.modules["mine_near"]
+
+
+def test_a_pack_whose_helper_is_reloaded_alone(notebook: Notebook, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`from mine_low import times` in the pack still holds the old function."""
+    low, pack = notebook.folder / "mine_low.py", notebook.folder / "mine_pack.py"
+    low.write_text("def times(a):\n    return a * 2\n")
+    pack.write_text(
+        CELL.replace("CellFigure", "PackFigure") + "from mine_low import times\n" + NODES.replace("helper", "times")
+    )
+    monkeypatch.syspath_prepend(str(notebook.folder))
+    notebook.session = Session(["mine_pack"])
+    notebook.cell("import importlib, mine_pack, mine_low")
+    text = "nodes: {a: {type: cell.make}}\noutputs: {a: '@a.figure'}"
+    assert notebook.run(text)[:2] == ({"a": "done"}, 4.0)
+    low.write_text("def times(a):\n    return a * 30\n")
+    notebook.cell("importlib.reload(mine_low)")
+    assert notebook.run(text)[1] == 4.0
+    assert any("not remembered" in text for text in notebook.warnings)
+    notebook.cell("importlib.reload(mine_pack)")
+    assert notebook.run(text)[:2] == ({"a": "done"}, 60.0)
+    assert notebook.run(text)[:2] == ({"a": "hit"}, 60.0)
+    for name in ("mine_low", "mine_pack"):
+        del sys.modules[name]

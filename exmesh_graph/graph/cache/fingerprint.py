@@ -73,7 +73,8 @@ def remember_in(memo: Memo) -> None:
 def sources_changed(definition: NodeDef) -> list[str]:
     """Modules of the fingerprint whose code was edited since: what ran may not be what was fingerprinted."""
     sources = current().part(Sources)
-    return [name for name in sources.fingerprint(definition).modules if _edited(sources.module(name))]
+    names = sources.fingerprint(definition).modules
+    return [name for name in names if _edited(sources.module(name)) or sources.outlived(name)]
 
 
 def outside_imports(definition: NodeDef) -> set[str]:
@@ -82,6 +83,10 @@ def outside_imports(definition: NodeDef) -> set[str]:
     modules = [sources.module(name) for name in sources.fingerprint(definition).modules]
     own = {OWN, *(module.name.partition(".")[0] for module in modules)}
     return {name.partition(".")[0] for module in modules for name, _ in module.imports} - own - sys.stdlib_module_names
+
+
+_loads: list[int] = []  # one entry for each time that a session found modules edited or loaded anew
+_loaded: dict[str, tuple[Any, bytes, int]] = {}  # of this process: {module: (spec, the text it was loaded from, when)}
 
 
 class Sources:
@@ -113,6 +118,22 @@ class Sources:
         if name not in self.paths:
             self.paths[name] = _source_file(name)
         return self.paths[name]
+
+    def refresh(self) -> None:
+        """Look again at modules whose file was edited, or which were loaded anew: a session may live for days."""
+        changed = [m.name for m in self.modules.values() if m.stamp != _stamp(m.path) or m.spec is not _spec(m.name)]
+        if changed:
+            _loads.append(len(_loads))
+            self.fingerprints.clear()
+            self.paths.clear()
+            for name in changed:
+                del self.modules[name]
+
+    def outlived(self, name: str) -> bool:
+        """Whether a loaded module holds names of one that was loaded anew after it."""
+        taken = {other for other, attribute in self.module(name).imports if attribute}
+        own = _loaded[name][2] if name in _loaded else len(_loads)
+        return any(_loaded[other][2] > own for other in taken & self.modules.keys() & _loaded.keys())
 
     def fact(self, module: _Module, name: str, find: Callable[[], Any]) -> Any:
         """What the memo holds under `name` for a module of exactly these bytes, else what `find` finds out."""
@@ -194,9 +215,14 @@ class Sources:
         if path is None:
             raise GraphError(f"the source of the module {name} cannot be found", fix="install it as plain .py files")
         package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-        stamp, data = _stamp(path), path.read_bytes()
-        stale = _drop_stale_bytecode(path, data) and name in sys.modules
-        return _Module(self.fact, name, data, package, path, stamp, stale)
+        stamp, data, spec = _stamp(path), path.read_bytes(), _spec(name)
+        stale = _drop_stale_bytecode(path, data) and spec is not None
+        if spec is not None and (name not in _loaded or _loaded[name][0] is not spec):
+            stale = stale or _bytecode_is_older(path)
+            _loaded[name] = spec, b"" if stale else data, len(_loads) if name in _loaded else 0
+        elif spec is not None and _loaded[name][1] != data:
+            stale = stale or _text_of(_loaded[name][1]) != _text_of(data)
+        return _Module(self.fact, name, data, package, path, stamp, stale, spec)
 
 
 def _ignored(name: str) -> bool:
@@ -212,6 +238,7 @@ class _Module:
     path: Path
     stamp: tuple[int, ...] | None
     stale: bool
+    spec: Any
 
     @functools.cached_property
     def tree(self) -> ast.Module:
@@ -302,6 +329,28 @@ def _drop_stale_bytecode(path: Path, data: bytes) -> bool:
             cache.unlink()
             return True
     return False
+
+
+def _bytecode_is_older(path: Path) -> bool:
+    """Whether the bytecode that Python wrote when it loaded a module is of an earlier text than the file's."""
+    with contextlib.suppress(OSError, NotImplementedError):
+        cache, status = Path(importlib.util.cache_from_source(str(path))), path.stat()
+        head = cache.read_bytes()[:16]
+        if len(head) == 16 and head[4:8] == bytes(4) and os.access(cache.parent, os.W_OK):
+            return head[8:] != struct.pack("<LL", int(status.st_mtime) & 0xFFFFFFFF, status.st_size & 0xFFFFFFFF)
+    return False
+
+
+def _text_of(data: bytes) -> str:
+    try:
+        return normalised(ast.parse(data))
+    except SyntaxError:
+        return repr(data)
+
+
+def _spec(name: str) -> Any:
+    """Stands for one loading of a module: another one after a reload; None where it is not loaded."""
+    return getattr(sys.modules.get(name), "__spec__", None)
 
 
 def _stamp(path: Path) -> tuple[int, ...] | None:

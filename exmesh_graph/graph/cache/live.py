@@ -72,8 +72,12 @@ class Live:
     def _function(self, function: types.FunctionType, place: str) -> Any:
         if function.__globals__ is not vars(sys.modules[MAIN]):
             home, name = str(function.__globals__.get("__name__")), function.__code__.co_qualname
-            there = self._reference(home, name)
-            return there if _found(home, name) is function else ("wrapper", there, self._bound_to(function, place))
+            there, named = self._reference(home, name), _found(home, name)
+            if named is function:
+                return there
+            if named is not None and inspect.unwrap(getattr(named, "__func__", named)) is not function:
+                raise self._outlived(place, home)
+            return "wrapper", there, self._bound_to(function, place)
         definition, inside = _definition(function)
         self.imports += imports_in(definition, "")
         text = normalised(definition), inside
@@ -116,6 +120,8 @@ class Live:
 
     def _class(self, cls: type, place: str) -> Any:
         if cls.__module__ != MAIN:
+            if _found(cls.__module__, cls.__qualname__) not in (cls, None):
+                raise self._outlived(place, cls.__module__)
             return self._reference(cls.__module__, cls.__qualname__)
         own = {name: self._shape(value, f"{place}.{name}") for name, value in _attributes(cls)}
         if issubclass(cls, enum.Enum):
@@ -134,6 +140,10 @@ class Live:
         if module != MAIN:
             self.imports.append((module, name.partition(".")[0] or None))
         return "import", module, name
+
+    def _outlived(self, place: str, module: str) -> GraphError:
+        what = f"{place} is not what the module {module} calls so now, which was loaded anew"
+        return GraphError(what, where=f"the node function {self.target}", fix=f"import it from {module} again")
 
     def _module(self, module: types.ModuleType, place: str) -> Any:
         self.imports.append((module.__name__, None))
