@@ -22,9 +22,9 @@ GRAPH = 'nodes: {a: {type: toy.const}, s: {type: toy.sign, number: "@a.number"}}
 @pytest.fixture
 def helper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
     """`helper(old, new)` edits a copy of the helper module of `toy.sign`, seen by the next command."""
-    copy, real = tmp_path / "helpers.py", fp._source_file
+    copy, real = tmp_path / "helpers.py", fp.source_file
     shutil.copy(Path(__file__).parent.parent / "graph" / "toy" / "toy_pack" / "helpers.py", copy)
-    monkeypatch.setattr(fp, "_source_file", lambda name: copy if name == "toy_pack.helpers" else real(name))
+    monkeypatch.setattr(fp, "source_file", lambda name: copy if name == "toy_pack.helpers" else real(name))
 
     def forget() -> None:
         current().parts.pop(fp.Sources, None)

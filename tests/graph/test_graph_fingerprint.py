@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.cache import fingerprint as fp
+from exmesh_graph.graph.cache.moduletext import is_ignored
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo
@@ -212,7 +213,7 @@ def test_every_library_module_that_a_node_imports_counts(packs: Any) -> None:
             if isinstance(item, ast.ImportFrom) and (item.module or "").startswith("exmesh_graph.")
         }
         wanted = {name for name in wanted if current().part(fp.Sources).module(name).exports is None}
-        assert {name for name in wanted if not name.startswith(fp.IGNORED)} <= found, module
+        assert {name for name in wanted if not is_ignored(name)} <= found, module
 
 
 def test_types_package_is_followed_by_name(packs: Any) -> None:
@@ -265,7 +266,7 @@ def test_with_the_memo_nothing_is_parsed(
     memo = Memo(tmp_path / "code.json", tmp_path / "work")
     before = take(memo=memo)
     memo.save()
-    monkeypatch.setattr(fp.ast, "parse", lambda *_: pytest.fail("parsed again"))
+    monkeypatch.setattr("ast.parse", lambda *_: pytest.fail("parsed again"))
     assert take(memo=Memo(tmp_path / "code.json", tmp_path / "work")) == before
 
 

@@ -1,0 +1,168 @@
+"""The text of one module: what it imports and re-exports, its digest, and the part that one of its functions uses."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.errors import GraphError
+from exmesh_graph.graph.cache import syntax
+from exmesh_graph.graph.cache.syntax import (
+    Import,
+    acts,
+    bound_by,
+    imports_in,
+    is_node_decorator,
+    is_text,
+    normalised,
+    used_by,
+)
+
+OWN = "exmesh_graph"
+IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.api", "exmesh_graph.notebook", "exmesh_graph.params")
+
+
+def is_ignored(name: str) -> bool:
+    return any(name == i or name.startswith(i + ".") for i in IGNORED)
+
+
+@dataclass(frozen=True)
+class ModuleText:
+    fact: Callable[[ModuleText, str, Callable[[], Any]], Any]
+    name: str
+    data: bytes
+    package: str
+    path: Path
+    stamp: tuple[int, ...] | None
+    stale: bool
+    spec: Any
+
+    @functools.cached_property
+    def tree(self) -> ast.Module:
+        return ast.parse(self.data, str(self.path))
+
+    @functools.cached_property
+    def key(self) -> str:
+        return hashlib.sha256(f"{_reader()} {self.package} {self.name}\n".encode() + self.data).hexdigest()
+
+    @functools.cached_property
+    def imports(self) -> list[Import]:
+        return _pairs(self.fact(self, "imports", lambda: list(imports_in(self.tree, self.package))))
+
+    @functools.cached_property
+    def digest(self) -> str:
+        return str(self.fact(self, "digest", lambda: sha(normalised(self.tree))))
+
+    @functools.cached_property
+    def exports(self) -> dict[str, Import] | None:
+        """{name: where it comes from} of a module that only re-exports, None for any other."""
+        found = self.fact(self, "exports", lambda: _exports(self.tree, self.package))
+        return None if found is None else {name: (item[0], item[1]) for name, item in found.items()}
+
+    def slice(self, function: str) -> tuple[str, list[Import]]:
+        """(digest, imports) of the part of the module that `function` uses."""
+
+        def find() -> tuple[str, list[Import]]:
+            text, imports = _Slice(self).of(function)
+            return sha(text), imports
+
+        digest, imports = self.fact(self, "slice " + function, find)
+        return digest, _pairs(imports)
+
+
+class _Slice:
+    """The part of a module that one of its functions depends on."""
+
+    def __init__(self, module: ModuleText) -> None:
+        self.module = module
+        self.binders: dict[str, list[int]] = {}
+        self.always: list[int] = []
+        own, classes = self._own(), {item.name for item in module.tree.body if isinstance(item, ast.ClassDef)}
+        for index, statement in enumerate(module.tree.body):
+            names = set(bound_by(statement))
+            for name in names:
+                self.binders.setdefault(name, []).append(index)
+            if not is_text(statement) and (not names or acts(statement, own)):
+                self.always.append(index)
+            if isinstance(statement, ast.ClassDef) and not any(map(is_node_decorator, statement.decorator_list)):
+                for base in statement.bases:  # subclasses can be found from their base: __init_subclass__, registries
+                    if isinstance(base, ast.Name) and base.id in classes:
+                        self.binders.setdefault(base.id, []).append(index)
+
+    def of(self, function: str) -> tuple[str, list[Import]]:
+        """(normalised text, imports) of everything `function` uses."""
+        body = self.module.tree.body
+        if function not in self.binders:
+            raise GraphError(f"{self.module.name} has no function {function} at its top level")
+        chosen: set[int] = set()
+        todo = [*self.binders[function], *self.always]
+        while todo:
+            index = todo.pop()
+            if index in chosen:
+                continue
+            chosen.add(index)
+            for name in used_by(body[index]):
+                todo += self.binders.get(name, [])
+        texts, imports = [], []
+        for index in sorted(chosen):
+            statement = body[index]
+            if isinstance(statement, ast.Import | ast.ImportFrom):
+                used = {name for i in chosen if i != index for name in used_by(body[i])}
+                pairs = zip(statement.names, imports_in(statement, self.module.package), strict=True)
+                for alias, item in pairs:
+                    if alias.name == "*" or (alias.asname or alias.name).partition(".")[0] in used:
+                        imports.append(item)
+                        texts.append(f"import {alias.asname or alias.name} {item}")
+            else:
+                texts.append(normalised(statement))
+                imports += imports_in(statement, self.module.package)
+        return "\n".join(texts), imports
+
+    def _own(self) -> set[str]:
+        """Names that stand for something of the project, its framework left out."""
+        found = set()
+        tops = (OWN, self.module.name.partition(".")[0])
+        for statement in self.module.tree.body:
+            origins = [name for name, _ in imports_in(statement, self.module.package)]
+            if not origins or any(name.partition(".")[0] in tops and not is_ignored(name) for name in origins):
+                found |= set(bound_by(statement))
+        return found
+
+
+def _pairs(items: Iterable[Sequence[Any]]) -> list[Import]:
+    return [(item[0], item[1]) for item in items]
+
+
+def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
+    found: dict[str, Import] = {}
+    for statement in tree.body:
+        if isinstance(statement, ast.Import | ast.ImportFrom):
+            if any(name is None for _, name in imports_in(statement, package)):
+                return None
+            if isinstance(statement, ast.ImportFrom):
+                for alias, item in zip(statement.names, imports_in(statement, package), strict=True):
+                    found[alias.asname or alias.name] = item
+        elif isinstance(statement, ast.Assign):
+            targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
+            if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
+                return None
+        elif not is_text(statement):
+            return None
+    return found
+
+
+@functools.cache
+def _reader() -> str:
+    """What a remembered fact depends on beside the bytes: this very reader, and the grammar."""
+    own = b"".join(path.read_bytes() for path in (Path(__file__), Path(syntax.__file__)))
+    return f"{hashlib.sha256(own).hexdigest()} {sys.version_info[:2]}"
+
+
+def sha(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
