@@ -13,6 +13,7 @@ import pytest
 import exmesh_graph as ex
 from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.problems import GraphErrors
+from exmesh_graph.types import Mesh
 
 
 def base() -> tuple[ex.Graph, Any]:
@@ -75,6 +76,14 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str, str, str]] = {
     "a missing argument": (lambda: ex.call("toy.step", amount=1), "not given", "Number", "state=..."),
     "an array for a mesh": (
         lambda: ex.call("init.clean", mesh=np.zeros((5, 3))), "shape (5, 3) and type float64", "Mesh", "Mesh(",
+    ),
+    "an array of a wrong shape": (
+        lambda: ex.call("init.clean", mesh=Mesh(np.zeros((5, 2), np.float32), np.zeros((1, 3), np.int32))),
+        "Mesh.vertices", "float32 [V, 3]", "",
+    ),
+    "an array of a wrong type": (
+        lambda: ex.call("init.clean", mesh=Mesh(np.zeros((5, 3)), np.zeros((1, 3), np.int32))),
+        "is float64", "float32 [V, 3]", "np.asarray",
     ),
     "a graph's wire for a value": (lambda: ex.call("toy.step", state=base()[1].number, amount=1), "Wire", "Number",
                                    "run[node].port"),
