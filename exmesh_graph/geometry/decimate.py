@@ -13,7 +13,7 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import area_vectors, incident_faces, lengths, next_halfedge
-from exmesh_graph.geometry.merge import Collapses, apply_merges, orient, shape_is_kept
+from exmesh_graph.geometry.merge import Collapses, apply_merges, collapse_ends, shape_is_kept
 from exmesh_graph.geometry.params import MergeSettings
 from exmesh_graph.geometry.topology import Topology, VertexMap, greedy_disjoint, link_condition, ranges
 from exmesh_graph.types.edges import edges_of
@@ -74,7 +74,7 @@ def _plan(state: Topology, quadrics: np.ndarray, budget: int) -> Collapses:
     place = np.concatenate([state.vertices.astype(np.float64), np.ones((n, 1))], axis=1)
     both = quadrics[i] + quadrics[j]
     cost = np.stack([np.einsum("na,nab,nb->n", place[end], both, place[end]) for end in (j, i)])  # i goes, j goes
-    removed, survivor, legal = orient(state, edges, halfedge, SETTINGS, prefer=cost[0] <= cost[1])
+    removed, survivor, legal = collapse_ends(state, edges, halfedge, SETTINGS, prefer=cost[0] <= cost[1])
     span = lengths(place[i, :3] - place[j, :3])
     price = np.where(removed == i, cost[0], cost[1]) + _LENGTH * span**4
     start, around = incident_faces(faces, n)

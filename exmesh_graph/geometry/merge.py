@@ -103,7 +103,7 @@ def plan_merges(
     score, candidate, options = _candidates(vertices, faces, edges, seen, settings, rng)
     order = np.lexsort((candidate, score))
     halfedge = (3 * candidate[:, None] + options)[order]
-    removed, survivor, legal = orient(state, edges, halfedge.reshape(-1), settings)
+    removed, survivor, legal = collapse_ends(state, edges, halfedge.reshape(-1), settings)
     legal &= link_condition(faces, edges, edges.face_edges.reshape(-1)[halfedge.reshape(-1)], len(vertices))
     start, around = incident_faces(faces, len(vertices))
     # Of each face the first edge that may collapse; several faces may ask for the same collapse: the first one counts.
@@ -178,7 +178,7 @@ def _candidates(
     return shape, face, np.argsort(relative - 2.0 * boundary, axis=1, kind="stable")
 
 
-def orient(
+def collapse_ends(
     state: Topology, edges: Edges, halfedge: np.ndarray, settings: MergeSettings, prefer: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(removed, survivor, legal) for each edge.

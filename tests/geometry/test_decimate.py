@@ -7,7 +7,7 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry import decimate as module
 from exmesh_graph.geometry.adjacency import incident_faces, is_vertex_manifold, next_halfedge, signed_areas_2d
 from exmesh_graph.geometry.decimate import decimate, vertex_quadrics
-from exmesh_graph.geometry.merge import orient, shape_is_kept
+from exmesh_graph.geometry.merge import collapse_ends, shape_is_kept
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.topology import Topology, VertexMap, link_condition
 from exmesh_graph.types.edges import edges_of, is_closed, is_edge_manifold
@@ -107,7 +107,9 @@ def test_one_round_is_the_sequential_pass(sphere):
             for end in (j, i)
         ]
         one = np.array([h])
-        removed, survivor, legal = orient(state, edges, one, module.SETTINGS, prefer=np.array([cost[0] <= cost[1]]))
+        removed, survivor, legal = collapse_ends(
+            state, edges, one, module.SETTINGS, prefer=np.array([cost[0] <= cost[1]])
+        )
         if legal[0]:
             length = np.linalg.norm(vertices[i].astype(float) - vertices[j].astype(float))
             value = cost[0] if removed[0] == i else cost[1]
