@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from exmesh_graph.graph import Component, component
-from exmesh_graph.stage1 import settings
+from exmesh_graph.stage1 import large_steps, smoothness
 
 if TYPE_CHECKING:
     import torch
@@ -22,15 +22,15 @@ class Smoothness(Component):
 
 
 @component("regulariser.laplacian", version="1", libraries=("torch",))
-class Laplacian(settings.Laplacian, Smoothness):
+class Laplacian(smoothness.Laplacian, Smoothness):
     """The paper's Laplacian, divided by the squared mean edge length."""
 
 
 @component("regulariser.bilaplacian", version="1", libraries=("torch",))
-class Bilaplacian(settings.Bilaplacian, Smoothness):
+class Bilaplacian(smoothness.Bilaplacian, Smoothness):
     """The Laplacian's square, which does not shrink round shapes; the default."""
 
 
 @component("regulariser.large_steps", version="1", libraries=("torch", "scipy"))
-class LargeSteps(settings.LargeSteps, Smoothness):
+class LargeSteps(large_steps.LargeSteps, Smoothness):
     """Preconditioned steps (Nicolet et al. 2021): smooth motions are fast, noise is damped, no term in the loss."""

@@ -10,14 +10,32 @@ smooth.
 from __future__ import annotations
 
 from collections.abc import Callable
-
-import numpy as np
-import torch
+from typing import TYPE_CHECKING
 
 from exmesh_graph.errors import NumericsError
+from exmesh_graph.params import Params, param
+
+if TYPE_CHECKING:  # the parameters are those of a node, which loads neither before it runs
+    import numpy as np
+    import torch
+
+    from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 _TOLERANCE = 1e-5
 _MOST_STEPS = 400
+
+
+class LargeSteps(Params):
+    """The filter (I + strength L)^-1, which reaches about sqrt(strength) edges far; a `regularise.Smoothness`."""
+
+    strength: float = param(19.0, ge=0, doc="lambda of the paper; the filter reaches about its root, in edges.")
+
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
+        from exmesh_graph.stage1.regularise import PreparedSmoothness
+
+        return PreparedSmoothness(
+            None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True
+        )
 
 
 def implicit_filter(
@@ -27,6 +45,8 @@ def implicit_filter(
 
     On a CPU a sparse LU decomposition (SuperLU) made once here; on other devices conjugate gradients.
     """
+    import torch
+
     edges = torch.unique(edges.long().sort(dim=1).values, dim=0)
     if torch.device(device).type == "cpu":
         return _factorised(count, edges.numpy(), strength)
@@ -34,6 +54,8 @@ def implicit_filter(
 
 
 def _factorised(count: int, edges: np.ndarray, strength: float) -> Callable[[torch.Tensor], torch.Tensor]:
+    import numpy as np
+    import torch
     from scipy.sparse import coo_matrix, identity
     from scipy.sparse.linalg import splu
 
@@ -52,6 +74,8 @@ def _factorised(count: int, edges: np.ndarray, strength: float) -> Callable[[tor
 
 def _conjugate_gradients(count: int, edges: torch.Tensor, strength: float) -> Callable[[torch.Tensor], torch.Tensor]:
     """Each column on its own, with the diagonal as preconditioner; to a relative residual of 1e-5."""
+    import torch
+
     i, j = edges.T
     degree = torch.bincount(edges.reshape(-1), minlength=count)
 

@@ -16,7 +16,8 @@ from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.diagnose import diagnose
 from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
 from exmesh_graph.stage1.render import draw, surface_of
-from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Bilaplacian
 from exmesh_graph.stage1.terms import Terms
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Mesh, Stage1State, Views
@@ -53,7 +54,7 @@ def refine(
 ) -> tuple[Stage1State, dict[str, Any]]:
     """Optimise vertices and appearance of `state` against `views` for `settings.iterations` iterations.
 
-    `smoothness` is the L_s (default: `settings.Bilaplacian`).
+    `smoothness` is the L_s (default: `smoothness.Bilaplacian`).
     `region` is a surface, the coarse start say: with views without masks, only pixels that show it count.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from exmesh_graph.params import Params, param
-
-if TYPE_CHECKING:
-    import torch
-
-    from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 
 class RefineSettings(Params):
@@ -42,42 +37,6 @@ class RefineSettings(Params):
     gains: bool = param(False, doc="Fit one factor per view and channel, for photographs of wandering exposure.")
     downscale: int = param(1, ge=1, le=16, doc="Work on pictures reduced by this factor.")
     fill_unseen: bool = param(True, doc="Fill texels that this round never touched from their neighbours.")
-
-
-class Laplacian(Params):
-    """The paper's L_s in its scale-free form, times `weight`; a `regularise.Smoothness`."""
-
-    weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
-
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
-        from exmesh_graph.stage1.regularise import weighted
-
-        return weighted("laplacian", self.weight, vertices, edges)
-
-
-class Bilaplacian(Params):
-    """Its square, which does not shrink round shapes, times `weight`; a `regularise.Smoothness`."""
-
-    weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
-
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
-        from exmesh_graph.stage1.regularise import weighted
-
-        return weighted("bilaplacian", self.weight, vertices, edges)
-
-
-class LargeSteps(Params):
-    """The filter (I + strength L)^-1, which reaches about sqrt(strength) edges far; a `regularise.Smoothness`."""
-
-    strength: float = param(19.0, ge=0, doc="lambda of the paper; the filter reaches about its root, in edges.")
-
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
-        from exmesh_graph.stage1.large_steps import implicit_filter
-        from exmesh_graph.stage1.regularise import PreparedSmoothness
-
-        return PreparedSmoothness(
-            None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True
-        )
 
 
 class PhotometricSettings(Params):

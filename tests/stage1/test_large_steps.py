@@ -14,7 +14,8 @@ from exmesh_graph.optim import adam_step
 from exmesh_graph.stage1 import large_steps
 from exmesh_graph.stage1.large_steps import implicit_filter
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Bilaplacian
 
 
 def dense(count, edges, strength):

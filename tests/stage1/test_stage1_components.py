@@ -7,7 +7,8 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import PreparedSmoothness
-from exmesh_graph.stage1.settings import Bilaplacian, Laplacian, RefineSettings
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Bilaplacian, Laplacian
 from exmesh_graph.testing import FakeContext
 
 

@@ -9,7 +9,8 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.settings import Bilaplacian, Laplacian, RefineSettings
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Bilaplacian, Laplacian
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import DepthMaps
 

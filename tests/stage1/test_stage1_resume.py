@@ -7,7 +7,8 @@ import pytest
 from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.stage1.refine import refine
-from exmesh_graph.stage1.settings import Laplacian, RefineSettings
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Laplacian
 from exmesh_graph.types import DepthMaps
 from exmesh_graph.types.state import load_state, save_state
 

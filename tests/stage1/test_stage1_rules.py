@@ -13,7 +13,8 @@ from exmesh_graph.optim import adam_step
 from exmesh_graph.stage1.init import initial_state
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import draw, surface_of
-from exmesh_graph.stage1.settings import Bilaplacian, RefineSettings
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Bilaplacian
 from exmesh_graph.targets import GAIN_LIMITS, fit_gain, prepare_targets
 from exmesh_graph.types import DepthMaps
 

@@ -13,7 +13,8 @@ from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import deviation, smoother
 from exmesh_graph.stage1.render import draw, surface_of
-from exmesh_graph.stage1.settings import Bilaplacian, Laplacian, RefineSettings
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Bilaplacian, Laplacian
 from exmesh_graph.stage1.terms import Terms
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import DepthMaps
