@@ -58,12 +58,9 @@ class Session:
         return self.packs().types
 
     def check(
-        self,
-        graph: str | os.PathLike[str],
-        overrides: Iterable[str] = (),
-        variant: str | None = None,
+        self, graph: str | os.PathLike[str], overrides: Iterable[str] = (), variant: str | None = None,
         top: Map | None = None,
-    ) -> check.Checked:
+    ) -> check.Checked:  # fmt: skip
         """A graph file, or one of its variants, checked. Raises GraphErrors with all faults.
 
         `overrides` are texts as `--set` takes them; `top` is the merged mapping of a graph that is no file.

@@ -277,7 +277,7 @@ class _Expansion:
 
     def _seed_given(self, full: str, given: Value) -> int:
         if is_whole(given.value, 0):
-            return int(given.value)
+            return given.value
         self.problems.add("seed", given.where, f"{full}: seed must be a whole number >= 0")
         return 0
 

@@ -251,6 +251,5 @@ def check_keys(tree: Map, known: tuple[str, ...], what: str, problems: Problems)
     """Note the keys of a mapping that mean nothing there."""
     for key in tree:
         if key not in known:
-            problems.add(
-                "key", tree.lines[key], f"{what} has no key {key!r}", nearest=nearest(str(key), known) or known
-            )
+            near = nearest(str(key), known) or known
+            problems.add("key", tree.lines[key], f"{what} has no key {key!r}", nearest=near)

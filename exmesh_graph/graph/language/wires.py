@@ -52,9 +52,8 @@ class Wiring:
         `name` is the near end, `port` what it takes (None: any artifact).
         """
         if link.node not in self.graph.nodes:
-            names = [
-                f"@{near}.{link.port}" if link.port else f"@{near}" for near in nearest(link.node, self.graph.nodes)
-            ]
+            port_part = f".{link.port}" if link.port else ""
+            names = [f"@{near}{port_part}" for near in nearest(link.node, self.graph.nodes)]
             self.problems.add(
                 "unknown-node", where, f"{link}: there is no node {link.node!r}",
                 wire=f"{str(link)[1:]} (nowhere) -> {name} ({where})", nearest=names or self.suitable(port, user),

@@ -11,7 +11,7 @@ import itertools
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from exmesh_graph.graph.problems import Where, fail, nearest
 
@@ -84,7 +84,7 @@ def files_like(path: Path) -> list[str]:
     return nearest(path.name, names)
 
 
-def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
+def is_whole(value: Any, least: int, most: float = math.inf) -> TypeGuard[int]:
     """Whether a value is a whole number within limits; true and false are none."""
     return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
 

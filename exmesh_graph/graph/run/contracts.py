@@ -23,12 +23,10 @@ def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str,
     for name, asked in open_facets.items():
         if measured.get(name) != asked:
             found = f"{name}={measured[name]!r}" if name in measured else f"no facet {name!r}"
-            raise GraphError(
-                f"the wire {bound.wire(port)} carries {value.type_name} with {found}",
-                where=str(bound.where),
-                expected=f"{bound.signature.inputs[port]}, {name}={asked!r}",
-                fix=f"put a node before {bound.name} whose output has {name}={asked!r}",
-            )
+            what = f"the wire {bound.wire(port)} carries {value.type_name} with {found}"
+            expected = f"{bound.signature.inputs[port]}, {name}={asked!r}"
+            fix = f"put a node before {bound.name} whose output has {name}={asked!r}"
+            raise GraphError(what, where=str(bound.where), expected=expected, fix=fix)
 
 
 def outputs_of(bound: Bound, result: Any) -> dict[str, Artifact | None]:
@@ -41,10 +39,8 @@ def outputs_of(bound: Bound, result: Any) -> dict[str, Artifact | None]:
         if value is None and ports[name].optional:
             continue
         if not isinstance(value, ports[name].type):
-            raise GraphError(
-                f"{bound.definition.type} returned {type(value).__name__} for its output {name}",
-                expected=str(ports[name]),
-            )
+            what = f"{bound.definition.type} returned {type(value).__name__} for its output {name}"
+            raise GraphError(what, expected=str(ports[name]))
         _check_promise(bound, ports[name], value)
     return values
 
@@ -64,11 +60,9 @@ def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mappin
     """Raise when a node changed an input in place: what it was keyed by is not what others would read."""
     for port, value in inputs.items():
         if mark_of(value) != before[port]:
-            raise GraphError(
-                f"{bound.definition.type} changed its input {port} in place",
-                where=bound.wire(port),
-                fix="copy before changing: np.array, torch.tensor, shutil.copytree into ctx.scratch",
-            )
+            what = f"{bound.definition.type} changed its input {port} in place"
+            fix = "copy before changing: np.array, torch.tensor, shutil.copytree into ctx.scratch"
+            raise GraphError(what, where=bound.wire(port), fix=fix)
 
 
 def promised_by(link: Link, nodes: Mapping[str, Bound]) -> Mapping[str, Any]:

@@ -95,22 +95,16 @@ def job_of(
     bound: Bound, nodes: Mapping[str, Bound], preimage: Mapping[str, Any], store: Store, **more: Any
 ) -> Job:  # fmt: skip
     """The job of a node whose inputs are all known. `more`: graph, run, threads, devices, log, packs."""
-    file = bound.where.file
+    file, links = bound.where.file, bound.inputs.items()
     return Job(
-        bound.name,
-        bound.definition.type,
-        bound.params.model_dump(mode="json"),
-        bound.seed,
-        preimage["inputs"],
-        {port: f"{link.node}.{link.port}" for port, link in bound.inputs.items()},
-        {port: dict(contracts.promised_by(link, nodes)) for port, link in bound.inputs.items()},
-        {name: str(path) for name, path in bound.sources.items()},
-        preimage,
-        str(store.root),
-        (None if file is None else str(file), bound.where.line),
+        bound.name, bound.definition.type, bound.params.model_dump(mode="json"), bound.seed, preimage["inputs"],
+        wires={port: f"{link.node}.{link.port}" for port, link in links},
+        promised={port: dict(contracts.promised_by(link, nodes)) for port, link in links},
+        sources={name: str(path) for name, path in bound.sources.items()},
+        preimage=preimage, store=str(store.root), where=(None if file is None else str(file), bound.where.line),
         components={port: plug.describe() for port, plug in bound.components.items()},
         **more,
-    )
+    )  # fmt: skip
 
 
 def rekeyed(job: Job, store: Store) -> Job:

@@ -60,9 +60,8 @@ class Pool:
 
     def __init__(self, capacity: Tokens, largest: Tokens | None = None) -> None:
         self.capacity = dict(capacity)
-        self.most = {
-            name: min(count, (largest or {}).get(name, count)) for name, count in capacity.items()
-        }  # of one job
+        largest = largest or {}
+        self.most = {name: min(count, largest.get(name, count)) for name, count in capacity.items()}  # of one job
         self.free = dict(capacity)
         self.held: dict[str, dict[str, float]] = {}
         self.shares = [1.0] * int(self.capacity.get("gpu", 0))  # free part of each GPU
@@ -77,11 +76,9 @@ class Pool:
         if lacking:
             words = ", ".join(f"{name}={count:g}" for name, count in lacking.items())
             there = ", ".join(f"{name}={self.most.get(name, 0.0):g}" for name in lacking)
-            raise GraphError(
-                f"{bound.definition.type} asks for {words}, and there is {there}",
-                where=str(bound.where),
-                fix=f"run it on a machine that has it, or say --tokens {words} if this one does",
-            )
+            what = f"{bound.definition.type} asks for {words}, and there is {there}"
+            fix = f"run it on a machine that has it, or say --tokens {words} if this one does"
+            raise GraphError(what, where=str(bound.where), fix=fix)
         return wanted
 
     def fits(self, wanted: Tokens) -> bool:

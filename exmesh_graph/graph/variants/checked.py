@@ -32,14 +32,9 @@ class CheckedVariant(NamedTuple):
 
 
 def check_variants(
-    path: Path,
-    overrides: Iterable[str],
-    packs: Packs,
-    only: Iterable[str] | None = None,
-    *,
-    repeats: bool = True,
-    top: Map | None = None,
-) -> list[CheckedVariant]:
+    path: Path, overrides: Iterable[str], packs: Packs, only: Iterable[str] | None = None, *,
+    repeats: bool = True, top: Map | None = None,
+) -> list[CheckedVariant]:  # fmt: skip
     """The base and every variant that `path` declares, in that order, each with its repeats (or in one, if False).
 
     `only` keeps the base and the rows of these names; `top` is the merged file where it is at hand. Raises GraphErrors

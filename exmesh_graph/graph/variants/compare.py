@@ -76,15 +76,12 @@ def compare(old: Resolved, new: Resolved, same: Mapping[str, str] | None = None)
             words = list(_changes(before[back.get(name, name)], entry, result.renamed, rounds))
             if words:
                 result.states[name], result.words[name] = CHANGED, words
-    result.graph += [
-        f"component {name}: {word}"
-        for name, word in component_words(old.get("components", {}), new.get("components", {}))
-    ]  # fmt: skip
-    result.graph += [
-        f"output {name}: {_shown(old.get('outputs', {}).get(name))} -> {_shown(new.get('outputs', {}).get(name))}"
-        for name in dict.fromkeys([*old.get("outputs", {}), *new.get("outputs", {})])
-        if old.get("outputs", {}).get(name) != new.get("outputs", {}).get(name)
-    ]
+    components = component_words(old.get("components", {}), new.get("components", {}))
+    result.graph += [f"component {name}: {word}" for name, word in components]
+    published, now = old.get("outputs", {}), new.get("outputs", {})
+    for name in dict.fromkeys([*published, *now]):
+        if published.get(name) != now.get(name):
+            result.graph.append(f"output {name}: {_shown(published.get(name))} -> {_shown(now.get(name))}")
     wires_before = {(result.renamed.get(a, a), result.renamed.get(b, b)) for a, b in wires_of(old)}
     wires_after = wires_of(new)
     result.wires = {wire: REMOVED for wire in wires_before if wire not in wires_after}

@@ -24,7 +24,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.language.yamlfile import Map, is_whole
 from exmesh_graph.graph.problems import GraphErrors, Problem, Where, nearest
 from exmesh_graph.graph.variants.entries import refuse
 from exmesh_graph.graph.variants.patches import operation_of
@@ -68,9 +68,8 @@ def rows_of(top: Map) -> list[Row]:
     if len(rows) * count > MAX_VARIANTS:
         where = top.lines.get("matrix", top.lines.get("repeats", top.lines.get("variants", top.where)))
         times = f" in {count} repeats" if count > 1 else ""
-        refuse(
-            where, f"{len(rows)} variants{times} are more than {MAX_VARIANTS}", fix="split the sweep over several files"
-        )
+        what = f"{len(rows)} variants{times} are more than {MAX_VARIANTS}"
+        refuse(where, what, fix="split the sweep over several files")
     return rows
 
 
@@ -82,7 +81,7 @@ def repeats_of(top: Map) -> Repeats:
     where = top.lines["repeats"]
     count, of = (value.get("count"), value.get("of", [])) if isinstance(value, Map) else (value, [])
     of = [of] if isinstance(of, str) else of
-    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_VARIANTS:
+    if not is_whole(count, 1, MAX_VARIANTS):
         refuse(where, f"repeats is {count!r}", expected=f"a whole number from 1 to {MAX_VARIANTS}")
     unknown = [key for key in value if key not in ("count", "of")] if isinstance(value, Map) else []
     if unknown or not isinstance(of, list) or not all(isinstance(name, str) for name in of):
@@ -108,9 +107,8 @@ def _variants(top: Map) -> dict[str, Row]:
         if len(chain) >= MAX_CHAIN:
             refuse(where, f"variants extend each other more than {MAX_CHAIN} deep")
         if name not in given:
-            refuse(
-                where, f"there is no variant {name!r}", near=nearest(name, map(str, given)) or [str(n) for n in given]
-            )
+            names = [str(other) for other in given]
+            refuse(where, f"there is no variant {name!r}", near=nearest(name, names) or names)
         if name not in done:
             entry, here = given[name], given.lines[name]
             bases, doc, patches = _entry(entry, here, name)
@@ -145,10 +143,9 @@ def _entry(entry: Any, where: Where, name: str) -> tuple[list[str], str, list[An
         known = ("extends", "doc", "patches")
         for key in entry:
             if key not in known:
-                fix = f"{name}: [{{{key}: ...}}], a list" if key in entry and key not in known else ""
-                refuse(
-                    entry.lines[key], f"a variant has no key {key!r}", near=nearest(str(key), known) or known, fix=fix
-                )
+                fix = f"{name}: [{{{key}: ...}}], a list"
+                near = nearest(str(key), known) or known
+                refuse(entry.lines[key], f"a variant has no key {key!r}", near=near, fix=fix)
         bases, doc = entry.get("extends", []), str(entry.get("doc", "")).strip()
         entry = entry.get("patches", [])
     bases = [bases] if isinstance(bases, str) else bases

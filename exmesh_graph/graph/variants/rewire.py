@@ -79,10 +79,7 @@ def insert(draft: Draft, patch: Map) -> None:
     given = {key for key in new if key not in ("name", "type")}
     source_port = _pick(patch, "in", {n: p for n, p in kind.inputs.items() if n not in given}, wire, new, there)
     output = _pick(patch, "out", kind.outputs, wire, new, there)
-    entry = Map(new.where)
-    for key, value in new.items():
-        if key != "name":
-            entry.put(key, clone(value), new.lines[key])
+    entry = _entry_of(new)
     entry.put(source_port, text, there)
     for place, read in places:
         node = read.rpartition(".")[0].rpartition(".")
@@ -141,12 +138,8 @@ def remove(draft: Draft, patch: Map) -> None:
 def add(draft: Draft, patch: Map) -> None:
     where, new = patch.lines["add"], patch["add"]
     if not isinstance(new, Map) or "name" not in new or not {"type", "graph", "repeat"} & set(new):
-        refuse(
-            where,
-            "add needs a name and a node",
-            expected="{add: {name: ..., type: ..., ...}}",
-            fix="type, graph or repeat",
-        )
+        expected = "{add: {name: ..., type: ..., ...}}"
+        refuse(where, "add needs a name and a node", expected=expected, fix="type, graph or repeat")
     block, _, name = str(new["name"]).rpartition(".")
     scope = tuple(block.split(".")) if block else ()
     if scope and (scope not in set(draft.paths()) or not is_block(draft.entry(scope))):
@@ -155,21 +148,21 @@ def add(draft: Draft, patch: Map) -> None:
     draft.check_free(name, scope, new.lines["name"])
     if "type" in new and "${" not in str(new["type"]):
         draft.known_type(new["type"], new.lines["type"])
-    entry = Map(new.where)
-    for key, value in new.items():
-        if key != "name":
-            entry.put(key, clone(value), new.lines[key])
-    draft.inside(scope).put(name, entry, where)
+    draft.inside(scope).put(name, _entry_of(new), where)
+
+
+def _entry_of(new: Map) -> Map:
+    """The entry of a new node, without its name."""
+    entry = clone(new)
+    del entry["name"]
+    return entry  # type: ignore[no-any-return]
 
 
 def _whole_node(draft: Draft, text: Any, where: Where, operation: str) -> Address:
     address = draft.address(text, where, key=False)
     if address.round is not None:
-        refuse(
-            where,
-            f"{operation} works on all rounds at once, not on {text}",
-            fix=f"{operation}: {'.'.join(address.path)}",
-        )
+        what = f"{operation} works on all rounds at once, not on {text}"
+        refuse(where, what, fix=f"{operation}: {'.'.join(address.path)}")
     if operation == "bypass" and is_block(draft.entry(address.path)):
         refuse(where, f"{address} is a repeat block", fix=f"{{set: {address}.repeat, to: 0}}")
     return address

@@ -140,13 +140,9 @@ class _Worker:
             environment["CUDA_VISIBLE_DEVICES"] = ",".join(names)
         code = _START.format(path=[entry or os.getcwd() for entry in sys.path], budget=budget)
         self.process = subprocess.Popen(
-            [sys.executable, "-c", code],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            env=environment,
-            start_new_session=True,
-        )
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+            env=environment, start_new_session=True,
+        )  # fmt: skip
         assert self.process.stdout is not None
         self.output = self.process.stdout
         os.set_blocking(self.output.fileno(), False)

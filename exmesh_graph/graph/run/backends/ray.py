@@ -60,9 +60,8 @@ class RayCluster:
                 self.ray.init(address, **quiet)
         except (ConnectionError, RuntimeError) as error:
             fix = "start one with `ray start --head --disable-usage-stats`, or leave out --address for one of its own"
-            raise ExmeshError(
-                f"no Ray cluster can be reached: {error}", where=f"--address {address}", fix=fix
-            ) from error
+            what = f"no Ray cluster can be reached: {error}"
+            raise ExmeshError(what, where=f"--address {address}", fix=fix) from error
 
     def capacity(self) -> Mapping[str, float]:
         total = _tokens(self.ray.cluster_resources())
@@ -190,11 +189,9 @@ def work(text: str, events: str) -> str:
     """What a Ray task does: a job, in a worker process that stays for the next one of its run; the outcome as JSON."""
     job, place = Job.from_json(json.loads(text)), Path(events)
     if not place.is_file():
-        raise GraphError(
-            f"the store {job.store} cannot be reached from {platform.node()}",
-            where=job.name,
-            fix="keep it on a disk that all machines of the cluster share, under the same path (--store)",
-        )
+        what = f"the store {job.store} cannot be reached from {platform.node()}"
+        fix = "keep it on a disk that all machines of the cluster share, under the same path (--store)"
+        raise GraphError(what, where=job.name, fix=fix)
     if not Path(job.log).parent.parent.is_dir():
         job = dataclasses.replace(job, log="")  # the run folder is on another machine; the end of it still gets there
     local = _local_of(job)
