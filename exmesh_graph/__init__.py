@@ -73,8 +73,9 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from exmesh_graph import api
 
+    value = getattr(api, name)
     _show_in_notebooks()
-    return getattr(api, name)
+    return value
 
 
 def __dir__() -> list[str]:

@@ -24,6 +24,7 @@ from exmesh_graph.types import (
     PlanarGaussians,
     PointCloud,
     SceneNeeds,
+    ScoredViews,
     UsdAsset,
     Views,
 )
@@ -198,6 +199,17 @@ def _gltf(files: GltfAsset) -> str:
     return glb_frame(data, f"{files.main} in a studio: glTF holds no environment.") + _files(files)
 
 
+def _scored(scored: ScoredViews) -> str:
+    from exmesh_graph.gallery.pictures import strip
+
+    shown = []
+    for pair, (ours, truth) in zip(scored.pairs, scored.images.astype("float32"), strict=True):
+        shown.append(
+            (cells.picture(strip([ours, truth]), 150), f"{pair['kind'].replace('_', ' ')} {pair.get('name') or ''}")
+        )
+    return cells.said("Ours, truth.", "soft") + cells.sheet(shown)
+
+
 def _files(files: Files) -> str:
     from exmesh_graph.report.text import size
 
@@ -260,6 +272,6 @@ def _spread(count: int, most: int) -> list[int]:
 
 _SHOWN: dict[type, Part] = {
     Mesh: _mesh, Carrier: _carrier, Asset: _asset, Views: _views, DepthMaps: _depths, EnvMap: _env_map,
-    Metrics: _metrics, Gallery: _gallery, UsdAsset: _usd, GltfAsset: _gltf, Files: _files, SceneNeeds: _needs,
-    PlanarGaussians: _gaussians, PointCloud: _points,
+    Metrics: _metrics, Gallery: _gallery, UsdAsset: _usd, GltfAsset: _gltf, Files: _files,
+    ScoredViews: _scored, SceneNeeds: _needs, PlanarGaussians: _gaussians, PointCloud: _points,
 }  # fmt: skip

@@ -173,6 +173,7 @@ def test_a_kernel_shows_a_run_and_stops_it_when_interrupted(kernel: Any) -> None
         kernel,
         """
 import exmesh_graph as ex
+ex.call("toy.const", value=1)
 g = ex.Graph("slow")
 one = g.add("one", "toy.const", value=1)
 g.add("long", "toy.slow", number=one.number, seconds=20.0, steps=200)
