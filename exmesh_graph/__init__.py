@@ -18,9 +18,9 @@ from exmesh_graph.version import __version__
 if TYPE_CHECKING:
     from exmesh_graph.api import (
         Comparison,
-        Figure,
         Graph,
         GraphErrors,
+        Metric,
         Node,
         NodeRun,
         Parameter,
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Comparison",
-    "Figure",
     "Graph",
     "GraphErrors",
+    "Metric",
     "Node",
     "NodeRun",
     "Parameter",

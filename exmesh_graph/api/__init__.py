@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from exmesh_graph.api.differences import Comparison, diff
     from exmesh_graph.api.node import Node, UnknownPort
     from exmesh_graph.api.opening import check
-    from exmesh_graph.api.results import Figure, NodeRun, Run
+    from exmesh_graph.api.results import Metric, NodeRun, Run
     from exmesh_graph.api.runs import Plan, RunFailed, open_run, plan, run
     from exmesh_graph.api.sweeps import Sweep, sweep
     from exmesh_graph.api.values import Parameter, Wire, component
@@ -29,7 +29,7 @@ _HOMES = {
     "Node": "exmesh_graph.api.node",
     "UnknownPort": "exmesh_graph.api.node",
     "check": "exmesh_graph.api.opening",
-    "Figure": "exmesh_graph.api.results",
+    "Metric": "exmesh_graph.api.results",
     "NodeRun": "exmesh_graph.api.results",
     "Run": "exmesh_graph.api.results",
     "Plan": "exmesh_graph.api.runs",
@@ -47,9 +47,9 @@ _HOMES = {
 }
 __all__ = [
     "Comparison",
-    "Figure",
     "Graph",
     "GraphErrors",
+    "Metric",
     "Node",
     "NodeRun",
     "Parameter",

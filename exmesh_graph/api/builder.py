@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.api.node import Node
-from exmesh_graph.api.scope import Scope, child
+from exmesh_graph.api.scope import NodeScope, child
 from exmesh_graph.api.values import Parameter, Place, Wire, here, plain
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
@@ -34,7 +34,7 @@ from exmesh_graph.graph.problems import Problems, Where
 from exmesh_graph.graph.session import Session, current_session
 
 
-class Graph(Scope):
+class Graph(NodeScope):
     """A graph in Python. `extends` names a graph file that it changes; see the top of this module.
 
     `name` is what run folders are called by. Relative paths start from the working folder, in a loaded graph those of
@@ -81,8 +81,8 @@ class Graph(Scope):
 
     @property
     def base(self) -> Map:
-        found = self.extended.get("nodes")
-        return found if isinstance(found, Map) else Map(self.tree.where)
+        nodes = self.extended.get("nodes")
+        return nodes if isinstance(nodes, Map) else Map(self.tree.where)
 
     @property
     def packs(self) -> Packs:
@@ -101,8 +101,8 @@ class Graph(Scope):
             return None
 
     def is_component(self, kind: str) -> bool:
-        found = self.signature(kind)
-        return found is not None and found.component is not None
+        known = self.signature(kind)
+        return known is not None and known.component is not None
 
     def param(self, name: str, default: Any = ..., *, type: str = "", doc: str = "", **limits: Any) -> Parameter:
         """Declare a graph parameter, which `--set` and ex.run change; `limits`: ge, gt, le, lt, choices, unit.

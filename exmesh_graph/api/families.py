@@ -9,13 +9,13 @@ from exmesh_graph.graph.problems import fail, nearest
 
 if TYPE_CHECKING:
     from exmesh_graph.api.node import Node
-    from exmesh_graph.api.scope import Scope
+    from exmesh_graph.api.scope import NodeScope
 
 
 class Families:
     """The families of node types, as attributes."""
 
-    def __init__(self, scope: Scope) -> None:
+    def __init__(self, scope: NodeScope) -> None:
         self._scope = scope
 
     def __getattr__(self, name: str) -> Family:
@@ -33,7 +33,7 @@ class Family:
     Where a type has a parameter called `name`, that is meant by it.
     """
 
-    def __init__(self, scope: Scope, family: str) -> None:
+    def __init__(self, scope: NodeScope, family: str) -> None:
         self._scope, self._family = scope, family
 
     def __getattr__(self, name: str) -> Any:
@@ -60,7 +60,7 @@ class Family:
         return [kind.partition(".")[2] for kind in types if kind.startswith(f"{self._family}.")]
 
 
-def _free(name: str, scope: Scope) -> str:
+def _free(name: str, scope: NodeScope) -> str:
     """`name`, or `name_2` and so on where a node is called so."""
     number, free = 1, name
     while free in scope:

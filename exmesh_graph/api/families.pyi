@@ -5,7 +5,7 @@ from os import PathLike
 from typing import Any, Literal
 
 from exmesh_graph.api.node import Node
-from exmesh_graph.api.scope import Scope
+from exmesh_graph.api.scope import NodeScope
 from exmesh_graph.api.values import Parameter, Plug, Wire
 from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.gaussians import PlanarGaussians, PointCloud
@@ -90,7 +90,7 @@ class TransportNode(Node):
 class CarrierNode(Node):
     carrier: Wire[Carrier]
 class Family:
-    def __init__(self, scope: Scope, family: str) -> None: ...
+    def __init__(self, scope: NodeScope, family: str) -> None: ...
     def __getattr__(self, name: str) -> Any: ...
 class _Appearance(Family):
     def mlp(self, name: str = "", *, frequencies: int | Parameter = 6, width: int | Parameter = 64) -> Node:
@@ -744,7 +744,7 @@ class _Uv(Family):
         max_seconds: When xatlas is not done by then, uv.unwrap's charts take its place, with a warning. [s, > 0.0]
         """
 class Families:
-    def __init__(self, scope: Scope) -> None: ...
+    def __init__(self, scope: NodeScope) -> None: ...
     def __getattr__(self, name: str) -> Family: ...
     appearance: _Appearance
     benchmark: _Benchmark

@@ -11,14 +11,14 @@ from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 if TYPE_CHECKING:
-    from exmesh_graph.api.scope import Scope
+    from exmesh_graph.api.scope import NodeScope
     from exmesh_graph.graph.declare.node import NodeDef
     from exmesh_graph.graph.declare.packs import Packs
 
 _OWN = ("type", "every", "at", "doc", "seed")  # of a node's entry, what is neither port nor parameter
 
 
-def judge(scope: Scope, name: str) -> Problems:
+def judge(scope: NodeScope, name: str) -> Problems:
     """The faults of one node; links that lead nowhere yet, and values with graph parameters in them, are left out."""
     kind, problems = scope.type_of(name), Problems()
     if not kind or "${" in kind:
@@ -34,10 +34,10 @@ def judge(scope: Scope, name: str) -> Problems:
         judged: Any = value
         if isinstance(value, str) and value.startswith("@@"):
             judged = value[1:]
-        elif isinstance(value, str) and value.startswith("@"):
-            judged = _link(scope, value, specs)
         elif "${" in repr(value):
             judged = Broken()
+        elif isinstance(value, str) and value.startswith("@"):
+            judged = _link(scope, value, specs)
         if isinstance(judged, Broken) and key in names:
             continue
         fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
@@ -57,7 +57,7 @@ def declared(kind: Any, packs: Packs, where: Where) -> NodeDef:
     return definition
 
 
-def _neighbours(scope: Scope | None, name: str) -> dict[str, NodeSpec]:
+def _neighbours(scope: NodeScope | None, name: str) -> dict[str, NodeSpec]:
     """The nodes in sight, without what they are wired to."""
     specs: dict[str, NodeSpec] = {}
     while scope is not None:
@@ -69,7 +69,7 @@ def _neighbours(scope: Scope | None, name: str) -> dict[str, NodeSpec]:
     return specs
 
 
-def _link(scope: Scope, text: str, specs: dict[str, NodeSpec]) -> Link | Broken:
+def _link(scope: NodeScope, text: str, specs: dict[str, NodeSpec]) -> Link | Broken:
     """The output that a link leads to, its node among `specs`; Broken where that is not known yet."""
     source = scope.source(text)
     if source is None:

@@ -8,7 +8,7 @@ from exmesh_graph.api.values import Wire, here
 from exmesh_graph.graph.problems import GraphErrors, Problem, nearest
 
 if TYPE_CHECKING:
-    from exmesh_graph.api.scope import Scope
+    from exmesh_graph.api.scope import NodeScope
 
 
 class UnknownPort(GraphErrors, AttributeError):
@@ -18,7 +18,7 @@ class UnknownPort(GraphErrors, AttributeError):
 class Node:
     """A node of a graph; its outputs are its attributes: `views.train`, or `views["train"]`. Made by `add`."""
 
-    def __init__(self, scope: Scope, name: str) -> None:
+    def __init__(self, scope: NodeScope, name: str) -> None:
         self._scope, self._name = scope, name
 
     def __getattr__(self, port: str) -> Wire[Any]:

@@ -39,7 +39,7 @@ class UnknownName(ExmeshError, KeyError, AttributeError):
 
 
 @dataclass(frozen=True)
-class Figure:
+class Metric:
     """A headline figure: `floor` is what an uninformed guess scores, `seconds` those spent until it was reached."""
 
     value: Any
@@ -54,10 +54,10 @@ class Figure:
         return f"{_shown(self.value)} {self.unit}".rstrip() + (f" ({', '.join(notes)})" if notes else "")
 
 
-class Figures(dict[str, Figure]):
+class MetricTable(dict[str, Metric]):
     """Headline figures by label."""
 
-    def __missing__(self, label: str) -> Figure:
+    def __missing__(self, label: str) -> Metric:
         raise _unknown("figure", label, self, "the run")
 
     def __str__(self) -> str:
@@ -149,11 +149,11 @@ class Run(Mapping[str, NodeRun]):
         return build_report(self.folder, self.record, self.artifact)
 
     @property
-    def metrics(self) -> Figures:
+    def metrics(self) -> MetricTable:
         """The headline figures of the report by label."""
         path = self.report.with_name("report.json")
         told = json.loads(path.read_text(encoding="utf-8")).get("headline") or {}
-        return Figures({label: _figure(entry) for label, entry in told.items()})
+        return MetricTable({label: _figure(entry) for label, entry in told.items()})
 
     @property
     def outputs(self) -> dict[str, Any]:
@@ -258,11 +258,11 @@ def read_run(folder: Path) -> dict[str, Any]:
         raise ExmeshError(what, where=str(path), fix="run the graph again: what is in the store is kept") from error
 
 
-def _figure(told: Any) -> Figure:
+def _figure(told: Any) -> Metric:
     if not isinstance(told, dict):
-        return Figure(told)
+        return Metric(told)
     seconds = told.get("after_seconds")
-    return Figure(told.get("value"), told.get("unit") or "", told.get("floor"),
+    return Metric(told.get("value"), told.get("unit") or "", told.get("floor"),
                   None if seconds is None else float(seconds), told.get("node") or "")  # fmt: skip
 
 

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from exmesh_graph.api.builder import Graph
 
 
-class Scope:
+class NodeScope:
     """Nodes that see each other: those of a graph, or of one of its repeat blocks."""
 
     graph: Graph
     name: str
-    outer: Scope | None = None
+    outer: NodeScope | None = None
 
     @property
     def own(self) -> Map:
@@ -79,7 +79,7 @@ class Scope:
         if name in scope.base:
             scope.written().put(name, None, where)
 
-    def repeat(self, name: str, count: int | Parameter, /, **carry: Any) -> Block:
+    def repeat(self, name: str, count: int | Parameter, /, **carry: Any) -> RepeatBlock:
         """A block of nodes that is unrolled `count` times; `carry` is what goes into the first round."""
         where, problems = here(), Problems()
         _refuse_name(name, self, where)
@@ -92,13 +92,13 @@ class Scope:
         entry.put("nodes", Map(where), where)
         entry.put("next", Map(where), where)
         self.written().put(name, entry, where)
-        return Block(self, name)
+        return RepeatBlock(self, name)
 
     def part(self, name: str, file: str | os.PathLike[str], /, **fields: Any) -> Node:
         """Use another graph file like a node; `fields` are its inputs and parameters, `nodes` changes to its nodes."""
         where, problems = here(), Problems()
         _refuse_name(name, self, where)
-        if isinstance(file, Scope):
+        if isinstance(file, NodeScope):
             what, fix = f"{name}: a graph that is used in another one lies in a file", "save it by to_yaml(file) first"
             fail("graph", where, what, expected="the path of a graph file", fix=fix)
         entry = Map(where)
@@ -109,10 +109,10 @@ class Scope:
         self.written().put(name, entry, where)
         return Node(self, name)
 
-    def __getitem__(self, name: str) -> Node | Block:
+    def __getitem__(self, name: str) -> Node | RepeatBlock:
         """A node or block by its name; `rounds.refine` is a node in a block."""
         scope, last = self.at(name, here())
-        return Block(scope, last) if scope._has(last, "repeat") else Node(scope, last)
+        return RepeatBlock(scope, last) if scope._has(last, "repeat") else Node(scope, last)
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self)
@@ -145,19 +145,19 @@ class Scope:
 
     def outputs_of(self, name: str) -> list[str] | None:
         """The names of a node's outputs; None where they are not known."""
-        found = self.graph.signature(self.type_of(name))
-        if found is not None:
-            return list(found.outputs)
+        known = self.graph.signature(self.type_of(name))
+        if known is not None:
+            return list(known.outputs)
         own, base = self.entry(name)
         if "repeat" in own or "repeat" in base:
             return [str(key) for layer in (base, own) for key in layer.get("carry") or ()]
         return None
 
-    def source(self, text: str) -> tuple[str, Scope, str] | None:
+    def source(self, text: str) -> tuple[str, NodeScope, str] | None:
         """(node, its scope, port) that a link written here leads to, through blocks; None where that is not known."""
         node, _, port = text.removeprefix("@").rpartition(".") if "." in text else (text.removeprefix("@"), "", "")
-        scope: Scope | None = self
-        if node == "carry" and isinstance(self, Block):
+        scope: NodeScope | None = self
+        if node == "carry" and isinstance(self, RepeatBlock):
             link = self.carried("carry", port)
             return self.scope.source(link) if link else None
         while scope is not None and node not in scope:
@@ -167,12 +167,12 @@ class Scope:
         if scope.type_of(node):
             return node, scope, port
         if scope._has(node, "repeat"):
-            block = Block(scope, node)
+            block = RepeatBlock(scope, node)
             link = block.carried("next", port)
             return block.source(link) if link else None
         return None
 
-    def at(self, path: str, where: Where) -> tuple[Scope, str]:
+    def at(self, path: str, where: Where) -> tuple[NodeScope, str]:
         """The scope and the name of a node given as `refine` or `rounds.refine`."""
         scope, (*blocks, last) = self, path.split(".")
         for block in blocks:
@@ -183,7 +183,7 @@ class Scope:
                 fail(
                     "unknown-node", where, f"there is no block {block!r}", nearest=nearest(block, scope) or list(scope)
                 )
-            scope = Block(scope, block)
+            scope = RepeatBlock(scope, block)
         if last not in scope and not isinstance(scope, _Inside):
             what = f"{self.graph.name} has no node {path!r}"
             fail("unknown-node", where, what, nearest=nearest(last, scope) or list(scope)[:8])
@@ -225,15 +225,15 @@ class Scope:
             while name in self:
                 name += "_"
             return str(self.add(name, value.type, **value.fields))
-        if isinstance(value, Block):
+        if isinstance(value, RepeatBlock):
             value = Node(value.scope, value.name)
         if isinstance(value, Node):
             if self.graph.is_component(value._scope.type_of(value._name)):
                 self._visible(what, value._scope, value._name, where, problems)
                 return str(value)
             outputs = value._scope.outputs_of(value._name) or []
-            found = value._scope.graph.signature(value._scope.type_of(value._name))
-            fits = [key for key in outputs if port is None or found is None or port.takes(found.outputs[key])]
+            known = value._scope.graph.signature(value._scope.type_of(value._name))
+            fits = [key for key in outputs if port is None or known is None or port.takes(known.outputs[key])]
             if len(fits) != 1:
                 problems.add("link", where, f"{what} takes one output, and {value._name} is a node",
                              expected="" if port is None else str(port),
@@ -248,13 +248,10 @@ class Scope:
         """Whether a text is the type of a component, for a port that takes any."""
         return (port.plugged or port.mixed) and not text.startswith("@") and self.graph.is_component(text)
 
-    def _visible(self, what: str, source: Scope, node: str, where: Where, problems: Problems) -> None:
+    def _visible(self, what: str, source: NodeScope, node: str, where: Where, problems: Problems) -> None:
         """Note a wire from another graph, or out of a block that it does not reach out of."""
-        scope: Scope | None = self
-        if node == "carry":
-            while scope is not None and scope != source:
-                scope = scope.outer
-        elif node != "inputs":
+        scope: NodeScope | None = self
+        if node not in ("inputs", "carry"):  # what is carried is seen in its own block alone
             while scope is not None and node not in scope:
                 scope = scope.outer
         if source.graph is self.graph and (node == "inputs" or scope == source):
@@ -265,7 +262,9 @@ class Scope:
         elif isinstance(source, _Inside):
             state = f"{node} is inside the sub-graph {source.name}"
             fix = "wire an output of the sub-graph"
-        elif isinstance(source, Block):
+        elif node == "carry":
+            state, fix = f"it is carried by {source.name}", f"carry it into {self.name} as well"
+        elif isinstance(source, RepeatBlock):
             state = f"{node} is inside the repeat block {source.name}"
             fix = f"let {source.name}.next(...) hand it on, and wire what comes out of {source.name}"
         else:
@@ -278,10 +277,10 @@ class Scope:
         problems.found.update(told.found)
 
 
-class Block(Scope):
+class RepeatBlock(NodeScope):
     """A repeat block of a graph; what its last round hands on are its attributes: `rounds.state`. Made by `repeat`."""
 
-    def __init__(self, scope: Scope, name: str) -> None:
+    def __init__(self, scope: NodeScope, name: str) -> None:
         self.scope, self.name, self.graph, self.outer = scope, name, scope.graph, scope
 
     @property
@@ -294,8 +293,8 @@ class Block(Scope):
 
     @property
     def base(self) -> Map:
-        found = self.scope.entry(self.name)[1].get("nodes")
-        return found if isinstance(found, Map) else Map(self.scope.where_of(self.name))
+        nodes = self.scope.entry(self.name)[1].get("nodes")
+        return nodes if isinstance(nodes, Map) else Map(self.scope.where_of(self.name))
 
     @property
     def carry(self) -> Node:
@@ -339,7 +338,7 @@ class Block(Scope):
         return None
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Block) and (self.scope, self.name) == (other.scope, other.name)
+        return isinstance(other, RepeatBlock) and (self.scope, self.name) == (other.scope, other.name)
 
     def __hash__(self) -> int:
         return hash((self.scope, self.name))
@@ -348,7 +347,7 @@ class Block(Scope):
         return f"<repeat block {self.name}: {', '.join(self)}>"
 
 
-class _Inside(Block):
+class _Inside(RepeatBlock):
     """The changes to the nodes of a sub-graph."""
 
     def _judge(self, name: str, problems: Problems) -> None:
@@ -358,12 +357,12 @@ class _Inside(Block):
 class _Carry(Node):
     """What goes into a round."""
 
-    def __init__(self, block: Block) -> None:
+    def __init__(self, block: RepeatBlock) -> None:
         super().__init__(block, "carry")
 
     def __getitem__(self, port: str) -> Wire[Any]:
         block = self._scope
-        assert isinstance(block, Block)
+        assert isinstance(block, RepeatBlock)
         if port not in block.carried_names():
             what = f"{block.name} carries no {port!r}"
             raise UnknownPort([Problem("repeat", here(), what, nearest=tuple(block.carried_names()))])
@@ -383,7 +382,7 @@ def child(entry: Map, key: str) -> Map:
     return entry[key]  # type: ignore[no-any-return]
 
 
-def _refuse_name(name: str, scope: Scope, where: Where) -> None:
+def _refuse_name(name: str, scope: NodeScope, where: Where) -> None:
     problems = Problems()
     if not isinstance(name, str) or not NAME.match(name):
         problems.add("name", where, f"{name!r} is not a name", expected="letters, digits, _ and -")

@@ -27,7 +27,7 @@ from os import PathLike
 from typing import Any, Literal
 
 from exmesh_graph.api.node import Node
-from exmesh_graph.api.scope import Scope
+from exmesh_graph.api.scope import NodeScope
 from exmesh_graph.api.values import Parameter, Plug, Wire
 '''
 
@@ -57,11 +57,11 @@ def stub_text(builtin: bool = False) -> str:
         if ports
     ]
     classes = [f"class {_class(family)}(Family):\n" + "\n".join(methods) for family, methods in families.items()]
-    whole = "class Families:\n    def __init__(self, scope: Scope) -> None: ...\n"
+    whole = "class Families:\n    def __init__(self, scope: NodeScope) -> None: ...\n"
     whole += "    def __getattr__(self, name: str) -> Family: ...\n"
     whole += "\n".join(f"    {family}: {_class(family)}" for family in families)
     family = (
-        "class Family:\n    def __init__(self, scope: Scope, family: str) -> None: ...\n"
+        "class Family:\n    def __init__(self, scope: NodeScope, family: str) -> None: ...\n"
         "    def __getattr__(self, name: str) -> Any: ..."
     )
     return "\n".join([_HEAD + "\n".join(imports), *outputs, family, *classes, whole]) + "\n"

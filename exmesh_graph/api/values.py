@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from exmesh_graph.graph.problems import Problems, Where
 
 if TYPE_CHECKING:
-    from exmesh_graph.api.builder import Scope
+    from exmesh_graph.api.builder import NodeScope
 
 T_co = TypeVar("T_co", covariant=True)
 
@@ -52,7 +52,7 @@ def here() -> Place:
 class Wire(Generic[T_co]):
     """An output of a node of a graph, to be given to another node: `views.train`. Its text is that of a graph file."""
 
-    def __init__(self, scope: Scope, node: str, port: str) -> None:
+    def __init__(self, scope: NodeScope, node: str, port: str) -> None:
         self.scope, self.node, self.port = scope, node, port
 
     def __str__(self) -> str:
@@ -122,11 +122,11 @@ def _refuse(value: Any, shape: Any, what: str, where: Where, problems: Problems)
     from exmesh_graph.types import Artifact
 
     expected = "a number, text, true or false, nothing, a path, lists and mappings of these, or an output of a node"
-    found, fix = f"a {type(value).__name__}", ""
+    shown, fix = f"a {type(value).__name__}", ""
     if isinstance(value, Artifact):
-        found, expected = f"a {value.type_name} in memory", "an output of a node of this graph"
+        shown, expected = f"a {value.type_name} in memory", "an output of a node of this graph"
         fix = "save it to a file and read it by a node (init.mesh_file for meshes), or call the node with ex.call"
     elif shape is not None:
-        found = f"{found} of shape {tuple(shape)}"
+        shown = f"{shown} of shape {tuple(shape)}"
         fix = "a short one as a list: .tolist(); data comes from files, through a node of the family data"
-    problems.add("parameter", where, f"{what} cannot be part of a graph", expected=expected, found=found, fix=fix)
+    problems.add("parameter", where, f"{what} cannot be part of a graph", expected=expected, found=shown, fix=fix)

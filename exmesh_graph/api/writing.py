@@ -132,8 +132,8 @@ class _Mover:
         return isinstance(declared, Map) and declared.get("type") == "path"
 
     def _path_keys(self, kind: str) -> set[str]:
-        found = self.graph.signature(kind)
-        return set() if found is None else {old for name in found.path_fields() for old in found.names_of(name)}
+        known = self.graph.signature(kind)
+        return set() if known is None else {old for name in known.path_fields() for old in known.names_of(name)}
 
     def _path_params_of_part(self, entry: Map, base: Map) -> set[str]:
         """The path parameters of the file that a sub-graph is made from."""

@@ -191,6 +191,12 @@ def test_wires_stay_in_their_block_and_graph(loop: Any) -> None:
     step = graph["rounds.step"]
     assert "inside the repeat block" in problems(lambda: graph.add("z", "toy.step", state=step.state))[0].found
     assert "another graph" in problems(lambda: graph.add("z", "toy.step", state=other["one"].number))[0].found
+    rounds = graph["rounds"]
+    with rounds.repeat("inner", 2, state=rounds.carry.state) as inner:
+        refused = problems(lambda: inner.add("z", "toy.step", state=rounds.carry.state, amount=1))
+        assert "carried by rounds" in refused[0].found
+        inner.next(state=inner.add("z", "toy.step", state=inner.carry.state, amount="${round}").state)
+    assert len([name for name in ex.check(graph).nodes if name.endswith("z")]) == 6
     assert problems(lambda: graph["rounds"].next(stat=step.state))[0].nearest == ("state",)
     assert problems(lambda: graph["rounds"].carry.stat)[0].nearest == ("state",)
     assert problems(lambda: graph["rounds.stepp"])[0].nearest == ("step",)
