@@ -11,6 +11,7 @@ from __future__ import annotations
 import __future__
 
 import ast
+import copyreg
 import dataclasses
 import dis
 import enum
@@ -23,10 +24,8 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import PurePath
 from typing import Any
 
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from exmesh_graph.errors import GraphError
@@ -63,6 +62,7 @@ class Live:
             return "again", len(self._open) - self._open.index(id(value))
         self._open.append(id(value))
         tell = next((tell for kinds, tell in _TELLERS if isinstance(value, kinds)), Live._instance)
+        tell = _COLLECTIONS.get(type(value), tell)
         shape = tell(self, value, place)
         self._open.pop()
         return shape
@@ -111,6 +111,7 @@ class Live:
             self._open = outside
 
     def _annotation(self, hint: Any, place: str) -> Any:
+        hint = getattr(hint, "__forward_arg__", hint)
         if not isinstance(hint, str):
             return self._shape(hint, place)
         for name in re.findall(r"[^\W\d]\w*", hint):
@@ -165,72 +166,39 @@ class Live:
     def _property(self, value: property, place: str) -> Any:
         return "property", [self._shape(part, place) for part in (value.fget, value.fset, value.fdel)]
 
-    def _cached_property(self, value: Any, place: str) -> Any:
-        return "cached", self._shape(value.func, place)
-
-    def _partial(self, value: Any, place: str) -> Any:
-        return "partial", [self._shape(part, place) for part in (value.func, value.args, value.keywords)]
-
     # --- values
 
     def _items(self, value: Any, place: str) -> Any:
-        return type(value).__name__, [self._shape(item, place) for item in value], self._maker(value, place)
+        return type(value).__name__, [self._shape(item, place) for item in value]
 
     def _unordered(self, value: Any, place: str) -> Any:
         return type(value).__name__, sorted(repr(self._shape(item, place)) for item in value)
 
     def _pairs(self, value: Mapping[Any, Any], place: str) -> Any:
         items = [(self._shape(k, place), self._shape(v, f"{place}[{k!r}]"[:60])) for k, v in value.items()]
-        return type(value).__name__, items, self._maker(value, place)
-
-    def _maker(self, value: Any, place: str) -> Any:
-        """The class of a value that is more than a list, tuple or dict, and what a defaultdict makes."""
-        if type(value) in (list, tuple, dict):
-            return ()
-        return self._shape(type(value), place), self._shape(getattr(value, "default_factory", None), place)
-
-    def _text(self, value: Any, place: str) -> Any:
-        return type(value).__module__, type(value).__qualname__, str(value)
-
-    def _pattern(self, value: re.Pattern[Any], place: str) -> Any:
-        return "pattern", value.pattern, value.flags
-
-    def _member(self, value: enum.Enum, place: str) -> Any:
-        return "member", self._shape(type(value), place), value.name
-
-    def _hint(self, value: Any, place: str) -> Any:
-        inner = [self._shape(part, place) for part in typing.get_args(value)]
-        notes = [self._shape(note, place) for note in getattr(value, "__metadata__", ())]
-        origin = typing.get_origin(value)
-        return "hint", str(getattr(value, "__name__", type(value).__name__)), self._shape(origin, place), inner, notes
+        return type(value).__name__, items
 
     def _field(self, value: Any, place: str) -> Any:
         return "field"  # a limit of a parameter, whose validated value is in the key
 
     def _instance(self, value: Any, place: str) -> Any:
+        """Anything else: arrays by their bytes, others by what copying them would take."""
         kind = type(value)
-        home = kind.__module__.partition(".")[0]
-        for name in (getattr(value, "__name__", ""), str(value).rpartition(".")[2] if home == "torch" else ""):
-            for module in (getattr(value, "__module__", None), home):
-                if name and _found(str(module), name) is value:
-                    return self._reference(str(module), name)
-        if kind.__module__ == "typing" or (home, kind.__name__) in (("torch", "device"), ("torch", "Size")):
-            return "named", repr(value)
-        if home == "torch" and hasattr(value, "detach"):
+        if kind.__module__ == "torch" and hasattr(value, "detach"):
             flat = value.detach().cpu().contiguous().reshape(-1).view(sys.modules["torch"].uint8)
             return "tensor", str(value.dtype), tuple(value.shape), hashlib.sha256(flat.numpy()).hexdigest()
-        if kind.__module__ == "numpy" and hasattr(value, "tobytes") and not value.dtype.hasobject:
-            told = kind.__name__, str(value.dtype.descr), value.shape
-            return *told, hashlib.sha256(value.tobytes()).hexdigest()
-        if home == "numpy" and hasattr(value, "hasobject"):
-            return "dtype", str(value.descr)
-        if isinstance(value, BaseModel):
-            return "model", self._shape(kind, place), self._shape(dict(value), place)
-        if dataclasses.is_dataclass(value):
-            held = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-            return "instance", self._shape(kind, place), self._shape(held, place)
-        if all(base.__module__ == MAIN for base in kind.__mro__[:-1]) and hasattr(value, "__dict__"):
-            return "instance", self._shape(kind, place), self._shape(dict(vars(value)), place)
+        if kind.__module__ == "numpy" and kind.__name__ == "ndarray" and not value.dtype.hasobject:
+            return "array", str(value.dtype.descr), value.shape, hashlib.sha256(value.tobytes()).hexdigest()
+        try:
+            told = copyreg.dispatch_table.get(kind, lambda it: it.__reduce_ex__(4))(value)
+        except Exception:  # whatever a class raises that cannot be copied
+            told = None
+        if isinstance(told, str):
+            return self._reference(getattr(value, "__module__", None) or kind.__module__, told)
+        if told is not None and kind is not object:
+            make, arguments, *state = told
+            parts = [make, arguments, *(list(part) if isinstance(part, Iterator) else part for part in state)]
+            return "made", [self._shape(part, place) for part in parts]
         raise GraphError(
             f"its code uses {place}, a {kind.__module__}.{kind.__qualname__}, whose contents cannot be part of a key",
             where=f"the node function {self.target}",
@@ -246,18 +214,18 @@ _TELLERS: tuple[tuple[Any, Callable[[Live, Any, str], Any]], ...] = (
     ((types.BuiltinFunctionType, types.MethodDescriptorType, types.WrapperDescriptorType), Live._builtin),
     (types.MethodType, Live._method),
     (property, Live._property),
-    (functools.cached_property, Live._cached_property),
     ((staticmethod, classmethod, functools._lru_cache_wrapper), Live._wrapped),
-    (functools.partial, Live._partial),
-    (enum.Enum, Live._member),
-    ((list, tuple), Live._items),
-    ((set, frozenset), Live._unordered),
-    ((dict, types.MappingProxyType), Live._pairs),
-    ((PurePath, range, slice), Live._text),
-    (re.Pattern, Live._pattern),
-    ((types.GenericAlias, types.UnionType, typing._GenericAlias), Live._hint),  # type: ignore[attr-defined]
+    (typing.ForwardRef, Live._annotation),
     (FieldInfo, Live._field),
 )
+_COLLECTIONS: dict[type, Callable[[Live, Any, str], Any]] = {
+    list: Live._items,
+    tuple: Live._items,
+    set: Live._unordered,
+    frozenset: Live._unordered,
+    dict: Live._pairs,
+    types.MappingProxyType: Live._pairs,
+}
 
 
 def _attributes(cls: type) -> Iterator[tuple[str, Any]]:
