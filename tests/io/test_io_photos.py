@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from exmesh_nodes import photos as nodes
+from exmesh_nodes import data as nodes
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
