@@ -100,7 +100,7 @@ def call(
         fields[name] = Value(plain(value, f"{kind}.{name}", where, problems), where, where.base)
     spec = NodeSpec(kind, kind, fields, where, seed)
     params, told = check_part(_alone(spec), kind, packs, whole=True, plugs=plugs.values())
-    problems.found.update(told.found)
+    problems.noted.update(told.noted)
     problems.raise_if_any()
     assert params is not None
     links = {name: Link("argument", name) for name in inputs}
@@ -165,7 +165,7 @@ def _made(what: str, plug: Plug[Any], packs: Packs, where: Place, problems: Prob
             fields[name] = Value(plain(value, f"{what}.{name}", where, problems), where, where.base)
     spec = NodeSpec(plug.type, plug.type, fields, where, 0)
     model, told = check_part(_alone(spec), plug.type, packs, whole=True, nested=nested)
-    problems.found.update(told.found)
+    problems.noted.update(told.noted)
     return model if isinstance(model, Component) else None
 
 

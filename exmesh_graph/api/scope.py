@@ -274,7 +274,7 @@ class NodeScope:
     def _judge(self, name: str, problems: Problems) -> None:
         """Note what is known to be wrong with a node, by the checks of graph files."""
         told = judge(self, name)
-        problems.found.update(told.found)
+        problems.noted.update(told.noted)
 
 
 class RepeatBlock(NodeScope):

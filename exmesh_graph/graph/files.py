@@ -96,14 +96,14 @@ def walk_files(folder: Path) -> list[tuple[str, Path]]:
 
 def sizes(folder: str | Path, prefix: str = "") -> dict[str, int]:
     """{relative name with /: bytes} of everything below `folder` that is not a folder; links are not followed."""
-    found = {}
+    listed = {}
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False):
-                found.update(sizes(entry.path, f"{prefix}{entry.name}/"))
+                listed.update(sizes(entry.path, f"{prefix}{entry.name}/"))
             else:
-                found[prefix + entry.name] = entry.stat(follow_symlinks=False).st_size
-    return found
+                listed[prefix + entry.name] = entry.stat(follow_symlinks=False).st_size
+    return listed
 
 
 class Memo:

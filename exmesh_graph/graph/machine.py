@@ -96,7 +96,7 @@ class Process:
         """This process."""
         return _process(os.getpid())
 
-    def fate(self, now: Process) -> str:
+    def liveness(self, now: Process) -> str:
         """`alive`, `gone`, `rebooted`, or `unknown` from where `now` is."""
         if self.host != now.host or not self.boot or not now.boot:
             return "unknown"

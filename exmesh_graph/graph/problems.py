@@ -83,24 +83,24 @@ class GraphErrors(GraphError):
 class Problems:
     """A growing list of problems; the same finding in several unrolled rounds is kept once, with a count."""
 
-    found: dict[tuple[str, ...], Problem] = field(default_factory=dict)
+    noted: dict[tuple[str, ...], Problem] = field(default_factory=dict)
 
     def add(self, code: str, where: Where, what: str, *, nearest: Iterable[str] = (), **more: Any) -> None:
         """Note one problem; `more` are Problem's wire, expected, found and fix."""
         problem = Problem(code, where, what, nearest=tuple(nearest), **more)
         key = (code, str(where), _without_rounds(what))
-        if key in self.found:
-            seen = self.found[key]
+        if key in self.noted:
+            seen = self.noted[key]
             problem = replace(seen, rounds=seen.rounds + 1)
-        self.found[key] = problem
+        self.noted[key] = problem
 
     def __bool__(self) -> bool:
-        return bool(self.found)
+        return bool(self.noted)
 
     def raise_if_any(self) -> None:
         """Raise GraphErrors with all problems, in the order of the file."""
-        if self.found:
-            order = sorted(self.found.values(), key=lambda p: (str(p.where.file), p.where.line))
+        if self.noted:
+            order = sorted(self.noted.values(), key=lambda p: (str(p.where.file), p.where.line))
             raise GraphErrors(order)
 
 

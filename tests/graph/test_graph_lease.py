@@ -228,16 +228,16 @@ def test_a_stopped_process_is_not_called_alive(tmp_path: Path) -> None:
     try:
         owner = Process(**{**dataclasses.asdict(Process.here()), "pid": process.pid, "started": 0})
         owner = dataclasses.replace(owner, started=machine._state(process.pid)[1])
-        assert owner.fate(Process.here()) == "alive"
+        assert owner.liveness(Process.here()) == "alive"
         os.kill(process.pid, signal.SIGSTOP)
         deadline = time.monotonic() + 10
-        while owner.fate(Process.here()) != "unknown" and time.monotonic() < deadline:
+        while owner.liveness(Process.here()) != "unknown" and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert owner.fate(Process.here()) == "unknown"
+        assert owner.liveness(Process.here()) == "unknown"
     finally:
         process.kill()
         process.wait()
-    assert owner.fate(Process.here()) == "gone"
+    assert owner.liveness(Process.here()) == "gone"
 
 
 def test_sweep_removes_what_is_free(tmp_path: Path) -> None:

@@ -69,10 +69,10 @@ def preimage_of(
 
 def _components(plugs: Mapping[str, BoundComponent]) -> dict[str, Any]:
     """Everything about components that can change a result, by port."""
-    found = {}
+    table = {}
     for port, plug in sorted(plugs.items()):
         definition, tuning = plug.definition, signature(plug.definition).tuning_fields()
-        found[port] = {
+        table[port] = {
             "type": definition.type,
             "version": definition.version,
             "code": fingerprint(definition).digest,
@@ -80,7 +80,7 @@ def _components(plugs: Mapping[str, BoundComponent]) -> dict[str, Any]:
             "libraries": {name: library_version(name) for name in sorted(definition.libraries)},
             "components": _components(plug.nested),
         }
-    return found
+    return table
 
 
 def _without_paths(value: Any) -> Any:

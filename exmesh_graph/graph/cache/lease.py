@@ -141,28 +141,28 @@ class Leases:
                 gone.append(reason[1])
         for path in self.folder.glob(".*"):
             with contextlib.suppress(OSError):
-                found = _read(path)
-                if path.name != ".lock" and (found is None or found[0].fate(Process.here()) in ("gone", "rebooted")):
+                told = _read(path)
+                if path.name != ".lock" and (told is None or told[0].liveness(Process.here()) in ("gone", "rebooted")):
                     path.unlink()
         return gone
 
     def _judge(self, key: str) -> tuple[Holder | None, tuple[str, str] | None]:
         """(holder, None) of a held lease, (None, (nonce, why)) of a free one, (None, None) of none."""
         try:
-            found = _read(self._path(key))
+            told = _read(self._path(key))
         except OSError:
             return None, None
-        owner, nonce, count = found or (Process("unknown", "", "", 0, 0), "", "")
+        owner, nonce, count = told or (Process("unknown", "", "", 0, 0), "", "")
         last = self.seen.get(key)
         if last is None or last[:2] != (nonce, count):
             last = self.seen[key] = (nonce, count, self.clock())
         age = self.clock() - last[2]
-        who, fate = f"the lease of process {owner.pid} on {owner.host}", owner.fate(Process.here())
-        if fate == "gone":
+        who, life = f"the lease of process {owner.pid} on {owner.host}", owner.liveness(Process.here())
+        if life == "gone":
             return None, (nonce, f"{who} outlived its process")
-        if fate == "rebooted":
+        if life == "rebooted":
             return None, (nonce, f"{who} is from before the last start of that machine")
-        if age > self.limit * (10 if fate == "alive" else 1):
+        if age > self.limit * (10 if life == "alive" else 1):
             return None, (nonce, f"{who} has had no heartbeat for {age:.0f} s")
         return Holder(key, owner.host, owner.boot, owner.pid, age), None
 
@@ -229,5 +229,5 @@ def _read(path: Path) -> tuple[Process, str, str] | None:
 
 
 def _nonce(path: Path) -> str:
-    found = _read(path)
-    return found[1] if found else ""
+    told = _read(path)
+    return told[1] if told else ""

@@ -72,7 +72,7 @@ class Live:
     def _function(self, function: types.FunctionType, place: str) -> Any:
         if function.__globals__ is not vars(sys.modules[MAIN]):
             home, name = str(function.__globals__.get("__name__")), function.__code__.co_qualname
-            there, named = self._reference(home, name), _found(home, name)
+            there, named = self._reference(home, name), _named(home, name)
             if named is function:
                 return there
             if named is not None and inspect.unwrap(getattr(named, "__func__", named)) is not function:
@@ -121,7 +121,7 @@ class Live:
 
     def _class(self, cls: type, place: str) -> Any:
         if cls.__module__ != MAIN:
-            if _found(cls.__module__, cls.__qualname__) not in (cls, None):
+            if _named(cls.__module__, cls.__qualname__) not in (cls, None):
                 raise self._outlived(place, cls.__module__)
             return self._reference(cls.__module__, cls.__qualname__)
         own = {name: self._shape(value, f"{place}.{name}") for name, value in _attributes(cls)}
@@ -306,7 +306,7 @@ def _content(cell: Any) -> Any:
         return None
 
 
-def _found(module: str, name: str) -> Any:
+def _named(module: str, name: str) -> Any:
     """What a loaded module calls so; None for nothing."""
     item: Any = sys.modules.get(module)
     for part in name.split("."):

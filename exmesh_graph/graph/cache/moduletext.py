@@ -62,8 +62,8 @@ class ModuleText:
     @functools.cached_property
     def exports(self) -> dict[str, Import] | None:
         """{name: where it comes from} of a module that only re-exports, None for any other."""
-        found = self.fact(self, "exports", lambda: _exports(self.tree, self.package))
-        return None if found is None else {name: (item[0], item[1]) for name, item in found.items()}
+        known = self.fact(self, "exports", lambda: _exports(self.tree, self.package))
+        return None if known is None else {name: (item[0], item[1]) for name, item in known.items()}
 
     def slice(self, function: str) -> tuple[str, list[Import]]:
         """(digest, imports) of the part of the module that `function` uses."""
@@ -126,13 +126,13 @@ class _Slice:
 
     def _own(self) -> set[str]:
         """Names that stand for something of the project, its framework left out."""
-        found = set()
+        own = set()
         tops = (OWN, self.module.name.partition(".")[0])
         for statement in self.module.tree.body:
             origins = [name for name, _ in imports_in(statement, self.module.package)]
             if not origins or any(name.partition(".")[0] in tops and not is_ignored(name) for name in origins):
-                found |= set(bound_by(statement))
-        return found
+                own |= set(bound_by(statement))
+        return own
 
 
 def _pairs(items: Iterable[Sequence[Any]]) -> list[Import]:
@@ -140,21 +140,21 @@ def _pairs(items: Iterable[Sequence[Any]]) -> list[Import]:
 
 
 def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
-    found: dict[str, Import] = {}
+    origins: dict[str, Import] = {}
     for statement in tree.body:
         if isinstance(statement, ast.Import | ast.ImportFrom):
             if any(name is None for _, name in imports_in(statement, package)):
                 return None
             if isinstance(statement, ast.ImportFrom):
                 for alias, item in zip(statement.names, imports_in(statement, package), strict=True):
-                    found[alias.asname or alias.name] = item
+                    origins[alias.asname or alias.name] = item
         elif isinstance(statement, ast.Assign):
             targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
             if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
                 return None
         elif not is_text(statement):
             return None
-    return found
+    return origins
 
 
 @functools.cache

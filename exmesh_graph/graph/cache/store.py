@@ -197,8 +197,8 @@ class Store:
             head = files.read_sealed(f"{folder}/artifact.json")
             if head["digest"] != digest or head["format"] != FORMAT:
                 return None
-            found = files.sizes(f"{folder}/data")
-            return head if found == {name: size for name, (size, _) in head["files"].items()} else None
+            sizes = files.sizes(f"{folder}/data")
+            return head if sizes == {name: size for name, (size, _) in head["files"].items()} else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
 

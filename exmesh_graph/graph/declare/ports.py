@@ -121,14 +121,14 @@ class Signature:
 
 def signature(definition: NodeDef) -> Signature:
     """The signature of a node or component type. Raises TypeError when the declaration cannot be used."""
-    found = _signature(definition.function)
-    if found.path_fields() and definition.sources is None:
-        names = ", ".join(sorted(found.path_fields()))
+    own = _signature(definition.function)
+    if own.path_fields() and definition.sources is None:
+        names = ", ".join(sorted(own.path_fields()))
         raise TypeError(
             f"node type {definition.type!r} has path parameters ({names}) but declares no sources=: "
             "the contents of the files it reads would not be part of its key"
         )
-    return found
+    return own
 
 
 def type_name(kind: type) -> str:
@@ -175,8 +175,8 @@ def _foreign(kind: type[Artifact]) -> bool:
     return True
 
 
-def _ports(found: Signature) -> list[Port]:
-    return [*found.inputs.values(), *found.outputs.values()]
+def _ports(kind: Signature) -> list[Port]:
+    return [*kind.inputs.values(), *kind.outputs.values()]
 
 
 def _subclasses(base: type[B]) -> list[type[B]]:
@@ -221,13 +221,13 @@ def _signature(function: Callable[..., Any]) -> Signature:
             inputs[name] = _port(function, name, hints[name], optional)
     outputs = _outputs(function, hints.get("return"))
     _refuse_clashes(function, inputs, params)
-    found = Signature(inputs, outputs, params, params_name, inspect.getdoc(function) or "")
-    if taken := {*found.renamed, *found.renamed_outputs} & {*inputs, *outputs, *params.model_fields, *RESERVED}:
+    result = Signature(inputs, outputs, params, params_name, inspect.getdoc(function) or "")
+    if taken := {*result.renamed, *result.renamed_outputs} & {*inputs, *outputs, *params.model_fields, *RESERVED}:
         raise TypeError(f"{function.__qualname__}: old names in use: {', '.join(sorted(taken))}")
-    for name, port in found.decided_by().items():
+    for name, port in result.decided_by().items():
         if port not in inputs or not inputs[port].optional:
             raise TypeError(f"{function.__qualname__}: {name} is decided by {port}, which is no optional input")
-    return found
+    return result
 
 
 def _outputs(function: Callable[..., Any], returned: Any) -> dict[str, Port]:

@@ -172,7 +172,7 @@ class _Check:
             )  # fmt: skip
             for module, why in self.packs.broken.items():
                 what = f"the node module {module} cannot be imported: {why}"
-                self.problems.found["node-module", module] = Problem("node-module", spec.where, what)
+                self.problems.noted["node-module", module] = Problem("node-module", spec.where, what)
             return None
         try:
             return signature(definition)
