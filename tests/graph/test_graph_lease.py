@@ -17,9 +17,9 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph import machine
-from exmesh_graph.graph.cache import lease as leases_module
 from exmesh_graph.graph.cache.lease import Holder, Lease, Leases
 from exmesh_graph.graph.machine import Process
+from exmesh_graph.graph.run import schedule
 
 KEY = "ab" * 32
 HOLD = """
@@ -211,14 +211,16 @@ def test_no_lease_where_nothing_can_be_written(tmp_path: Path) -> None:
 
 
 def test_a_thread_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(leases_module, "BEAT", 0.01)
+    monkeypatch.setattr(schedule, "BEAT", 0.01)
     path = tmp_path / "leases" / f"{KEY}.json"
-    with taken(Leases(tmp_path).acquire(KEY)).beating():
-        first = path.read_text()
-        deadline = time.monotonic() + 10
-        while path.read_text() == first and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert path.read_text() != first
+    leases = schedule.KeyLeases(tmp_path, lambda node, text: None)
+    assert leases.take("node", KEY)
+    first = path.read_text()
+    deadline = time.monotonic() + 10
+    while path.read_text() == first and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert path.read_text() != first
+    leases.close()
     assert not path.exists()
 
 

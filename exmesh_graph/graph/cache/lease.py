@@ -19,7 +19,6 @@ import contextlib
 import fcntl
 import json
 import os
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -71,24 +70,6 @@ class Lease:
         except (OSError, ValueError, KeyError):
             return False
         return True
-
-    @contextlib.contextmanager
-    def beating(self) -> Iterator[Lease]:
-        """Beat from a thread of this process until the block ends, then release."""
-        done = threading.Event()
-
-        def work() -> None:
-            while not done.wait(BEAT) and self.beat():
-                pass
-
-        thread = threading.Thread(target=work, name=f"lease {self.key[:10]}", daemon=True)
-        thread.start()
-        try:
-            yield self
-        finally:
-            done.set()
-            thread.join()
-            self.release()
 
     def release(self) -> None:
         """Give the lease back; one that was taken over stays with its new holder."""
