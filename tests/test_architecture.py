@@ -69,7 +69,6 @@ def test_imports_inside_the_framework_go_down() -> None:
     assert upward(INSIDE_GRAPH, "graph") == []
 
 
-@pytest.mark.xfail(reason="being mended", strict=False)
 def test_no_circle_of_files() -> None:
     graph = nx.DiGraph([(module, end) for module, ends in arrows().items() for end in ends])
     assert [sorted(circle) for circle in nx.strongly_connected_components(graph) if len(circle) > 1] == []

@@ -1,6 +1,7 @@
 """Nodes and wire types of a script or a notebook cell: registered, checked, run here, cached by their source."""
 
 from __future__ import annotations
+import __future__
 
 import itertools
 import json
@@ -16,6 +17,7 @@ import pytest
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.ports import artifact_types
+from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
@@ -68,12 +70,13 @@ class Notebook:
 
     def __init__(self, folder: Path, main: types.ModuleType) -> None:
         self.folder, self.main, self.session = folder, main, Session([])
+        self.flags = 0
 
     def cell(self, text: str) -> None:
         name = f"<ipython-input-{next(count)}-abc>"
         linecache.cache[name] = (len(text), None, text.splitlines(keepends=True), name)
         with self.session:
-            exec(compile(text, name, "exec"), vars(self.main))
+            exec(compile(text, name, "exec", self.flags, dont_inherit=True), vars(self.main))
 
     def digest(self, kind: str = "cell.make") -> str:
         with self.session:
@@ -110,7 +113,11 @@ def notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Notebook:
     return made
 
 
-def test_cells_run_and_are_hits(notebook: Notebook) -> None:
+@pytest.mark.parametrize("flags", [0, __future__.annotations.compiler_flag])
+def test_cells_run_and_are_hits(notebook: Notebook, flags: int) -> None:
+    notebook.flags = flags  # `from __future__ import annotations` in one cell holds for all later ones
+    for text in (CELL, HELPER, NODES):
+        notebook.cell(text)
     assert notebook.run()[:2] == ({"a": "done", "b": "done"}, 60.0)
     assert notebook.run()[:2] == ({"a": "hit", "b": "hit"}, 60.0)
     for text in (CELL, HELPER, NODES):  # all cells run again: other objects of the same source
@@ -343,6 +350,16 @@ def test_a_script(tmp_path: Path) -> None:
     assert run() == [["hit", "hit"], 60.0]
     near.write_text("def times(a, b):\n    return a * b + 1\n")  # a module beside the script
     assert run() == [["done", "done"], 62.0]
+
+
+def test_a_wire_type_that_was_defined_again_for_one_node_only(notebook: Notebook) -> None:
+    notebook.run()
+    notebook.cell(CELL)
+    notebook.cell(NODES.partition('@node("cell.add"')[0])
+    with pytest.raises(GraphErrors, match="Figure was defined again: also run again what declares the two nodes"):
+        notebook.session.check(notebook.folder / "g.yaml")
+    notebook.cell(NODES)
+    assert set(notebook.run()[0].values()) == {"hit"}
 
 
 def test_a_module_of_yours_that_is_edited_and_reloaded(notebook: Notebook, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,9 +98,13 @@ class Wiring:
                 what = f"{link} is {words[0]}, but {name} takes {words[1]}"
             else:
                 what = f"{link} does not fit {name}"
+            again = source.type.__name__ in [kind.__name__ for kind in port.types]
+            fix = (
+                f"{source.type.__name__} was defined again: also run again what declares the two nodes" if again else ""
+            )
             self.problems.add(
                 "wrong-type", where, what, wire=self._wire(link, name, where), expected=str(port), found=str(source),
-                nearest=self.suitable(port, user),
+                nearest=self.suitable(port, user), fix=fix,
             )  # fmt: skip
         elif source.optional and not port.optional:
             self.problems.add(
