@@ -6,6 +6,7 @@ Every output is HTML that stands alone and works offline; `repr` says the same i
 from __future__ import annotations
 
 import sys
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -27,7 +28,11 @@ SHOWN = {
     ("exmesh_graph.api.results", "Run"): _shown_by("runs", "run_html"),
     ("exmesh_graph.api.results", "NodeRun"): _shown_by("runs", "node_html"),
     ("exmesh_graph.api.runs", "Plan"): _shown_by("runs", "plan_html"),
+    ("exmesh_graph.api.sweeps", "Sweep"): _shown_by("runs", "sweep_html"),
+    ("exmesh_graph.api.differences", "Comparison"): _shown_by("runs", "difference_html"),
 }
+
+_taught: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def register(shell: Any = None) -> bool:
@@ -37,8 +42,10 @@ def register(shell: Any = None) -> bool:
     if shell is None:
         return False
     html = shell.display_formatter.formatters["text/html"]
-    for (module, name), show in SHOWN.items():
-        html.for_type_by_name(module, name, show)
+    if html not in _taught:  # once: what a user sets afterwards stands
+        _taught.add(html)
+        for (module, name), show in SHOWN.items():
+            html.for_type_by_name(module, name, show)
     if (progress := sys.modules.get("exmesh_graph.api.progress")) is not None and progress.notebook is None:
         from exmesh_graph.notebook.runs import Cells
 

@@ -15,8 +15,10 @@ from exmesh_graph.notebook import cells
 
 if TYPE_CHECKING:
     from exmesh_graph.api.builder import Graph
+    from exmesh_graph.api.differences import Comparison
     from exmesh_graph.api.results import NodeRun, Run
     from exmesh_graph.api.runs import Plan
+    from exmesh_graph.api.sweeps import Sweep
     from exmesh_graph.graph.language.check import Checked
     from exmesh_graph.graph.run.runner import Listener
     from exmesh_graph.report.drawing.svg import GraphPicture
@@ -56,6 +58,23 @@ def plan_html(plan: Plan) -> str:
     return cells.cell(cells.said(words), cells.table(rows), listed)
 
 
+def sweep_html(sweep: Sweep) -> str:
+    """The table of a sweep's variants, and where its page lies."""
+    from exmesh_graph.report.sweep.files import sweep_markdown
+
+    lines = sweep_markdown(sweep.table).splitlines()
+    rows = [
+        [text.strip().strip("`") for text in line.strip("|").split(" | ")] for line in lines if line.startswith("|")
+    ]
+    note = " ".join(line for line in lines if not line.startswith("|"))
+    return cells.cell(cells.table(rows[2:], rows[0]), cells.said(note, "soft"), cells.said(str(sweep.page)))
+
+
+def difference_html(comparison: Comparison) -> str:
+    """Both graphs in one picture, and the difference in words."""
+    return cells.cell(f"<pre>{escape(str(comparison))}</pre>", _drawn(comparison.picture()) if comparison else "")
+
+
 def run_html(run: Run) -> str | None:
     """The summary of a run; None in the cell that shows it already, below its progress."""
     if _shown_in.get(run.id) == _cell():
@@ -75,8 +94,8 @@ def summary(run: Run) -> str:
         cells.said(f"{run.id}: {run.state}, {len(rows)} nodes, {hits} from the store, {len(ran)} run, "
                    f"{clock(run.seconds)}", "bad" if bad else "")
     ]  # fmt: skip
-    with contextlib.suppress(ExmeshError, OSError, ValueError):  # a run that failed has no report
-        parts.append(_figures(run) if run.state == "done" else "")
+    with contextlib.suppress(ExmeshError, OSError, ValueError):  # a report that cannot be read
+        parts.append(_figures(run) if (run.folder / "report.json").is_file() else "")
     failed = [row["name"] for row in rows if row["state"] == "failed"]
     if failed:
         parts.append(cells.said(f"failed: {', '.join(failed)}", "bad"))

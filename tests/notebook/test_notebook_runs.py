@@ -13,7 +13,16 @@ import pytest
 import exmesh_graph as ex
 from exmesh_graph.graph.declare.packs import load_packs
 from exmesh_graph.notebook import runs
-from exmesh_graph.notebook.runs import LiveRun, checked_html, graph_html, node_html, plan_html, run_html
+from exmesh_graph.notebook.runs import (
+    LiveRun,
+    checked_html,
+    difference_html,
+    graph_html,
+    node_html,
+    plan_html,
+    run_html,
+    sweep_html,
+)
 
 TOY = Path(__file__).parent.parent / "graph" / "toy"
 
@@ -56,6 +65,24 @@ def test_a_plan_is_a_table_of_what_would_run() -> None:
     assert "1 from the store, 1 to run, 1 below a node that must run" in html
     assert "parameter amount: 2 -&gt; 3" in html
     assert repr(plan) == str(plan)
+
+
+def test_a_sweep_and_a_difference_show_themselves() -> None:
+    varied = graph()
+    varied.variant("more", {"set": "step.amount", "to": 5})
+    sweep = ex.sweep(varied, workers=0, progress=False)
+    html = sweep_html(sweep)
+    assert "<td>more</td>" in html
+    assert str(sweep.page) in html
+    assert not (sweep.folder / "report.json").exists()
+    assert "done" in (run_html(sweep.run) or "")
+    assert not (sweep.folder / "report.json").exists()  # looking at it makes none
+    changed = graph()
+    changed.set("step", amount=3)
+    html = difference_html(ex.diff(graph(), changed))
+    assert "amount" in html
+    assert html.count("<svg") == 1
+    assert "<svg" not in difference_html(ex.diff(graph(), graph()))
 
 
 def test_a_graph_with_faults_says_them() -> None:

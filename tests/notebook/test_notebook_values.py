@@ -192,6 +192,9 @@ def test_ipython_shows_the_types_and_imports_nothing_for_it(views: Any) -> None:
     plain, _ = shell.display_formatter.format(Frame(np.eye(4), np.eye(4)))
     assert set(plain) == {"text/plain"}
     assert not notebook.register()  # no kernel runs here
+    shell.display_formatter.formatters["text/html"].for_type(Artifact, lambda value: "mine")
+    notebook.register(shell)
+    assert shell.display_formatter.format(testing.mesh(1))[0]["text/html"] == "mine"
 
 
 def test_the_classes_that_are_shown_exist() -> None:
