@@ -415,3 +415,34 @@ def test_a_pack_whose_helper_is_reloaded_alone(notebook: Notebook, monkeypatch: 
     assert notebook.run(text)[:2] == ({"a": "hit"}, 60.0)
     for name in ("mine_low", "mine_pack"):
         del sys.modules[name]
+
+
+def test_an_interrupt_in_a_node_of_a_cell_stops_the_run(notebook: Notebook) -> None:
+    notebook.cell(NODES.replace("return Out(Figure(a.value", "raise KeyboardInterrupt\n    return Out(Figure(a.value"))
+    with pytest.raises(KeyboardInterrupt):
+        notebook.run(backend=Local(1))
+    notebook.cell(NODES)
+    assert notebook.run(backend=Local(1))[:2] == ({"a": "hit", "b": "done"}, 60.0)
+
+
+@pytest.mark.parametrize(
+    "line", ["from mine_space.low import times", "from mine_space import low", "import mine_space.low"]
+)
+def test_modules_of_a_folder_without_init(notebook: Notebook, monkeypatch: pytest.MonkeyPatch, line: str) -> None:
+    """A namespace package is as good a place for helpers as any other, for cells and for packs."""
+    home = notebook.folder / "mine_space"
+    home.mkdir()
+    use = {"from mine_space.low import times": "times", "from mine_space import low": "low.times"}
+    made = CELL + line + "\n" + NODES.replace("helper(", use.get(line, "mine_space.low.times") + "(")
+    (home / "nodes.py").write_text(made)
+    monkeypatch.syspath_prepend(str(notebook.folder))
+    digests = []
+    for factor in (2, 3):
+        (home / "low.py").write_text(f"def times(a):\n    return a * {factor}\n")
+        notebook.cell(made.replace("cell.", "other."))
+        with Session(["mine_space.nodes"]) as session:
+            digests.append([notebook.digest("other.make"), fingerprint(session.types["cell.make"]).digest])
+        notebook.session.packs().parts.clear()
+        for name in [name for name in sys.modules if name.startswith("mine_space")]:
+            del sys.modules[name]
+    assert not set(digests[0]) & set(digests[1])

@@ -155,11 +155,11 @@ class Sources:
         digest = sha("\n".join(f"{name} {part}" for name, part in parts.items()))
         return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts} - {MAIN})))
 
-    def _local(self, top: str) -> bool:
-        """Whether a module is a file of the user's own, not one of Python's or of an installed library."""
-        if top in sys.stdlib_module_names or top == MAIN:
+    def _local(self, name: str, attribute: str | None) -> bool:
+        """Whether an import is of a file of the user's own, not one of Python's or of an installed library."""
+        if name.partition(".")[0] in (*sys.stdlib_module_names, MAIN):
             return False
-        path = self.find(top)
+        path = self.find(name) or self.find(f"{name}.{attribute}")
         return path is not None and not any(part in ("site-packages", "dist-packages") for part in path.parts)
 
     def _closure(self, imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
@@ -173,15 +173,15 @@ class Sources:
                 continue
             seen.add(item)
             name, attribute = item
-            top = name.partition(".")[0]
-            if not ((top in tops and top != MAIN) or self._local(top)) or is_ignored(name):
+            known = name != MAIN and name.partition(".")[0] in tops
+            if is_ignored(name) or not (known or self._local(name, attribute)):
                 continue
             if attribute and self.find(f"{name}.{attribute}") is not None:
                 todo.append((f"{name}.{attribute}", None))
                 todo += [(name, ""), *self._same_name(name, attribute)]
                 continue
-            if name == OWN:  # the front door: what it names is in none of the rooms below
-                continue
+            if name == OWN or (attribute == "" and self.find(name) is None):
+                continue  # the front door, which no room below uses; a package without a file of its own
             if "." in name:
                 todo.append((name.rpartition(".")[0], ""))
             module = self.module(name)

@@ -79,7 +79,7 @@ class Live:
                 raise self._outlived(place, home)
             return "wrapper", there, self._bound_to(function, place)
         definition, inside = _definition(function)
-        self.imports += imports_in(definition, "")
+        self.imports += [*imports_in(definition, ""), *_modules_in(definition)]
         text = normalised(definition), inside
         return "function", text, self._bound_to(function, place), self._names(function.__code__, place)
 
@@ -270,6 +270,20 @@ def _definition(function: types.FunctionType) -> tuple[ast.AST, Any]:
     around = [s for s in ast.walk(tree) if isinstance(s, ast.stmt) and s.lineno <= first and last <= _end(s)]
     statement = max(around, key=lambda s: (s.lineno, -_end(s)))
     return statement, [(line - statement.lineno, column) for line, column in places]
+
+
+def _modules_in(tree: ast.AST) -> Iterator[Import]:
+    """The modules behind `package.module.name`, where `package` is a module-level name."""
+    for item in ast.walk(tree):
+        names: list[str] = []
+        root = item
+        while isinstance(root, ast.Attribute):
+            names, root = [root.attr, *names], root.value
+        value = vars(sys.modules[MAIN]).get(root.id) if isinstance(root, ast.Name) else None
+        for name in names:
+            value = getattr(value, name, None) if isinstance(value, types.ModuleType) else None
+            if isinstance(value, types.ModuleType):
+                yield value.__name__, None
 
 
 def _tree_with(code: types.CodeType, text: str) -> ast.Module | None:
