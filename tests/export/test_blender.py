@@ -36,7 +36,8 @@ def one_view():
     intrinsics, pose = orbit(1, 80, 96, start=0.4)
     intrinsics[:, 0, 2] += 6.5
     intrinsics[:, 1, 2] -= 4.25
-    return Views(("test.0",), np.zeros((1, 80, 96, 3)), np.zeros((1, 80, 96)), intrinsics, pose, "test")
+    images, alpha = np.zeros((1, 80, 96, 3), np.float32), np.zeros((1, 80, 96), np.float32)
+    return Views(("test.0",), images, alpha, intrinsics, pose, "test")
 
 
 class TestWithBlender:

@@ -81,6 +81,11 @@ def test_the_footprint_halves_with_the_pictures(sphere):
     large = replace(
         sphere,
         base_color=np.zeros((2048, 2048, 3), np.float32),
+        roughness=np.zeros((2048, 2048), np.float32),
+        seen=np.ones((2048, 2048), bool),
+        normal=None,
+        metallic=None,
+        confidence=None,
     )
     sizes = []
     for pixels in (64, 128, 256):
