@@ -163,7 +163,8 @@ def light_errors(asset: Asset, settings: BlenderSettings) -> dict[str, float]:
     turn = np.eye(4)
     turn[:3, :3] = [[0.5, 0, 0.75**0.5], [0, 1, 0], [-(0.75**0.5), 0, 0.5]]
     intrinsics, pose = orbit(3, 32, 32)
-    views = Views(("a", "b", "c"), np.zeros((3, 32, 32, 3)), np.zeros((3, 32, 32)), intrinsics, pose, "test")
+    images, alpha = np.zeros((3, 32, 32, 3), np.float32), np.zeros((3, 32, 32), np.float32)
+    views = Views(("a", "b", "c"), images, alpha, intrinsics, pose, "test")
     light = replace(settings, samples=16, transparent=False, hide_meshes=True)
     errors = {}
     for label, up_axis, frame in (("Y-up", "Y", None), ("Z-up", "Z", None), ("turned", "Y", Frame(turn, np.eye(4)))):
