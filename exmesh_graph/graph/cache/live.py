@@ -150,15 +150,6 @@ class Live:
         self.imports.append((module.__name__, None))
         return "module", module.__name__
 
-    def _builtin(self, value: Any, place: str) -> Any:
-        owner = getattr(value, "__self__", None)
-        if owner is not None and not isinstance(owner, types.ModuleType):
-            return "method", value.__name__, self._shape(owner, place)
-        return "builtin", getattr(value, "__module__", None), value.__qualname__
-
-    def _method(self, method: types.MethodType, place: str) -> Any:
-        return "method", self._shape(method.__func__, place), self._shape(method.__self__, place)
-
     def _wrapped(self, value: Any, place: str) -> Any:
         inner = value.__wrapped__ if isinstance(value, functools._lru_cache_wrapper) else value.__func__
         return type(value).__name__, self._shape(inner, place)
@@ -182,7 +173,7 @@ class Live:
         return "field"  # a limit of a parameter, whose validated value is in the key
 
     def _instance(self, value: Any, place: str) -> Any:
-        """Anything else: arrays by their bytes, others by what copying them would take."""
+        """Anything else, methods too: arrays by their bytes, others by what copying them would take."""
         kind = type(value)
         if kind.__module__ == "torch" and hasattr(value, "detach"):
             flat = value.detach().cpu().contiguous().reshape(-1).view(sys.modules["torch"].uint8)
@@ -211,8 +202,6 @@ _TELLERS: tuple[tuple[Any, Callable[[Live, Any, str], Any]], ...] = (
     (types.FunctionType, Live._function),
     (type, Live._class),
     (types.ModuleType, Live._module),
-    ((types.BuiltinFunctionType, types.MethodDescriptorType, types.WrapperDescriptorType), Live._builtin),
-    (types.MethodType, Live._method),
     (property, Live._property),
     ((staticmethod, classmethod, functools._lru_cache_wrapper), Live._wrapped),
     (typing.ForwardRef, Live._annotation),

@@ -41,6 +41,7 @@ class Packs:
         self.types: dict[str, NodeDef] = {}
         self.renamed: dict[str, str] = {}  # {a name that a type had before: the one it has now}
         self.broken: dict[str, str] = {}
+        self.versions: dict[str, str] = {}  # of distributions, as they were when first asked for
         self.parts: dict[Any, Any] = {}
 
     def __enter__(self) -> Self:
@@ -102,13 +103,12 @@ class Packs:
 
     def library_version(self, name: str) -> str:
         """The version of an installed distribution; MissingLibraryError when there is none."""
-        versions = self.part(_Versions)
-        if name not in versions:
+        if name not in self.versions:
             try:
-                versions[name] = importlib.metadata.version(name)
+                self.versions[name] = importlib.metadata.version(name)
             except importlib.metadata.PackageNotFoundError:
                 raise MissingLibraryError(f"the library {name} is not installed", fix=f"pip install {name}") from None
-        return versions[name]
+        return self.versions[name]
 
     def _pack_names(self) -> list[str]:
         if self.names is not None:
@@ -122,10 +122,6 @@ class Packs:
             yield
         except Exception as error:
             self.broken.setdefault(module, _said(error))
-
-
-class _Versions(dict[str, str]):
-    """Versions of distributions, as they were when a session first asked."""
 
 
 DEFAULT = Packs()
