@@ -37,7 +37,7 @@ def checked_graph(
     """A graph, or one of its variants, without faults; else GraphErrors tells all of them."""
     place, sets = here(), texts_of(set, params)
     with _placed(place, graph):
-        checked = current_session().check(_path(graph), sets, variant, top=_merged(graph))
+        checked = current_session().check(_path(graph), sets, variant, store, top=_merged(graph))
     for note in checked.notes:
         warnings.warn(note, stacklevel=3)
     return checked
@@ -69,7 +69,7 @@ def checked_variants(
     place, sets = here(), texts_of(set, params)
     with _placed(place, graph):
         top = _merged(graph)
-        rows = current_session().check_variants(_path(graph), sets, only=only, repeats=repeats, top=top)
+        rows = current_session().check_variants(_path(graph), sets, store, only=only, repeats=repeats, top=top)
     for note in dict.fromkeys(note for row in rows for note in row.checked.notes):
         warnings.warn(note, stacklevel=3)
     return rows

@@ -10,8 +10,9 @@ The default session stands behind the decorators, the commands and the functions
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Self
@@ -19,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Self
 from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import DEFAULT, Packs, current
-from exmesh_graph.graph.language import check, expand, spec
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.files import Memo
+from exmesh_graph.graph.language import check, expand, parsed, spec, yamlfile
 from exmesh_graph.graph.problems import Problems
 
 if TYPE_CHECKING:
@@ -58,15 +59,20 @@ class Session:
         return self.packs().types
 
     def check(
-        self, graph: str | os.PathLike[str], overrides: Iterable[str] = (), variant: str | None = None,
-        top: Map | None = None,
-    ) -> check.Checked:  # fmt: skip
+        self,
+        graph: str | os.PathLike[str],
+        overrides: Iterable[str] = (),
+        variant: str | None = None,
+        store: Folder = None,
+        top: yamlfile.Map | None = None,
+    ) -> check.Checked:
         """A graph file, or one of its variants, checked. Raises GraphErrors with all faults.
 
-        `overrides` are texts as `--set` takes them; `top` is the merged mapping of a graph that is no file.
+        `overrides` are texts as `--set` takes them; `top` is the merged mapping of a graph that is no file. Long files
+        that were read with this store before are not parsed again.
         """
         packs, path = self.packs(), Path(graph)
-        with self:
+        with self.reading(store):
             if variant:
                 from exmesh_graph.graph.variants.checked import check_variant
 
@@ -77,13 +83,13 @@ class Session:
             return check.check(expand.expand(spec.tree_of(top, path, overrides, problems), problems), packs, problems)
 
     def check_variants(
-        self, graph: str | os.PathLike[str], overrides: Iterable[str] = (), **options: Any
+        self, graph: str | os.PathLike[str], overrides: Iterable[str] = (), store: Folder = None, **options: Any
     ) -> list[CheckedVariant]:
         """A graph file and all variants that it declares, checked; `options` are those of `check_variants`."""
         from exmesh_graph.graph.variants.checked import check_variants
 
         packs = self.packs()
-        with self:
+        with self.reading(store):
             return check_variants(Path(graph), overrides, packs, **options)
 
     def open_store(self, folder: Folder = None, shared: str | None = None) -> Store:
@@ -95,6 +101,16 @@ class Session:
     def store(self) -> Store:
         """The store that was opened last, or the default one."""
         return self._store or self.open_store()
+
+    @contextlib.contextmanager
+    def reading(self, store: Folder) -> Iterator[None]:
+        """Read graph files in this session, through the store's memory of parsed ones where there is a store."""
+        root = store_folder(store)
+        memo, reader = Memo(root / "graphs.json", root / "work"), self._packs.part(yamlfile.Reader)
+        reader.read = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
+        with self:
+            yield
+        memo.save()
 
 
 def current_session() -> Session:

@@ -91,7 +91,7 @@ def packs_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
 
 def run(session: Session, home: Path, pack: str, store: Path, backend: Any = None) -> tuple[dict[str, str], float]:
     """The states of a run of the pack's graph, and the value of its output, read back by the session."""
-    graph = session.check(home / f"{pack}.yaml")
+    graph = session.check(home / f"{pack}.yaml", store=store)
     folder = RunFolder(home / f"runs_{pack}", graph.name)
     opened = session.open_store(store)
     try:

@@ -10,9 +10,11 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.problems import Where, fail, nearest
 
 MAX_VALUES = 100_000
@@ -55,6 +57,13 @@ class Map(dict[Any, Any]):
         return other
 
 
+class Reader:
+    """How a session reads texts: with `parse_yaml`, or with what `parsed.remembered` made of it."""
+
+    def __init__(self) -> None:
+        self.read: Callable[[str, Path | None], Any] = parse_yaml
+
+
 def load_yaml(path: Path) -> Map:
     """Read the graph file `path`. Raises GraphErrors for anything that is not one plain YAML 1.2 mapping."""
     where = Where(path, 1)
@@ -62,14 +71,15 @@ def load_yaml(path: Path) -> Map:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1)
         if len(raw) > MAX_BYTES:
-            what = f"a graph file holds at most {MAX_BYTES >> 10} KiB"
-            fail("file", where, what, fix="split it: extends, sub-graphs")
+            fail(
+                "file", where, f"a graph file holds at most {MAX_BYTES >> 10} KiB", fix="split it: extends, sub-graphs"
+            )
         text = raw.decode("utf-8")
     except FileNotFoundError:
         fail("file", where, "no such graph file", nearest=files_like(path))
     except (OSError, UnicodeDecodeError) as error:
         fail("file", where, f"cannot read the graph file: {error}")
-    value = parse_yaml(text, path)
+    value = current().part(Reader).read(text, path)
     if not isinstance(value, Map):
         fail("yaml", where, "a graph file is a mapping", expected="name:, nodes:, ...")
     return value

@@ -1,0 +1,99 @@
+"""The memory of parsed graph files: what it gives back is what the parser gives, lines included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from exmesh_graph.graph.declare.packs import current
+from exmesh_graph.graph.files import Memo
+from exmesh_graph.graph.language import parsed, yamlfile
+from exmesh_graph.graph.language.parsed import remembered
+from exmesh_graph.graph.language.yamlfile import Map, load_yaml, parse_yaml
+from exmesh_graph.graph.problems import GraphErrors
+
+TEXT = """
+name: x   # a comment
+params: &p {a: 1, b: 2.5, c: null, d: [1, {e: true}, []], f: "1", 7: seven, g: -0.0, h: 1e-3}
+nodes:
+  one: {type: t,
+        value: "@a.b"}
+  two: {<<: *p, a: 3}
+"""
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(parsed, "SHORT", 0)
+    yield
+    current().part(yamlfile.Reader).read = parse_yaml
+
+
+def told(value: Any) -> Any:
+    """A tree with the types, order, files and lines of everything."""
+    if isinstance(value, Map):
+        return ("map", value.where, [(k, type(k), value.lines[k], told(v)) for k, v in value.items()])
+    if isinstance(value, list):
+        return [told(item) for item in value]
+    return type(value), repr(value)
+
+
+def refuse(text: str, file: Path | None) -> Any:
+    pytest.fail("parsed again")
+
+
+def memo_in(tmp_path: Path) -> Memo:
+    return Memo(tmp_path / "graphs.json", tmp_path / "work")
+
+
+def test_the_same_tree_with_the_same_lines(tmp_path: Path) -> None:
+    memo = memo_in(tmp_path)
+    first = remembered(memo, parse_yaml)(TEXT, Path("a.yaml"))
+    memo.save()
+    for name in ("a.yaml", "b.yaml"):
+        again = remembered(memo_in(tmp_path), refuse)(TEXT, Path(name))
+        assert told(again) == told(parse_yaml(TEXT, Path(name)))
+    assert told(first) == told(parse_yaml(TEXT, Path("a.yaml")))
+
+
+def test_another_text_is_another_tree(tmp_path: Path) -> None:
+    memo = memo_in(tmp_path)
+    read = remembered(memo, parse_yaml)
+    read(TEXT, None)
+    assert read(TEXT.replace("2.5", "2.6"), None)["params"]["b"] == 2.6
+    with pytest.raises(GraphErrors, match="given twice"):
+        read(TEXT + "name: y\n", None)
+    with pytest.raises(GraphErrors, match="given twice"):
+        read(TEXT + "name: y\n", None)
+
+
+def test_what_json_cannot_hold_is_parsed_again(tmp_path: Path) -> None:
+    memo = memo_in(tmp_path)
+    for text in ("a: [1, .inf]", "a: {b: .nan}"):
+        remembered(memo, parse_yaml)(text, None)
+    memo.save()
+    assert memo.known == {}
+
+
+def test_few_are_kept_and_spoilt_ones_are_forgotten(tmp_path: Path) -> None:
+    memo = memo_in(tmp_path)
+    for number in range(parsed.MOST + 3):
+        remembered(memo, parse_yaml)(TEXT + f"# {number}", None)
+    assert len(memo.known) == parsed.MOST
+    memo.save()
+    memo.path.write_text(memo.path.read_text().replace("seven", "eight"))
+    again = remembered(memo_in(tmp_path), parse_yaml)(TEXT + f"# {number}", None)
+    assert again["params"][7] == "seven"
+
+
+def test_load_yaml_uses_it(tmp_path: Path) -> None:
+    path = tmp_path / "g.yaml"
+    path.write_text(TEXT)
+    memo = memo_in(tmp_path)
+    current().part(yamlfile.Reader).read = remembered(memo, parse_yaml)
+    first = load_yaml(path)
+    current().part(yamlfile.Reader).read = remembered(memo, refuse)
+    assert told(load_yaml(path)) == told(first)
