@@ -24,7 +24,7 @@ import numpy as np
 from exmesh_graph.geometry.adjacency import components, face_areas
 from exmesh_graph.geometry.shapes import icosphere, torus
 from exmesh_graph.uv.flatten import flat_corners, stretches
-from exmesh_graph.uv.params import DiscSettings, XatlasSettings
+from exmesh_graph.uv.settings import DiscSettings, XatlasSettings
 from exmesh_graph.uv.unwrap import unwrap
 
 NOISE = 0.15  # standard deviation, in mean edge lengths, of every coordinate

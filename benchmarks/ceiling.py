@@ -21,7 +21,7 @@ import torch
 from benchmarks.blender import SCENE, true_asset
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
-from exmesh_graph.evaluate.params import Quality
+from exmesh_graph.evaluate.settings import Quality
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.stage2 import render

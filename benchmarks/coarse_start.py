@@ -26,7 +26,7 @@ from benchmarks.coarse_work import Surface, fitted, fused, hull, load_case, mono
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.evaluate.metrics.rephotography import Rephotographs, prediction_psnr, rephotograph
 from exmesh_graph.geometry.clean import clean_mesh
-from exmesh_graph.geometry.params import CleanSettings
+from exmesh_graph.geometry.settings import CleanSettings
 from exmesh_graph.io.images import encode_rgba, write_image
 from exmesh_graph.types import DepthMaps
 

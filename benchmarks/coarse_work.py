@@ -12,14 +12,14 @@ import torch
 from exmesh_graph.geometry.carve import CLEAR, carve
 from exmesh_graph.geometry.clean import largest_components, taubin
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
-from exmesh_graph.geometry.params import TsdfSettings
+from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.depth import load_depths
 from exmesh_graph.io.idr import load_idr
 from exmesh_graph.io.middlebury import load_middlebury
-from exmesh_graph.io.params import BlenderOptions, DepthOptions, IdrOptions, MiddleburyOptions
+from exmesh_graph.io.settings import BlenderOptions, DepthOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.priors.align import align
 from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.priors.plane_sweep import plane_sweep

@@ -27,7 +27,7 @@ from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.idr import load_idr
 from exmesh_graph.io.middlebury import load_middlebury
-from exmesh_graph.io.params import BlenderOptions, IdrOptions, MiddleburyOptions
+from exmesh_graph.io.settings import BlenderOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.raster import rasterize
 from exmesh_graph.types import Frame, SceneTruth, Views
 

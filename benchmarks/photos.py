@@ -26,7 +26,7 @@ from exmesh_graph.io.idr import list_idr
 from exmesh_graph.io.mapping import Way
 from exmesh_graph.io.middlebury import list_middlebury
 from exmesh_graph.io.motion import Motion, find_motion
-from exmesh_graph.io.params import IdrOptions, MiddleburyOptions, MotionSettings
+from exmesh_graph.io.settings import IdrOptions, MiddleburyOptions, MotionSettings
 from exmesh_graph.io.shots import Shot
 
 

@@ -30,7 +30,7 @@ from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.io.blender import load_blender
-from exmesh_graph.io.params import BlenderOptions
+from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.types import Mesh, PointCloud, Views
 
 SAMPLE = Path(__file__).parents[1] / "graphs" / "samples" / "spot"

@@ -11,7 +11,7 @@ import torch
 
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.merge import merge
-from exmesh_graph.geometry.params import MergeSettings, SplitSettings
+from exmesh_graph.geometry.settings import MergeSettings, SplitSettings
 from exmesh_graph.geometry.shapes import grid, torus
 from exmesh_graph.geometry.split import split
 from exmesh_graph.losses import d_ssim

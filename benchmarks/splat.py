@@ -22,7 +22,7 @@ import torch
 
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius
 from exmesh_graph.io.blender import load_blender
-from exmesh_graph.io.params import BlenderOptions
+from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.raster import rasterize
 from exmesh_graph.splat.depths import depth_maps
 from exmesh_graph.splat.gaussians import Gaussians

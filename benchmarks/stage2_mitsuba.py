@@ -33,7 +33,7 @@ from benchmarks import light_mitsuba
 from benchmarks.stage2 import QUICK, Quiet, assignment, true_carrier
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.asset import score_asset
-from exmesh_graph.evaluate.params import Quality
+from exmesh_graph.evaluate.settings import Quality
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.settings import BounceSettings, TransportSettings
 from exmesh_graph.stage2.fit import fit

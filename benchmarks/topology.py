@@ -24,15 +24,15 @@ from benchmarks.mesh_quality import mesh_quality
 from exmesh_graph.geometry.adjacency import without_unused
 from exmesh_graph.geometry.flip import flip
 from exmesh_graph.geometry.merge import merge
-from exmesh_graph.geometry.params import FlipSettings, MergeSettings, SplitSettings
 from exmesh_graph.geometry.relax import relax
+from exmesh_graph.geometry.settings import FlipSettings, MergeSettings, SplitSettings
 from exmesh_graph.geometry.split import plan_splits, split, subdivide
 from exmesh_graph.geometry.topology import Topology
 from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1.regularise import smoother, smoothness
 from exmesh_graph.uv.maintain import check_atlas, refill
-from exmesh_graph.uv.params import DiscSettings
 from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.settings import DiscSettings
 from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
 from exmesh_graph.uv.unwrap import unwrap
 

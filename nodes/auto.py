@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.geometry.params import CleanSettings, HullSettings
+from exmesh_graph.geometry.settings import CleanSettings, HullSettings
 from exmesh_graph.gpu.settings import DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param

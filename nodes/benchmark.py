@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from exmesh_graph.evaluate.params import OrbParams, SpeedParams, Synthetic4RelightParams, lpips_weights
+from exmesh_graph.evaluate.settings import OrbParams, SpeedParams, Synthetic4RelightParams, lpips_weights
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, ScoredViews, Views

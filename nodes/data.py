@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, facets, node
-from exmesh_graph.io.params import (
+from exmesh_graph.io.settings import (
     BlenderOptions,
     DepthOptions,
     IdrOptions,

@@ -5,7 +5,7 @@ from math import pi
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from exmesh_graph.edit.params import EditParams
+from exmesh_graph.edit.settings import EditParams
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, EnvMap, Frame, Gallery, Transport, Views

@@ -2,7 +2,7 @@
 
 from typing import Annotated, NamedTuple
 
-from exmesh_graph.evaluate.params import AssetParams, Stage1Params, lpips_weights
+from exmesh_graph.evaluate.settings import AssetParams, Stage1Params, lpips_weights
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, SceneTruth, ScoredViews, Views

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.export.params import ExportSettings, FileSettings
+from exmesh_graph.export.settings import ExportSettings, FileSettings
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Frame, GltfAsset, Metrics, ObjAsset, UsdAsset, Views

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.geometry.params import CleanSettings, HullSettings, TsdfSettings
+from exmesh_graph.geometry.settings import CleanSettings, HullSettings, TsdfSettings
 from exmesh_graph.gpu.settings import DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param

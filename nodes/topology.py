@@ -2,7 +2,7 @@
 
 from typing import Annotated, NamedTuple
 
-from exmesh_graph.geometry.params import FlipSettings, MergeSettings, SplitSettings, UntangleSettings
+from exmesh_graph.geometry.settings import FlipSettings, MergeSettings, SplitSettings, UntangleSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Stage1State, Views

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, Mesh, Stage1State
-from exmesh_graph.uv.params import DiscSettings, XatlasSettings
+from exmesh_graph.uv.settings import DiscSettings, XatlasSettings
 
 
 class NewTexture(Params):

@@ -54,7 +54,7 @@ def fuzz() -> Reached:
         is_winding_consistent,
     )
     from exmesh_graph.geometry.merge import merge
-    from exmesh_graph.geometry.params import MergeSettings
+    from exmesh_graph.geometry.settings import MergeSettings
     from exmesh_graph.geometry.split import split
     from exmesh_graph.types.edges import is_closed, is_edge_manifold
     from exmesh_graph.uv.unwrap import unwrap
@@ -132,7 +132,7 @@ def first_step() -> Reached:
 @row("mesh", "fusion of exact depth from 20 views of a ball", "open edges, handles and pieces too many", high=0)
 def fused_ball() -> Reached:
     from exmesh_graph.geometry.adjacency import boundary_edges, components, euler_characteristic
-    from exmesh_graph.geometry.params import TsdfSettings
+    from exmesh_graph.geometry.settings import TsdfSettings
     from exmesh_graph.geometry.tsdf import fuse
     from exmesh_graph.raster import rasterize
     from exmesh_graph.testing import look_at

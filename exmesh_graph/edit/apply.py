@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.edit.params import EditParams
+from exmesh_graph.edit.settings import EditParams
 from exmesh_graph.edit.texels import TexelSurface, ball_region, decal, edited, mask_region, texel_surface
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import read_mask, read_photo

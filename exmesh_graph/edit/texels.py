@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exmesh_graph.edit.params import Channel, Operation
+from exmesh_graph.edit.settings import Channel, Operation
 from exmesh_graph.errors import DataError
 from exmesh_graph.types import Asset
 from exmesh_graph.uv.raster import rasterize_atlas

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from exmesh_graph.evaluate.metrics.material import albedo_psnr, albedo_scale, roughness_mse
-from exmesh_graph.evaluate.params import Quality, ScaleRule
 from exmesh_graph.evaluate.renders import (
     GRAY_ALBEDO,
     GRAY_ROUGHNESS,
@@ -27,6 +26,7 @@ from exmesh_graph.evaluate.renders import (
     take,
 )
 from exmesh_graph.evaluate.scores import Pictures, compare, headline_figure, held_out_pairs, pairs_for_pictures
+from exmesh_graph.evaluate.settings import Quality, ScaleRule
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import display
 from exmesh_graph.io.shots import spread

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph.evaluate.params import Quality
+from exmesh_graph.evaluate.settings import Quality
 from exmesh_graph.io.images import display
 from exmesh_graph.types import Asset, SceneTruth, Transport, Views
 

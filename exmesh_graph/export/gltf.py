@@ -21,7 +21,7 @@ from exmesh_graph.export.content import MeshContent, Placement, mesh_content, me
 from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.inputs import check_asset, check_name
 from exmesh_graph.export.maps import prepare_maps, write_map
-from exmesh_graph.export.params import FileSettings
+from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.types import Asset, Frame
 from exmesh_graph.version import __version__
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.export.params import MapSettings
+from exmesh_graph.export.settings import MapSettings
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import read_raw, write_codes, write_image
 from exmesh_graph.types import Asset

@@ -15,7 +15,7 @@ from exmesh_graph.export.content import mesh_content, mesh_report, place
 from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.inputs import check_asset, check_name
 from exmesh_graph.export.maps import prepare_maps, write_map
-from exmesh_graph.export.params import FileSettings
+from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.types import Asset, Frame
 
 _STATEMENTS = {"base_color": "map_Kd", "roughness": "map_Pr", "metallic": "map_Pm", "normal": "norm"}

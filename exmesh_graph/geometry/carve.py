@@ -11,7 +11,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.hull import Grid, SilhouetteField, occupied_box, surface
-from exmesh_graph.geometry.params import TsdfSettings
+from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.types import DepthMaps, Views
 
 CLEAR = 1.0

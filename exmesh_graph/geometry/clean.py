@@ -14,9 +14,9 @@ from scipy.sparse.csgraph import connected_components
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import corner_fans, face_areas, signed_volume, without_unused
-from exmesh_graph.geometry.params import CleanSettings
 from exmesh_graph.geometry.remesh import remesh
 from exmesh_graph.geometry.repair import fill_holes, make_manifold
+from exmesh_graph.geometry.settings import CleanSettings
 from exmesh_graph.native import import_open3d, import_pymeshlab
 from exmesh_graph.types.edges import edges_of
 

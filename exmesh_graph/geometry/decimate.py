@@ -14,7 +14,7 @@ import numpy as np
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import area_vectors, incident_faces, lengths, next_halfedge
 from exmesh_graph.geometry.merge import Collapses, apply_merges, collapse_ends, shape_is_kept
-from exmesh_graph.geometry.params import MergeSettings
+from exmesh_graph.geometry.settings import MergeSettings
 from exmesh_graph.geometry.topology import Topology, VertexMap, greedy_disjoint, link_condition, ranges
 from exmesh_graph.types.edges import edges_of
 

@@ -16,7 +16,7 @@ from exmesh_graph.geometry.adjacency import (
     signed_areas_2d,
     vertex_degrees,
 )
-from exmesh_graph.geometry.params import FlipSettings
+from exmesh_graph.geometry.settings import FlipSettings
 from exmesh_graph.geometry.topology import Topology, VertexMap, degeneracy, greedy_disjoint
 from exmesh_graph.types.edges import edges_of
 

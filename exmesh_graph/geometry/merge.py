@@ -22,7 +22,7 @@ from exmesh_graph.geometry.adjacency import (
     signed_areas_2d,
     vertex_degrees,
 )
-from exmesh_graph.geometry.params import MergeSettings
+from exmesh_graph.geometry.settings import MergeSettings
 from exmesh_graph.geometry.topology import (
     Step,
     Topology,

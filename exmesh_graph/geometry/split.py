@@ -18,7 +18,7 @@ from exmesh_graph.geometry.adjacency import (
     opposite_halfedges,
     vertex_degrees,
 )
-from exmesh_graph.geometry.params import SplitSettings
+from exmesh_graph.geometry.settings import SplitSettings
 from exmesh_graph.geometry.topology import (
     Step,
     Topology,

@@ -6,7 +6,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.clean import weld
-from exmesh_graph.geometry.params import TsdfSettings
+from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.native import import_open3d
 from exmesh_graph.types import DepthMaps, Views
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from exmesh_graph.geometry.params import UntangleSettings
+from exmesh_graph.geometry.settings import UntangleSettings
 from exmesh_graph.geometry.topology import ranges
 from exmesh_graph.types.edges import edges_of
 

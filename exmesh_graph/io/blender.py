@@ -17,7 +17,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import opencv_from_blender
-from exmesh_graph.io.params import BlenderOptions
+from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
 from exmesh_graph.io.truth_files import truth_files
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.params import UpAxis
+from exmesh_graph.io.settings import UpAxis
 
 # Rows: the Y-up scene's x, y, z as combinations of the data set's axes. "z" is (x, y, z) -> (x, z, -y).
 _SCENE_FROM_DATASET: dict[str, list[list[int]]] = {

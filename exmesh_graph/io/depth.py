@@ -9,7 +9,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import check_finite, read_raw
-from exmesh_graph.io.params import DepthOptions
+from exmesh_graph.io.settings import DepthOptions
 from exmesh_graph.types import DepthMaps, Frame, Views
 
 ENDINGS = (".exr", ".npy", ".png")

@@ -14,7 +14,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import camera_to_world_from_rt, decompose_projection
-from exmesh_graph.io.params import IdrOptions
+from exmesh_graph.io.settings import IdrOptions
 from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
 
 if TYPE_CHECKING:

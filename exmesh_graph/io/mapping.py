@@ -18,7 +18,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from exmesh_graph.io.params import Way
+from exmesh_graph.io.settings import Way
 
 SEEN_BY = 3  # pictures that must see a point
 _TIES = 10

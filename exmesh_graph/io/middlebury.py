@@ -12,7 +12,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import camera_to_world_from_rt
-from exmesh_graph.io.params import MiddleburyOptions
+from exmesh_graph.io.settings import MiddleburyOptions
 from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import picture_size, write_image
 from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.normalise import some
-from exmesh_graph.io.params import MotionSettings
+from exmesh_graph.io.settings import MotionSettings
 from exmesh_graph.native import import_pycolmap
 
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}

@@ -17,7 +17,7 @@ from exmesh_graph.io.cameras import rotation_to_y, scene_from_dataset
 from exmesh_graph.io.images import picture_size, read_mask, read_photo
 from exmesh_graph.io.motion import Motion, find_motion
 from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
-from exmesh_graph.io.params import PhotosOptions
+from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names
 from exmesh_graph.io.undistort import pinhole
 from exmesh_graph.types import PointCloud

@@ -18,7 +18,7 @@ from exmesh_graph.io.normalise import (
     sphere_from_cameras,
     sphere_from_masks,
 )
-from exmesh_graph.io.params import UpAxis
+from exmesh_graph.io.settings import UpAxis
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.types import Frame, SceneTruth, Views
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.blender import read_frame, read_frames, read_json
-from exmesh_graph.io.params import OrbOptions
+from exmesh_graph.io.settings import OrbOptions
 from exmesh_graph.io.shots import Shot, need_folder, relative_names, shot_files, spread
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.blender import blender_files, list_blender
-from exmesh_graph.io.params import BlenderOptions, Synthetic4RelightOptions
+from exmesh_graph.io.settings import BlenderOptions, Synthetic4RelightOptions
 from exmesh_graph.io.truth_files import MAP_FOLDERS, relit_light, relit_pictures
 
 if TYPE_CHECKING:

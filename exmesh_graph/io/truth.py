@@ -14,7 +14,7 @@ from exmesh_graph.io.images import read_image, read_photo
 from exmesh_graph.io.load import downscale_area
 from exmesh_graph.io.meshes import read_mesh
 from exmesh_graph.io.normalise import points_to_normalised
-from exmesh_graph.io.params import UpAxis
+from exmesh_graph.io.settings import UpAxis
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.truth_files import LIGHTS, MAP_FOLDERS, MESHES, first_of, relit_light, relit_pictures, test_maps
 from exmesh_graph.types import Frame, SceneTruth

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.params import UpAxis
+from exmesh_graph.io.settings import UpAxis
 from exmesh_graph.io.shots import Shot
 
 MESHES = ("mesh/mesh.obj", "mesh/mesh.ply", "mesh.obj", "mesh.ply")

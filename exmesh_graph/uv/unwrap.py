@@ -17,7 +17,7 @@ from exmesh_graph.uv.cut import cut_open, defects
 from exmesh_graph.uv.layout import lay_out
 from exmesh_graph.uv.mend import adopt, mend
 from exmesh_graph.uv.pack import pack
-from exmesh_graph.uv.params import AtlasSettings, DiscSettings, XatlasSettings
+from exmesh_graph.uv.settings import AtlasSettings, DiscSettings, XatlasSettings
 from exmesh_graph.uv.transfer import transfer_texture
 
 

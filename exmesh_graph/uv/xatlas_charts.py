@@ -9,7 +9,7 @@ from io import BytesIO
 
 import numpy as np
 
-from exmesh_graph.uv.params import XatlasSettings
+from exmesh_graph.uv.settings import XatlasSettings
 
 _RESOLUTION = 1024  # of xatlas's own packing, which is thrown away: charts do not depend on the texture's size
 _CHILD = "import sys; sys.path[:] = {path!r}; from exmesh_graph.uv.xatlas_charts import _serve; _serve()"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from exmesh_graph.edit.apply import apply_edit
 from exmesh_graph.edit.cameras import orbit
-from exmesh_graph.edit.params import EditParams
+from exmesh_graph.edit.settings import EditParams
 from exmesh_graph.edit.texels import decal, texel_surface
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import write_image

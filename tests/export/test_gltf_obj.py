@@ -15,7 +15,7 @@ from exmesh_graph.errors import DataError, ExmeshError
 from exmesh_graph.export.gltf import read_glb, write_gltf
 from exmesh_graph.export.gltf_compact import compact_glb
 from exmesh_graph.export.obj import write_textured_obj
-from exmesh_graph.export.params import FileSettings
+from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.geometry.tangents import corner_tangents
 from exmesh_graph.io.images import read_raw
 from exmesh_graph.types import Frame

@@ -8,7 +8,7 @@ from exmesh_graph.geometry import clean
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import clean_mesh, inspect, outward, require_sound, weld
 from exmesh_graph.geometry.hull import Grid, surface
-from exmesh_graph.geometry.params import CleanSettings
+from exmesh_graph.geometry.settings import CleanSettings
 
 METHODS = ["builtin", "pymeshlab", "open3d"]
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

@@ -12,7 +12,7 @@ from topology_meshes import SHAPES, canonical, check_topology, meshes, same_shar
 from benchmarks.mesh_quality import mesh_quality
 from exmesh_graph.geometry.adjacency import boundary_edges
 from exmesh_graph.geometry.flip import flip
-from exmesh_graph.geometry.params import FlipSettings
+from exmesh_graph.geometry.settings import FlipSettings
 from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.geometry.split import split
 

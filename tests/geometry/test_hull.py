@@ -187,7 +187,7 @@ def test_taubin_smooths_without_shrinking():
 def test_sample_scene_hull_is_close_to_the_true_mesh():
     from exmesh_graph.evaluate.metrics.mesh import chamfer
     from exmesh_graph.io.blender import load_blender
-    from exmesh_graph.io.params import BlenderOptions
+    from exmesh_graph.io.settings import BlenderOptions
 
     scene = load_blender(SAMPLE, BlenderOptions())
     views, truth = scene.train, scene.truth

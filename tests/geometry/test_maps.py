@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exmesh_graph.geometry.merge import merge
-from exmesh_graph.geometry.params import MergeSettings, SplitSettings
+from exmesh_graph.geometry.settings import MergeSettings, SplitSettings
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.split import split, subdivide
 from exmesh_graph.geometry.topology import Step, VertexMap

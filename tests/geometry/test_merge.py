@@ -13,7 +13,7 @@ from topology_reference import merge_round
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import area_vectors, signed_volume
 from exmesh_graph.geometry.merge import apply_merges, merge, plan_merges
-from exmesh_graph.geometry.params import MergeSettings
+from exmesh_graph.geometry.settings import MergeSettings
 from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.geometry.split import split
 from exmesh_graph.geometry.topology import Topology, VertexMap, degeneracy

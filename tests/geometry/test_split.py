@@ -14,7 +14,7 @@ from topology_reference import curvature, split_round
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas, signed_volume
-from exmesh_graph.geometry.params import SplitSettings
+from exmesh_graph.geometry.settings import SplitSettings
 from exmesh_graph.geometry.shapes import grid, icosphere
 from exmesh_graph.geometry.split import apply_splits, face_curvature, plan_splits, split
 from exmesh_graph.geometry.topology import Topology, VertexMap

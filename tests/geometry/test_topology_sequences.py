@@ -10,8 +10,8 @@ from topology_meshes import check_topology, meshes, unwrapped, uv_areas
 
 from exmesh_graph.geometry.flip import flip
 from exmesh_graph.geometry.merge import merge
-from exmesh_graph.geometry.params import FlipSettings, MergeSettings, SplitSettings
 from exmesh_graph.geometry.relax import relax
+from exmesh_graph.geometry.settings import FlipSettings, MergeSettings, SplitSettings
 from exmesh_graph.geometry.split import split, subdivide
 from exmesh_graph.geometry.topology import Topology, VertexMap
 from exmesh_graph.types.edges import edges_of

@@ -9,7 +9,7 @@ import pytest
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import clean_mesh, inspect
-from exmesh_graph.geometry.params import CleanSettings, TsdfSettings
+from exmesh_graph.geometry.settings import CleanSettings, TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.types import DepthMaps, Views
 
@@ -121,7 +121,7 @@ def test_sample_mesh_from_ray_cast_depth():
 
     from exmesh_graph.evaluate.metrics.mesh import chamfer
     from exmesh_graph.io.blender import load_blender
-    from exmesh_graph.io.params import BlenderOptions
+    from exmesh_graph.io.settings import BlenderOptions
 
     scene = load_blender(SAMPLE, BlenderOptions(downscale=2))
     views, truth = scene.train, scene.truth

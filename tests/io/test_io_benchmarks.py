@@ -15,7 +15,7 @@ from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.io.images import encode_rgba, write_image
 from exmesh_graph.io.meshes import write_obj
 from exmesh_graph.io.normalise import frame_scale
-from exmesh_graph.io.params import Synthetic4RelightOptions
+from exmesh_graph.io.settings import Synthetic4RelightOptions
 from exmesh_graph.io.stanford_orb import load_orb, world_from_panorama
 from exmesh_graph.io.synthetic4relight import load_synthetic4relight
 from exmesh_graph.testing import FakeContext

@@ -7,7 +7,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.io.depth import depth_file, depth_files, load_depths, read_depth
 from exmesh_graph.io.images import write_image
 from exmesh_graph.io.normalise import make_frame
-from exmesh_graph.io.params import DepthOptions
+from exmesh_graph.io.settings import DepthOptions
 from exmesh_graph.types import Views
 
 H, W = 4, 6

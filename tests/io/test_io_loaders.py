@@ -17,7 +17,7 @@ from exmesh_graph.io.load import downscale_area
 from exmesh_graph.io.meshes import write_ply
 from exmesh_graph.io.middlebury import load_middlebury
 from exmesh_graph.io.normalise import FILL, bounding_sphere, nearest_point
-from exmesh_graph.io.params import BlenderOptions, IdrOptions, MiddleburyOptions
+from exmesh_graph.io.settings import BlenderOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.io.shots import hold_out, spread
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"

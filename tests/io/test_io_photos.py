@@ -11,8 +11,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from benchmarks.photos import differences
 from exmesh_graph.errors import DataError, MissingLibraryError
 from exmesh_graph.io.images import Photo, write_image
-from exmesh_graph.io.params import PhotosOptions
 from exmesh_graph.io.photos import list_photos, load_photos, object_sphere
+from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.undistort import pinhole, resampled
 from exmesh_graph.testing import FakeContext
 from tests.io.io_scenes import look_at

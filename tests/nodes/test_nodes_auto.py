@@ -11,7 +11,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.metrics import rephotography
 from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction
 from exmesh_graph.io.blender import load_blender
-from exmesh_graph.io.params import BlenderOptions
+from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.report.decisions import decision_tables
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, PointCloud

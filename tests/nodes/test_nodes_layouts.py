@@ -11,7 +11,7 @@ from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.io.idr import load_idr
 from exmesh_graph.io.meshes import read_mesh
 from exmesh_graph.io.normalise import frame_scale, points_to_normalised
-from exmesh_graph.io.params import OrbOptions
+from exmesh_graph.io.settings import OrbOptions
 from exmesh_graph.io.stanford_orb import load_orb
 from exmesh_graph.io.synthetic4relight import load_synthetic4relight
 

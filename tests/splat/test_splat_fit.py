@@ -13,7 +13,7 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.hull import SilhouetteField
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.normalise import make_frame
-from exmesh_graph.io.params import BlenderOptions
+from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.splat import runtime
 from exmesh_graph.splat.density import Density, control, reset_opacity
 from exmesh_graph.splat.fit import fit

@@ -10,8 +10,8 @@ import pytest
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.uv.params import DiscSettings
 from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.settings import DiscSettings
 from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
 from exmesh_graph.uv.unwrap import regenerate, unwrap
 

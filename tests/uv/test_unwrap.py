@@ -9,8 +9,8 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import components, face_areas
 from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
 from exmesh_graph.uv.maintain import check_atlas
-from exmesh_graph.uv.params import DiscSettings
 from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.settings import DiscSettings
 from exmesh_graph.uv.unwrap import unwrap
 
 

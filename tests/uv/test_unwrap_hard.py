@@ -16,7 +16,7 @@ from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh
 from exmesh_graph.uv import xatlas_charts as guarded
 from exmesh_graph.uv.maintain import check_atlas
-from exmesh_graph.uv.params import DiscSettings, XatlasSettings
+from exmesh_graph.uv.settings import DiscSettings, XatlasSettings
 from exmesh_graph.uv.unwrap import unwrap
 
 SIZE = 1024

@@ -16,7 +16,7 @@ import numpy as np
 
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.evaluate.metrics.image import mse, psnr
-from exmesh_graph.evaluate.params import ScaleRule
+from exmesh_graph.evaluate.settings import ScaleRule
 from exmesh_graph.io.color import linear_to_srgb
 
 #: Who publishes a rule; ratios are truth / max(estimate, 1e-6), linear, over pixels with alpha > 0.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import NumericsError
-from exmesh_graph.evaluate.params import SpeedParams
+from exmesh_graph.evaluate.settings import SpeedParams
 from exmesh_graph.types import Asset, Views
 
 

@@ -31,9 +31,9 @@ from scipy.spatial import cKDTree
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.evaluate.metrics.image import ssim_map
 from exmesh_graph.evaluate.metrics.lpips import Lpips
-from exmesh_graph.evaluate.params import OrbParams
 from exmesh_graph.evaluate.renders import Progress, Steps
 from exmesh_graph.evaluate.scores import benchmark_row, points_to_dataset
+from exmesh_graph.evaluate.settings import OrbParams
 from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.normalise import frame_scale

@@ -8,9 +8,9 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.asset import AssetScores, score_asset
 from exmesh_graph.evaluate.metrics.lpips import Lpips
 from exmesh_graph.evaluate.metrics.material import albedo_table
-from exmesh_graph.evaluate.params import Synthetic4RelightParams
 from exmesh_graph.evaluate.renders import Progress
 from exmesh_graph.evaluate.scores import benchmark_row, compare
+from exmesh_graph.evaluate.settings import Synthetic4RelightParams
 from exmesh_graph.types import Asset, SceneTruth, Views
 
 

@@ -1,6 +1,6 @@
 """USD: writing an asset, judging any file, reading it back."""
 
-from exmesh_graph.export.params import ExportSettings
+from exmesh_graph.export.settings import ExportSettings
 from exmesh_graph.export.usd.gate import validate_usd
 from exmesh_graph.export.usd.problem import Problem
 from exmesh_graph.export.usd.read import UsdContents, read_usd, up_axis

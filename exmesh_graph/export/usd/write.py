@@ -25,7 +25,7 @@ from exmesh_graph.export.content import LODS, AssetContent, camera_contents, mes
 from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.inputs import check_asset, check_name, check_views, clipped
 from exmesh_graph.export.maps import prepare_maps, to_codes, write_environment, write_map
-from exmesh_graph.export.params import ExportSettings
+from exmesh_graph.export.settings import ExportSettings
 from exmesh_graph.export.usd.gate import validate_usd
 from exmesh_graph.export.usd.layers import (
     author_flat,
