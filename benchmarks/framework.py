@@ -33,7 +33,7 @@ from exmesh_graph.graph.files import sha256_file
 from exmesh_graph.graph.language.check import check_file
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from tests.test_architecture import BUDGET, framework_size
 
 ENGINES = ("inline", "local")
@@ -152,7 +152,7 @@ def lower(row: dict[str, Any], name: str, value: float) -> None:
 def run_here(graph: Path, store: Path, runs: Path, packs: Packs, backend: str = "inline") -> dict[str, Any]:
     """The record of a run on a backend."""
     opened, place = Store(store), RunFolder(runs, "large")
-    work = Run(check_file(graph, [], packs), opened, place, lambda event: None, backend=engine(backend, opened))
+    work = Runner(check_file(graph, [], packs), opened, place, lambda event: None, backend=engine(backend, opened))
     try:
         return work.run()
     finally:

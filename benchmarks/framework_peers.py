@@ -42,7 +42,7 @@ def ours(folder: Path, width: int, backend: str = "inline") -> dict[str, Any]:
     from exmesh_graph.graph.declare.packs import load_packs
     from exmesh_graph.graph.language.check import check_file
     from exmesh_graph.graph.run.rundir import RunFolder
-    from exmesh_graph.graph.run.runner import Run
+    from exmesh_graph.graph.run.runner import Runner
 
     lines = []
     for name, kind, above in dag(width):
@@ -60,7 +60,7 @@ def ours(folder: Path, width: int, backend: str = "inline") -> dict[str, Any]:
     built = time.perf_counter()
     store = Store(folder / "store")
     place = RunFolder(folder / "runs", "dag")
-    record = Run(checked, store, place, lambda event: None, backend=engine(backend, store)).run()
+    record = Runner(checked, store, place, lambda event: None, backend=engine(backend, store)).run()
     done = time.perf_counter()
     stored = record["nodes"][-1]["outputs"]["number"]
     value = json.loads((store.data(stored["digest"]) / "number.json").read_text())["value"]

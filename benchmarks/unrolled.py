@@ -102,13 +102,13 @@ def run(
     from exmesh_graph.api.runs import backend_of
     from exmesh_graph.graph.cache.store import Store
     from exmesh_graph.graph.run.rundir import RunFolder
-    from exmesh_graph.graph.run.runner import Run
+    from exmesh_graph.graph.run.runner import Runner
 
     opened, runs, events = Store(folder / store), RunFolder(folder / "runs", "unrolled"), []
     force = {"start"} if workers is None else set()  # a warm worker, as after the preparations
     try:
         backend = backend_of(workers, opened)
-        work = Run(graph, opened, runs, events.append, backend=backend, targets=targets, force=force)
+        work = Runner(graph, opened, runs, events.append, backend=backend, targets=targets, force=force)
         record = work.run()
     finally:
         runs.close()

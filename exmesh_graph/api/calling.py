@@ -17,7 +17,7 @@ from exmesh_graph.graph.declare.components import BoundComponent, Component
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, signature, type_name
 from exmesh_graph.graph.language.check import Bound, check_part
-from exmesh_graph.graph.language.expand import Graph, NodeSpec
+from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, fail
@@ -169,8 +169,8 @@ def _made(what: str, plug: Plug[Any], packs: Packs, where: Place, problems: Prob
     return model if isinstance(model, Component) else None
 
 
-def _alone(spec: NodeSpec) -> Graph:
-    return Graph(spec.name, Path.cwd(), {spec.name: spec}, {}, {})
+def _alone(spec: NodeSpec) -> Unrolled:
+    return Unrolled(spec.name, Path.cwd(), {spec.name: spec}, {}, {})
 
 
 def _folder(given: str | os.PathLike[str] | None) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.graph.language.check import check_part
-from exmesh_graph.graph.language.expand import Graph, NodeSpec
+from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
@@ -42,7 +42,7 @@ def judge(scope: NodeScope, name: str) -> Problems:
             continue
         fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
     specs[name] = NodeSpec(name, kind, fields, entry.where, 0)
-    return check_part(Graph(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)[1]
+    return check_part(Unrolled(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)[1]
 
 
 def declared(kind: Any, packs: Packs, where: Where) -> NodeDef:

@@ -31,9 +31,7 @@ Settings = Mapping[str, Any] | Iterable[str] | None
 Folder = str | os.PathLike[str] | None
 
 
-def checked_graph(
-    graph: Source, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
-) -> Checked:
+def checked_graph(graph: Source, set: Settings = None, variant: str | None = None, **params: Any) -> Checked:
     """A graph, or one of its variants, without faults; else GraphErrors tells all of them."""
     place, sets = here(), texts_of(set, params)
     with _placed(place, graph):
@@ -62,8 +60,7 @@ def check(
 
 
 def checked_variants(
-    graph: Source, set: Settings = None, store: Folder = None, *, only: Iterable[str] | None = None,
-    repeats: bool = True, **params: Any,
+    graph: Source, set: Settings = None, *, only: Iterable[str] | None = None, repeats: bool = True, **params: Any
 ) -> list[CheckedVariant]:  # fmt: skip
     """A graph and all variants that it declares, checked."""
     place, sets = here(), texts_of(set, params)

@@ -81,7 +81,7 @@ def run(
     holds what was done) when it is interrupted; the same call then goes on.
     """
     with using(session):
-        checked = checked_graph(graph, set, variant, store, **params)
+        checked = checked_graph(graph, set, variant, **params)
         offered = tokens_of(tokens)
         forced, targets = named(checked, force), named(checked, nodes)
         sets = texts_of(set, params)
@@ -130,7 +130,7 @@ def run_checked(
     """Run a checked graph in a new run folder; `words` and `only` of a command would run it again."""
     from exmesh_graph.graph.cache.store import writable
     from exmesh_graph.graph.run.rundir import RunFolder
-    from exmesh_graph.graph.run.runner import Run as Runner
+    from exmesh_graph.graph.run.runner import Runner
 
     for module, why in packs().broken.items():
         warnings.warn(f"the node module {module} cannot be imported: {why}", stacklevel=3)
@@ -225,7 +225,7 @@ def plan(
     from exmesh_graph.graph.run.plan import plan as steps_of
 
     with using(session):
-        checked = checked_graph(graph, set, variant, store, **params)
+        checked = checked_graph(graph, set, variant, **params)
         targets = checked.needed_for(named(checked, nodes)) if nodes else None
         opened = open_store(store, shared)
         return Plan(checked, opened, steps_of(checked, opened, targets))

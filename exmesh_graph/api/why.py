@@ -36,7 +36,7 @@ def why(
     graph: Source, node: str, *, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
 ) -> Why:
     """Why a node of a graph is a hit or must run. Raises GraphErrors."""
-    checked = checked_graph(graph, set, variant, store, **params)
+    checked = checked_graph(graph, set, variant, **params)
     (name,), opened = named(checked, [node]), open_store(store)
     steps = {step.name: step for step in plan(checked, opened, checked.needed_for([name]), reasons=False)}
     step, bound = steps[name], checked.nodes[name]

@@ -89,20 +89,22 @@ class _Mover:
         return result
 
     def _patches(self, value: Any) -> Any:
-        """Patches of variants: new nodes hold paths where others do, `set` where its target does."""
+        """Patches of variants: new nodes and sub-graphs hold paths where others do, `set` where its target does."""
         if isinstance(value, list):
             return [self._patches(item) for item in value]
         if not isinstance(value, Map):
             return value
+        if isinstance(value.get("type", value.get("graph")), str):
+            return self._entry(value, Map(value.where))
         result = value.copy()
         for key, item in value.items():
-            result[key] = self._entry(item, Map(item.where)) if isinstance(item, Map) and "type" in item else item
-            if isinstance(item, list | Map):
-                result[key] = self._patches(result[key])
-        if isinstance(value.get("set"), str) and "to" in value and self._sets_path(value["set"]):
+            result[key] = self._patches(item)
+        target = value.get("set")
+        if isinstance(target, Map):
+            for key in filter(self._sets_path, target):
+                result["set"][key] = self._value(target[key], target.lines[key].base)
+        elif isinstance(target, str) and "to" in value and self._sets_path(target):
             result["to"] = self._value(value["to"], value.lines["to"].base)
-        elif "type" in value:
-            result = self._entry(result, Map(value.where))
         return result
 
     def _sets_path(self, target: str) -> bool:

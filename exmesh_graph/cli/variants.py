@@ -65,7 +65,7 @@ def sweep(
     from exmesh_graph.cli.running import resumable, short_path, show_benchmarks
 
     if plan:
-        study = Study.of(graphs, set_ or [], only, node or (), store)
+        study = Study.of(graphs, set_ or [], only, node or ())
         typer.echo(str(study))
         for line in study.plan(open_store(store, shared)):
             typer.echo(line)

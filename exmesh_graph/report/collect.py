@@ -10,7 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.report.contents import Curve, Figure, GalleryModel, GalleryPicture, Node, Report
+from exmesh_graph.report.contents import Curve, GalleryModel, GalleryPicture, Report, ReportFigure, ReportNode
 
 _LIBRARIES = ("torch", "numpy", "warp-lang", "embreex", "xatlas", "open3d", "usd-core", "OpenImageIO")
 
@@ -21,8 +21,8 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
     edges = edges_between(record)
     spent = cumulative_seconds([(node.name, node.seconds) for node in nodes], edges)
     metrics: dict[str, dict[str, Any]] = {}
-    figures: list[Figure] = []
-    stages: list[Figure] = []
+    figures: list[ReportFigure] = []
+    stages: list[ReportFigure] = []
     curves: list[Curve] = []
     pictures: list[GalleryPicture] = []
     models: list[GalleryModel] = []
@@ -59,14 +59,14 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         versions=library_versions(),
     )
     report.headline.append(
-        Figure("Seconds, total", round(report.total_seconds, 1), "s", better="lower", node="all nodes")
+        ReportFigure("Seconds, total", round(report.total_seconds, 1), "s", better="lower", node="all nodes")
     )
     return report
 
 
-def _node(entry: Mapping[str, Any]) -> Node:
+def _node(entry: Mapping[str, Any]) -> ReportNode:
     outputs = (entry.get("outputs") or {}).values()
-    return Node(
+    return ReportNode(
         name=str(entry["name"]),
         type=str(entry.get("type") or ""),
         state=str(entry.get("state") or ""),
@@ -77,10 +77,10 @@ def _node(entry: Mapping[str, Any]) -> Node:
     )
 
 
-def _figures(entries: Any, node: str, after: float) -> Iterator[Figure]:
+def _figures(entries: Any, node: str, after: float) -> Iterator[ReportFigure]:
     """Entries {label, value, unit?, floor?, goal?, better?, series?, over?} of a headline or of stages."""
     for entry in entries or ():
-        yield Figure(
+        yield ReportFigure(
             label=str(entry["label"]),
             value=entry["value"],
             unit=str(entry.get("unit") or ""),
@@ -94,11 +94,11 @@ def _figures(entries: Any, node: str, after: float) -> Iterator[Figure]:
         )
 
 
-def _unique_labels(figures: list[Figure]) -> list[Figure]:
+def _unique_labels(figures: list[ReportFigure]) -> list[ReportFigure]:
     """Two nodes may report one measure: the label then names the node."""
     labels = [figure.label for figure in figures]
     return [
-        Figure(**{**figure.__dict__, "label": f"{figure.label} ({figure.node})"})
+        ReportFigure(**{**figure.__dict__, "label": f"{figure.label} ({figure.node})"})
         if labels.count(figure.label) > 1
         else figure
         for figure in figures

@@ -18,7 +18,7 @@ _STAGES = {
 
 
 @dataclass(frozen=True)
-class Node:
+class ReportNode:
     """One node of the run. `seconds` is the cost of its result, whether it ran now or came from the store."""
 
     name: str
@@ -31,7 +31,7 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Figure:
+class ReportFigure:
     """One headline figure. `floor` is the score of an uninformed guess, `goal` what was aimed at.
 
     `series` groups figures of one measure over stages; `after_seconds` the time spent until the scored value was there;
@@ -103,10 +103,10 @@ class Report:
     graph: str
     command: str
     wall_seconds: float | None
-    nodes: list[Node]
+    nodes: list[ReportNode]
     edges: list[tuple[str, str]]
-    headline: list[Figure]
-    stages: list[Figure]
+    headline: list[ReportFigure]
+    stages: list[ReportFigure]
     metrics: dict[str, dict[str, Any]]
     curves: list[Curve]
     pictures: list[GalleryPicture]
@@ -145,7 +145,7 @@ class Report:
         }
 
 
-def stage_costs(nodes: Sequence[Node]) -> list[dict[str, Any]]:
+def stage_costs(nodes: Sequence[ReportNode]) -> list[dict[str, Any]]:
     """[{stage, seconds, peak_memory, nodes}] in the order the stages begin.
 
     peak_memory is the largest of the stage's nodes, in bytes; only the processor's memory is counted. Seconds are those

@@ -12,7 +12,7 @@ from typing import Any
 
 from exmesh_graph.report.charts import bar_chart, line_chart, thin
 from exmesh_graph.report.collect import collect
-from exmesh_graph.report.contents import Curve, Figure, Report, stage_costs
+from exmesh_graph.report.contents import Curve, Report, ReportFigure, stage_costs
 from exmesh_graph.report.decisions import decision_tables
 from exmesh_graph.report.drawing.states import fold_boxes
 from exmesh_graph.report.drawing.svg import Box, fold_edges, fold_loops, fold_name, graph_picture
@@ -70,9 +70,9 @@ def _label(box: Box) -> str:
     return text if len(text) <= 26 else text[:25] + "…"
 
 
-def _last_stages(figures: list[Figure]) -> list[Figure]:
+def _last_stages(figures: list[ReportFigure]) -> list[ReportFigure]:
     """Each measure at its last stage only (the table has them all); those with a floor come first."""
-    last: dict[str, Figure] = {}
+    last: dict[str, ReportFigure] = {}
     for figure in figures:
         if figure.series:
             rival = last.get(figure.series)
@@ -82,7 +82,7 @@ def _last_stages(figures: list[Figure]) -> list[Figure]:
     return sorted(shown, key=lambda figure: figure.floor is None)
 
 
-def _tile(figure: Figure) -> dict[str, Any]:
+def _tile(figure: ReportFigure) -> dict[str, Any]:
     """A headline figure with the lengths of its bar (0 to 1), where a bar says something."""
     tile: dict[str, Any] = {"figure": figure, "bar": None, "floor": None, "goal": None}
     value = figure.value
@@ -96,7 +96,7 @@ def _tile(figure: Figure) -> dict[str, Any]:
     return tile
 
 
-def error_charts(figures: list[Figure]) -> list[str]:
+def error_charts(figures: list[ReportFigure]) -> list[str]:
     """For each measure its value at every scored stage, over the time spent until then (a single one from the floor at
     0 s) and over each other quantity that the stages name; log axes where values span more than a factor of two."""
     charts = []

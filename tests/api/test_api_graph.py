@@ -165,6 +165,25 @@ def test_relative_paths_lead_to_the_same_files(folder: Path) -> None:
     assert told("sub/g.yaml") == told(graph)
 
 
+def test_relative_paths_of_variants_lead_to_the_same_files(folder: Path) -> None:
+    """Of nodes and sub-graphs that patches add, and of parameters that they set."""
+    (folder / "in").mkdir()
+    (folder / "in" / "a.txt").write_text("2")
+    (folder / "in" / "b.txt").write_text("3")
+    (folder / "in" / "part.yaml").write_text("nodes: {c: {type: toy.file, path: b.txt}}\noutputs: {n: '@c.number'}\n")
+    graph = ex.Graph("g")
+    graph.add("a", "toy.file", path="in/a.txt")
+    graph.variant("node", {"add": {"name": "b", "type": "toy.file", "path": "in/b.txt"}})
+    graph.variant("part", {"add": {"name": "b", "graph": "in/part.yaml"}})
+    graph.variant("set", {"set": "a.path", "to": "in/b.txt"})
+    graph.variant("sets", {"set": {"a.path": "in/b.txt"}})
+    (folder / "sub").mkdir()
+    text = graph.to_yaml("sub/g.yaml")
+    assert (text.count("../in/b.txt"), text.count("../in/part.yaml")) == (3, 1)
+    for name in ("node", "part", "set", "sets"):
+        assert told("sub/g.yaml", variant=name) == told(graph, variant=name)
+
+
 def test_faults_are_told_where_they_are_added() -> None:
     graph = ex.Graph("g")
     one = graph.add("one", "toy.const", value=1)

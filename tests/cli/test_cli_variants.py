@@ -122,7 +122,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(exmesh: Exmesh, folder: Path, mo
     def interrupt(self: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("exmesh_graph.graph.run.runner.Run._loop", interrupt)
+    monkeypatch.setattr("exmesh_graph.graph.run.runner.Runner._loop", interrupt)
     shown = exmesh("sweep", "study.yaml", "--only", "lone", "--workers", "0", "--runs", "r", code=130).stderr
     assert "go on with the same command:\n  exmesh sweep study.yaml --only lone --runs r" in shown
     assert json.loads((folder / "r/latest/run.json").read_text())["state"] == "interrupted"

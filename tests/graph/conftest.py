@@ -16,7 +16,7 @@ from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 
 TOY = Path(__file__).parent / "toy"
 
@@ -61,7 +61,7 @@ class Bench:
         folder = RunFolder(self.root / "runs", graph.name)
         self.events.clear()
         try:
-            return Run(graph, self.store, folder, self.events.append, command="exmesh run", **options).run()
+            return Runner(graph, self.store, folder, self.events.append, command="exmesh run", **options).run()
         finally:
             folder.close()
 

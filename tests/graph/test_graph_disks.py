@@ -19,7 +19,7 @@ from exmesh_graph.graph.cache.records import Stored
 from exmesh_graph.graph.cache.store import Store, writable
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.types import Metrics
 
 GRAPH = """
@@ -41,7 +41,7 @@ def failing(code: int) -> Callable[..., Any]:
 def run(bench: Any, text: str, store: Store) -> dict[str, Any]:
     folder = RunFolder(bench.root / "runs", "g")
     try:
-        return Run(bench.check(text), store, folder, bench.events.append).run()
+        return Runner(bench.check(text), store, folder, bench.events.append).run()
     finally:
         folder.close()
 

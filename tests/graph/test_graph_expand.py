@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.graph.language.expand import MAX_ROUNDS, Graph, expand
+from exmesh_graph.graph.language.expand import MAX_ROUNDS, Unrolled, expand
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.language.spec import load_tree
 from exmesh_graph.graph.problems import GraphErrors, Problems
@@ -31,7 +31,7 @@ nodes:
 """
 
 
-def expanded(path: Path, *sets: str) -> Graph:
+def expanded(path: Path, *sets: str) -> Unrolled:
     problems = Problems()
     graph = expand(load_tree(path, sets, problems), problems)
     problems.raise_if_any()

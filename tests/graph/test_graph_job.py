@@ -114,10 +114,10 @@ nodes:
         return run.rows[name]["outputs"]
 
     from exmesh_graph.graph.run.rundir import RunFolder
-    from exmesh_graph.graph.run.runner import Run
+    from exmesh_graph.graph.run.runner import Runner
 
     folder = RunFolder(bench.root / "runs", "damage")
-    bench.run_ = Run(bench.check(text), bench.store, folder, bench.events.append, backend=Damage(bench.store))
+    bench.run_ = Runner(bench.check(text), bench.store, folder, bench.events.append, backend=Damage(bench.store))
     record = bench.run_.run()
     folder.close()
     assert hurt

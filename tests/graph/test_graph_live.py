@@ -21,7 +21,7 @@ from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import NodeFailed, Run
+from exmesh_graph.graph.run.runner import NodeFailed, Runner
 from exmesh_graph.graph.session import Session
 
 CELL = """
@@ -93,7 +93,7 @@ class Notebook:
         graph = self.session.check(self.folder / "g.yaml")
         folder, store, events = RunFolder(self.folder / "runs", "g"), self.session.open_store(self.folder / "store"), []
         try:
-            record = Run(graph, store, folder, events.append, backend=backend).run()
+            record = Runner(graph, store, folder, events.append, backend=backend).run()
         finally:
             folder.close()
         with self.session:
@@ -322,12 +322,12 @@ SCRIPT = (
 if __name__ == "__main__":
     from exmesh_graph.graph.run.backends.local import Local
     from exmesh_graph.graph.run.rundir import RunFolder
-    from exmesh_graph.graph.run.runner import NodeFailed, Run
+    from exmesh_graph.graph.run.runner import NodeFailed, Runner
     from exmesh_graph.graph.session import default_session
     session = default_session()
     graph = session.check("g.yaml")
     folder, store = RunFolder(Path("runs"), "g"), session.open_store("store")
-    record = Run(graph, store, folder, lambda e: None, backend=Local(1)).run()
+    record = Runner(graph, store, folder, lambda e: None, backend=Local(1)).run()
     value = session.store.load(Figure, record["nodes"][-1]["outputs"]["figure"]["digest"]).value
     print(json.dumps([[row["state"] for row in record["nodes"]], value]))
 """

@@ -19,7 +19,7 @@ from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 
 FEW = settings(
     max_examples=12,
@@ -167,7 +167,7 @@ def run_in(bench: Any, text: str, store: Path) -> dict[str, Any]:
     graph = bench.check(text)
     folder = RunFolder(bench.root / "runs", graph.name)
     try:
-        record = Run(graph, Store(store), folder, lambda event: None).run()
+        record = Runner(graph, Store(store), folder, lambda event: None).run()
     finally:
         folder.close()
     return {row["name"]: row for row in record["nodes"]}

@@ -19,7 +19,7 @@ from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import seal_text, unseal
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.types import Metrics
 
 fsspec = pytest.importorskip("fsspec")
@@ -93,7 +93,7 @@ def test_runs_share_results(bench: Any, url: str, states: Any) -> None:
     for machine in ("a", "b"):
         store = Store(bench.root / machine, url)
         folder = RunFolder(bench.root / f"runs-{machine}", "g")
-        records.append(Run(graph, store, folder, bench.events.append).run())
+        records.append(Runner(graph, store, folder, bench.events.append).run())
         folder.close()
         assert store.notes == []
     assert states(records[0]) == {"one": "done", "sum": "done"}
@@ -179,7 +179,7 @@ def test_out_of_reach_is_one_warning_and_the_run_goes_on(bench: Any, monkeypatch
     (bench.root / "file").write_text("x")
     store = Store(bench.root / "a", str(bench.root / "file" / "shared"))
     folder = RunFolder(bench.root / "runs", "g")
-    record = Run(bench.check(GRAPH), store, folder, bench.events.append).run()
+    record = Runner(bench.check(GRAPH), store, folder, bench.events.append).run()
     folder.close()
     assert record["state"] == "done"
     (note,) = store.notes
@@ -219,7 +219,7 @@ def test_a_store_copied_to_another_place_serves_hits(bench: Any, states: Any, tm
         if place == moved:
             copy.rename(moved)
         folder = RunFolder(tmp_path / "other-runs", "g")
-        record = Run(bench.check(GRAPH), Store(place), folder, bench.events.append).run()
+        record = Runner(bench.check(GRAPH), Store(place), folder, bench.events.append).run()
         folder.close()
         assert states(record) == {"one": "hit", "sum": "hit"}
         assert list(Store(place).verify()) == []

@@ -147,16 +147,16 @@ def test_targets(bench: Any, states: Any) -> None:
 
 
 def test_memory_is_let_go(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph.run.runner import Run
+    from exmesh_graph.graph.run.runner import Runner
 
     sizes = []
-    settle = Run._settle
+    settle = Runner._settle
 
-    def watch(self: Run, *args: Any) -> None:
+    def watch(self: Runner, *args: Any) -> None:
         settle(self, *args)
         sizes.append(len(self.backend.memory.values))
 
-    monkeypatch.setattr(Run, "_settle", watch)
+    monkeypatch.setattr(Runner, "_settle", watch)
     bench.run(LOOP, "n=20")
     assert max(sizes) == 1
     assert sizes[-1] == 0
@@ -322,14 +322,14 @@ def arm(module, name):
 from pathlib import Path
 from exmesh_graph.graph.language.check import check_file
 from exmesh_graph.graph.declare.packs import load_packs
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.cache.store import Store
 graph = check_file(Path({file!r}), [], load_packs())
 for name in ("rename", "replace", "fsync"):
     arm(os, name)
 arm(Path, "write_text")
-Run(graph, Store(Path({store!r})), RunFolder(Path({runs!r}), "k"), lambda event: None).run()
+Runner(graph, Store(Path({store!r})), RunFolder(Path({runs!r}), "k"), lambda event: None).run()
 print("unharmed", {count} - left)
 """
 
@@ -349,10 +349,10 @@ def test_kill_9_at_any_write(bench: Any, states: Any) -> None:
         assert list(bench_store.verify()) == []
         graph = bench.check(LOOP)
         from exmesh_graph.graph.run.rundir import RunFolder
-        from exmesh_graph.graph.run.runner import Run
+        from exmesh_graph.graph.run.runner import Runner
 
         folder = RunFolder(runs, "k")
-        record = Run(graph, bench_store, folder, lambda event: None).run()
+        record = Runner(graph, bench_store, folder, lambda event: None).run()
         folder.close()
         assert set(states(record).values()) <= {"hit", "done"}
         assert (folder.path / "number.txt").read_text() == str(reference(4))

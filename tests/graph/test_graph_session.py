@@ -20,7 +20,7 @@ from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.session import Session, current_session, default_session
 
 NODES = """
@@ -95,7 +95,7 @@ def run(session: Session, home: Path, pack: str, store: Path, backend: Any = Non
     folder = RunFolder(home / f"runs_{pack}", graph.name)
     opened = session.open_store(store)
     try:
-        record = Run(graph, opened, folder, lambda event: None, backend=backend).run()
+        record = Runner(graph, opened, folder, lambda event: None, backend=backend).run()
     finally:
         folder.close()
     stored = record["nodes"][-1]["outputs"]["figure"]
@@ -172,11 +172,12 @@ import left_pack.nodes
 from pathlib import Path
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.session import default_session
 home, session = Path({str(packs_there)!r}), default_session()
 graph = session.check(home / "left_pack.yaml")
-record = Run(graph, session.open_store(home / "s"), RunFolder(home / "r", "g"), lambda e: None, backend=Local(1)).run()
+runs = RunFolder(home / "r", "g")
+record = Runner(graph, session.open_store(home / "s"), runs, lambda e: None, backend=Local(1)).run()
 print(record["state"])
 """
     done = subprocess.run([sys.executable, "-c", code], cwd=packs_there, capture_output=True, text=True, check=False)

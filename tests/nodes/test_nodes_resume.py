@@ -28,13 +28,13 @@ from pathlib import Path
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.language.check import check_file
 from exmesh_graph.graph.declare.packs import load_packs
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.cache.store import Store
 folder = Path(sys.argv[1])
 graph = check_file(folder / "g.yaml", [], load_packs())
 runs = RunFolder(folder / "runs", "cut")
-Run(graph, Store(folder / "store"), runs, lambda event: None, backend=Local(1), checkpoint_every=0.05).run()
+Runner(graph, Store(folder / "store"), runs, lambda event: None, backend=Local(1), checkpoint_every=0.05).run()
 """
 
 

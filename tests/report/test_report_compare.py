@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from exmesh_graph.gallery.pictures import GalleryWriter
-from exmesh_graph.report.contents import GalleryPicture, Node, stage_costs
+from exmesh_graph.report.contents import GalleryPicture, ReportNode, stage_costs
 from exmesh_graph.report.widgets import comparison
 from tests.report.chromium import screenshot
 
@@ -58,7 +58,7 @@ def test_chromium_shows_ours_left_of_the_line_and_the_truth_right_of_it(picture,
 
 def test_seconds_are_summed_and_memory_is_the_largest():
     def node(kind, seconds, peak):
-        return Node(kind, kind, "done", seconds, peak, 0, ())
+        return ReportNode(kind, kind, "done", seconds, peak, 0, ())
 
     nodes = [node("data.blender", 1, 5), node("stage1.refine", 2, 9), node("uv.unwrap", 3, 7), node("mine.step", 4, 1)]
     rows = {row["stage"]: row for row in stage_costs(nodes)}

@@ -10,7 +10,7 @@ import pytest
 from exmesh_graph.evaluate.carrier import score_stage
 from exmesh_graph.gallery.rounds import atlas_panels, round_gallery
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.report.contents import Figure
+from exmesh_graph.report.contents import ReportFigure
 from exmesh_graph.report.page import error_charts
 from exmesh_graph.types import Carrier, SceneTruth
 from exmesh_graph.uv.unwrap import unwrap
@@ -89,7 +89,7 @@ def test_a_stage_is_a_point_of_the_charts_and_no_headline():
 
 def test_each_quantity_gets_a_chart_of_its_own():
     figures = [
-        Figure("Chamfer", y, "mm", series="Chamfer", after_seconds=x, over={"vertices": v})
+        ReportFigure("Chamfer", y, "mm", series="Chamfer", after_seconds=x, over={"vertices": v})
         for x, y, v in ((30.0, 2.0, 500), (10.0, 3.0, 100), (90.0, 1.0, 2000))
     ]
     charts = error_charts(figures)

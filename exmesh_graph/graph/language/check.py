@@ -15,7 +15,7 @@ from exmesh_graph.graph.declare.components import MAX_NESTING, BoundComponent
 from exmesh_graph.graph.declare.node import Component, NodeDef
 from exmesh_graph.graph.declare.packs import Packs, current
 from exmesh_graph.graph.declare.ports import Signature, signature
-from exmesh_graph.graph.language.expand import Graph, NodeSpec, expand
+from exmesh_graph.graph.language.expand import NodeSpec, Unrolled, expand
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.nodecheck import NodeCheck
 from exmesh_graph.graph.language.params import Declared
@@ -105,7 +105,7 @@ def check_file(path: Path, overrides: Iterable[str], packs: Packs) -> Checked:
     return check(expand(tree, problems), packs, problems)
 
 
-def check(graph: Graph, packs: Packs, problems: Problems | None = None) -> Checked:
+def check(graph: Unrolled, packs: Packs, problems: Problems | None = None) -> Checked:
     """Check an expanded graph against the installed node types."""
     with packs:
         told = Problems() if problems is None else problems
@@ -114,7 +114,7 @@ def check(graph: Graph, packs: Packs, problems: Problems | None = None) -> Check
 
 
 def check_part(
-    graph: Graph, name: str, packs: Packs, *, whole: bool = False, nested: Mapping[str, Component] | None = None,
+    graph: Unrolled, name: str, packs: Packs, *, whole: bool = False, nested: Mapping[str, Component] | None = None,
     plugs: Iterable[BoundComponent] = (),
 ) -> tuple[Params | None, Problems]:  # fmt: skip
     """The parameters of one node of a graph still being written, and what is wrong with its type, wires and values.
@@ -135,7 +135,7 @@ def check_part(
 
 
 class _Check:
-    def __init__(self, graph: Graph, packs: Packs, problems: Problems) -> None:
+    def __init__(self, graph: Unrolled, packs: Packs, problems: Problems) -> None:
         self.graph, self.packs, self.problems = graph, packs, problems
         self.nodes: dict[str, Bound] = {}
         self.components: dict[str, BoundComponent] = {}

@@ -35,7 +35,7 @@ class NodeSpec:
 
 
 @dataclass(frozen=True)
-class Graph:
+class Unrolled:
     """An expanded graph: nodes by full name in the order of the file; `given` are the inputs of its sub-graphs."""
 
     name: str
@@ -47,7 +47,7 @@ class Graph:
     given: tuple[tuple[str, Port, Link, Where], ...] = ()
 
 
-def expand(tree: Tree, problems: Problems) -> Graph:
+def expand(tree: Tree, problems: Problems) -> Unrolled:
     """Unroll all blocks and resolve all links. Problems are noted, not raised."""
     if tree.inputs:
         names = ", ".join(tree.inputs)
@@ -62,7 +62,7 @@ def expand(tree: Tree, problems: Problems) -> Graph:
         fail("link", Where(tree.file, 1), "links pass through too many blocks or sub-graphs, one after another")
     outputs = {name: work.links.value(value, root, tree.outputs.lines[name]) for name, value in tree.outputs.items()}
     params = {name: value.value for name, value in tree.params.items()}
-    return Graph(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given)
+    return Unrolled(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given)
 
 
 Written = dict[str, tuple[Any, Where, int]]

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field, replace
 
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature
-from exmesh_graph.graph.language.expand import Graph, NodeSpec
+from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, Where
 
 
-def with_present_names(graph: Graph, packs: Packs, problems: Problems) -> tuple[Graph, tuple[str, ...]]:
+def with_present_names(graph: Unrolled, packs: Packs, problems: Problems) -> tuple[Unrolled, tuple[str, ...]]:
     """The graph in the names that types, ports and parameters have now, and a note on each old one.
 
     Two values for one parameter or port are a problem, unless one of them stands closer to the run: in the file that
@@ -35,7 +35,7 @@ def with_present_names(graph: Graph, packs: Packs, problems: Problems) -> tuple[
 
 @dataclass
 class _Renaming:
-    graph: Graph
+    graph: Unrolled
     packs: Packs
     problems: Problems
     notes: list[str] = field(default_factory=list)

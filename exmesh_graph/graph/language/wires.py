@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
 
 from exmesh_graph.graph.declare.ports import Port, Signature, link_form
-from exmesh_graph.graph.language.expand import Graph, NodeSpec
+from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, Where, nearest
@@ -22,7 +22,7 @@ from exmesh_graph.graph.problems import Problems, Where, nearest
 class Wiring:
     """The wires judged so far: by node and input port, the link and where it was written."""
 
-    graph: Graph
+    graph: Unrolled
     signatures: Mapping[str, Signature]
     problems: Problems
     wires: dict[str, dict[str, tuple[Link, Where]]] = field(default_factory=dict)

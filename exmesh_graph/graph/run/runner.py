@@ -43,7 +43,7 @@ class NodeFailed(ExmeshError):
         super().__init__(self.record["message"], where=self.node)
 
 
-class Run:
+class Runner:
     """One run of a checked graph. `record` is what run.json holds; it is up to date at any time."""
 
     def __init__(

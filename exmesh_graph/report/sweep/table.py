@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from exmesh_graph.report.collect import collect
-from exmesh_graph.report.contents import Figure
+from exmesh_graph.report.contents import ReportFigure
 from exmesh_graph.report.text import number
 
 SCHEMA = "exmesh.sweep.v1"
@@ -103,14 +103,14 @@ def text_of(entry: Mapping[str, Any]) -> str:
     return number(int(mean) if whole else mean)
 
 
-def _columns(parts: Sequence[dict[str, Any]], variants: Sequence[Mapping[str, Any]]) -> list[Figure]:
+def _columns(parts: Sequence[dict[str, Any]], variants: Sequence[Mapping[str, Any]]) -> list[ReportFigure]:
     """The figures in the order of the table: those that differ between variants first, those scored last first."""
-    columns: dict[str, Figure] = {}
+    columns: dict[str, ReportFigure] = {}
     for part in parts:
         for label, figure in part["figures"].items():
             columns.setdefault(label, figure)
 
-    def rank(figure: Figure) -> tuple[bool, bool, float]:
+    def rank(figure: ReportFigure) -> tuple[bool, bool, float]:
         entries = [row["figures"][figure.label] for row in variants if figure.label in row["figures"]]
         same = not any(entry.get("difference") for entry in entries)
         return same, not figure.better, -(figure.after_seconds or 0.0)

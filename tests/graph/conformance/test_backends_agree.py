@@ -14,7 +14,7 @@ import pytest
 from exmesh_graph.graph.run.backends.inline import Inline
 from exmesh_graph.graph.run.job import DONE, FAILED, STOPPED, Job, Outcome
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import NodeFailed, Run
+from exmesh_graph.graph.run.runner import NodeFailed, Runner
 from exmesh_graph.graph.run.schedule import Pool
 
 GRAPH = """
@@ -188,7 +188,7 @@ def job_of_count(bench: Any, name: str, trace: Path, monkeypatch: pytest.MonkeyP
         self.waiting.append(job)
 
     graph = bench.check(text)
-    run = Run(graph, bench.store, RunFolder(bench.root / "runs", name), lambda event: None, checkpoint_every=0.0)
+    run = Runner(graph, bench.store, RunFolder(bench.root / "runs", name), lambda event: None, checkpoint_every=0.0)
     monkeypatch.setattr(Inline, "submit", submit)
     with pytest.raises(Taken):
         run.run()

@@ -19,7 +19,7 @@ from exmesh_graph.graph.declare.packs import load_packs
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.upkeep.verify import verify
 
 sys.path.append(str(Path(__file__).parent.parent / "toy"))
@@ -94,7 +94,7 @@ def execute(world: World, runs: Path, store: Path, workers: int = 0) -> Any:
     opened, folder = Store(store), RunFolder(runs, "random")
     backend = backend_of(workers, opened)
     try:
-        return Run(world.checked, opened, folder, lambda event: None, backend=backend, checkpoint_every=0.0).run()
+        return Runner(world.checked, opened, folder, lambda event: None, backend=backend, checkpoint_every=0.0).run()
     finally:
         folder.close()
 

@@ -12,7 +12,7 @@ from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.language.yamlfile import parse_yaml
 from exmesh_graph.graph.run.rundir import RunFolder
-from exmesh_graph.graph.run.runner import Run
+from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.variants.checked import check_variants
 from exmesh_graph.graph.variants.merge import merge
 from exmesh_graph.graph.variants.patches import apply_patches
@@ -42,7 +42,7 @@ def test_equal_nodes_stand_once(bench: Any, base: str) -> None:
 def run(graph: Checked, folder: Any, *, store: str) -> dict[str, Any]:
     runs = RunFolder(folder / "runs", "g")
     try:
-        return Run(graph, Store(folder / store), runs, lambda event: None).run()
+        return Runner(graph, Store(folder / store), runs, lambda event: None).run()
     finally:
         runs.close()
 
