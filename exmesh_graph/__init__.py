@@ -13,66 +13,19 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph import api
 from exmesh_graph.version import __version__
 
 if TYPE_CHECKING:
-    from exmesh_graph.api import (
-        Comparison,
-        Graph,
-        GraphErrors,
-        Metric,
-        Node,
-        NodeRun,
-        Parameter,
-        Plan,
-        Run,
-        RunFailed,
-        Session,
-        Sweep,
-        UnknownPort,
-        Wire,
-        call,
-        check,
-        component,
-        diff,
-        open_run,
-        plan,
-        run,
-        sweep,
-    )
+    from exmesh_graph.api import *  # noqa: F403
 
-__all__ = [
-    "Comparison",
-    "Graph",
-    "GraphErrors",
-    "Metric",
-    "Node",
-    "NodeRun",
-    "Parameter",
-    "Plan",
-    "Run",
-    "RunFailed",
-    "Session",
-    "Sweep",
-    "UnknownPort",
-    "Wire",
-    "__version__",
-    "call",
-    "check",
-    "component",
-    "diff",
-    "open_run",
-    "plan",
-    "run",
-    "sweep",
-]
+__all__ = ["__version__"]
+__all__ += api.__all__
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from exmesh_graph import api
-
     value = getattr(api, name)
     _show_in_notebooks()
     return value

@@ -12,69 +12,31 @@ if TYPE_CHECKING:
     from exmesh_graph.api.builder import Graph
     from exmesh_graph.api.calling import call
     from exmesh_graph.api.differences import Comparison, diff
-    from exmesh_graph.api.node import Node, UnknownPort
     from exmesh_graph.api.opening import check
+    from exmesh_graph.api.planning import Plan, plan
     from exmesh_graph.api.results import Metric, NodeRun, Run
-    from exmesh_graph.api.runs import Plan, RunFailed, open_run, plan, run
+    from exmesh_graph.api.runs import RunFailed, open_run, run
     from exmesh_graph.api.sweeps import Sweep, sweep
-    from exmesh_graph.api.values import Parameter, Wire, component
+    from exmesh_graph.api.values import Node, Parameter, UnknownPort, Wire, component
     from exmesh_graph.graph.problems import GraphErrors
     from exmesh_graph.graph.session import Session
 
+__all__ = ["Comparison", "Graph", "GraphErrors", "Metric", "Node", "NodeRun", "Parameter", "Plan", "Run", "RunFailed",
+           "Session", "Sweep", "UnknownPort", "Wire", "call", "check", "component", "diff", "open_run", "plan", "run",
+           "sweep"]  # fmt: skip
 _HOMES = {
-    "Graph": "exmesh_graph.api.builder",
-    "call": "exmesh_graph.api.calling",
-    "Comparison": "exmesh_graph.api.differences",
-    "diff": "exmesh_graph.api.differences",
-    "Node": "exmesh_graph.api.node",
-    "UnknownPort": "exmesh_graph.api.node",
-    "check": "exmesh_graph.api.opening",
-    "Metric": "exmesh_graph.api.results",
-    "NodeRun": "exmesh_graph.api.results",
-    "Run": "exmesh_graph.api.results",
-    "Plan": "exmesh_graph.api.runs",
-    "RunFailed": "exmesh_graph.api.runs",
-    "open_run": "exmesh_graph.api.runs",
-    "plan": "exmesh_graph.api.runs",
-    "run": "exmesh_graph.api.runs",
-    "Sweep": "exmesh_graph.api.sweeps",
-    "sweep": "exmesh_graph.api.sweeps",
-    "Parameter": "exmesh_graph.api.values",
-    "Wire": "exmesh_graph.api.values",
-    "component": "exmesh_graph.api.values",
-    "GraphErrors": "exmesh_graph.graph.problems",
-    "Session": "exmesh_graph.graph.session",
-}
-__all__ = [
-    "Comparison",
-    "Graph",
-    "GraphErrors",
-    "Metric",
-    "Node",
-    "NodeRun",
-    "Parameter",
-    "Plan",
-    "Run",
-    "RunFailed",
-    "Session",
-    "Sweep",
-    "UnknownPort",
-    "Wire",
-    "call",
-    "check",
-    "component",
-    "diff",
-    "open_run",
-    "plan",
-    "run",
-    "sweep",
-]
+    "api.builder": "Graph", "api.calling": "call", "api.differences": "Comparison diff", "api.opening": "check",
+    "api.planning": "Plan plan", "api.results": "Metric NodeRun Run", "api.runs": "RunFailed open_run run",
+    "api.sweeps": "Sweep sweep", "api.values": "Node Parameter UnknownPort Wire component",
+    "graph.problems": "GraphErrors", "graph.session": "Session",
+}  # fmt: skip
+_HOME_OF = {name: f"exmesh_graph.{home}" for home, names in _HOMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
+    value = globals()[name] = getattr(importlib.import_module(_HOME_OF[name]), name)
     return value
 
 

@@ -22,9 +22,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.api.node import Node
 from exmesh_graph.api.scope import NodeScope, child
-from exmesh_graph.api.values import Parameter, Place, Wire, here, plain
+from exmesh_graph.api.values import Node, Parameter, Place, Wire, here, plain
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
 from exmesh_graph.graph.language.extends import over_base

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.api.judge import declared
-from exmesh_graph.api.node import Node
-from exmesh_graph.api.values import Place, Plug, Wire, here, plain
+from exmesh_graph.api.values import Node, Place, Plug, Wire, here, plain
 from exmesh_graph.graph.declare.components import BoundComponent, Component
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, signature, type_name

@@ -8,8 +8,8 @@ from exmesh_graph.api.values import here
 from exmesh_graph.graph.problems import fail, nearest
 
 if TYPE_CHECKING:
-    from exmesh_graph.api.node import Node
     from exmesh_graph.api.scope import NodeScope
+    from exmesh_graph.api.values import Node
 
 
 class Families:

@@ -4,9 +4,8 @@
 from os import PathLike
 from typing import Any, Literal
 
-from exmesh_graph.api.node import Node
 from exmesh_graph.api.scope import NodeScope
-from exmesh_graph.api.values import Parameter, Plug, Wire
+from exmesh_graph.api.values import Node, Parameter, Plug, Wire
 from exmesh_graph.types.asset import Asset, EnvMap
 from exmesh_graph.types.gaussians import PlanarGaussians, PointCloud
 from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State

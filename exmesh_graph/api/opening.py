@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.node import Node
-from exmesh_graph.api.values import Place, here, plain
+from exmesh_graph.api.values import Node, Place, here, plain
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.problems import GraphErrors, Problems, nearest
@@ -29,9 +28,12 @@ if TYPE_CHECKING:
 Source = str | os.PathLike[str] | Graph
 Settings = Mapping[str, Any] | Iterable[str] | None
 Folder = str | os.PathLike[str] | None
+Names = Iterable[str | Node] | str | Node | None
 
 
-def checked_graph(graph: Source, set: Settings = None, variant: str | None = None, **params: Any) -> Checked:
+def checked_graph(
+    graph: Source, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
+) -> Checked:
     """A graph, or one of its variants, without faults; else GraphErrors tells all of them."""
     place, sets = here(), texts_of(set, params)
     with _placed(place, graph):
@@ -60,7 +62,8 @@ def check(
 
 
 def checked_variants(
-    graph: Source, set: Settings = None, *, only: Iterable[str] | None = None, repeats: bool = True, **params: Any
+    graph: Source, set: Settings = None, store: Folder = None, *, only: Iterable[str] | None = None,
+    repeats: bool = True, **params: Any,
 ) -> list[CheckedVariant]:  # fmt: skip
     """A graph and all variants that it declares, checked."""
     place, sets = here(), texts_of(set, params)
@@ -95,7 +98,7 @@ def _merged(graph: Source) -> Any:
     return graph.merged() if isinstance(graph, Graph) else None
 
 
-def named(checked: Checked, names: Iterable[str | Node] | str | Node | None) -> list[str]:
+def named(checked: Checked, names: Names) -> list[str]:
     """Names of nodes that the graph has. Raises GraphError with the nearest names."""
     several = [names] if isinstance(names, str | Node) else names or ()
     given = [str(name).removeprefix("@") for name in several]

@@ -12,8 +12,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.node import Node
-from exmesh_graph.api.opening import Folder, Settings, Source, checked_graph, named, open_store, packs, texts_of, using
+from exmesh_graph.api.opening import (
+    Folder,
+    Names,
+    Settings,
+    Source,
+    checked_graph,
+    named,
+    open_store,
+    packs,
+    texts_of,
+    using,
+)
 from exmesh_graph.api.progress import Progress, finished, listening
 from exmesh_graph.api.results import Run, read_run
 from exmesh_graph.errors import GraphError
@@ -23,10 +33,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
     from exmesh_graph.graph.language.check import Checked
     from exmesh_graph.graph.run.backends import Backend
-    from exmesh_graph.graph.run.plan import Step
     from exmesh_graph.graph.session import Session
-
-Names = Iterable[str | Node] | str | Node | None
 
 
 class RunFailed(NodeFailed):
@@ -81,7 +88,7 @@ def run(
     holds what was done) when it is interrupted; the same call then goes on.
     """
     with using(session):
-        checked = checked_graph(graph, set, variant, **params)
+        checked = checked_graph(graph, set, variant, store, **params)
         offered = tokens_of(tokens)
         forced, targets = named(checked, force), named(checked, nodes)
         sets = texts_of(set, params)
@@ -177,58 +184,6 @@ def _files(sources: Sequence[Source], folder: Path) -> list[str]:
         else:
             files.append(str(source))
     return files
-
-
-class Plan(list["Step"]):
-    """The steps of a run in order, each with name, state (hit, run, unknown), reason and key; as text, a table."""
-
-    def __init__(self, graph: Checked, store: Store, steps: Iterable[Step]) -> None:
-        super().__init__(steps)
-        self.graph, self.store = graph, store
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many nodes are in which state."""
-        return {state: sum(step.state == state for step in self) for state in ("hit", "run", "unknown")}
-
-    def __str__(self) -> str:
-        width = max((len(step.name) for step in self), default=0)
-        lines = [f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip() for step in self]
-        counts = self.counts
-        end = f"{counts['hit']} hit, {counts['run']} to run, {counts['unknown']} unknown (below a node that must run)"
-        return "\n".join([*lines, end])
-
-    __repr__ = __str__
-
-    def as_json(self) -> dict[str, Any]:
-        """What `exmesh plan --json` writes."""
-        steps = [
-            {"name": s.name, "type": self.graph.nodes[s.name].definition.type, "state": s.state, "reason": s.reason,
-             "key": s.key}
-            for s in self
-        ]  # fmt: skip
-        return {"schema": "exmesh.plan.v1", "graph": self.graph.name, "counts": self.counts, "steps": steps}
-
-
-def plan(
-    graph: Source,
-    *,
-    set: Settings = None,
-    variant: str | None = None,
-    nodes: Names = None,
-    store: Folder = None,
-    shared: str | None = None,
-    session: Session | None = None,
-    **params: Any,
-) -> Plan:
-    """What a run would do with each node, and why."""
-    from exmesh_graph.graph.run.plan import plan as steps_of
-
-    with using(session):
-        checked = checked_graph(graph, set, variant, **params)
-        targets = checked.needed_for(named(checked, nodes)) if nodes else None
-        opened = open_store(store, shared)
-        return Plan(checked, opened, steps_of(checked, opened, targets))
 
 
 def open_run(

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from exmesh_graph.api.families import Families
 from exmesh_graph.api.judge import declared, judge
-from exmesh_graph.api.node import Node, UnknownPort
-from exmesh_graph.api.values import Parameter, Plug, Wire, here, plain
+from exmesh_graph.api.values import Node, Parameter, Plug, UnknownPort, Wire, here, plain
 from exmesh_graph.graph.declare.components import Component
 from exmesh_graph.graph.declare.ports import Port
 from exmesh_graph.graph.language.spec import NAME

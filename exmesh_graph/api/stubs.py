@@ -26,9 +26,8 @@ _HEAD = '''# Made by `exmesh stubs` from the node types; edits are lost.
 from os import PathLike
 from typing import Any, Literal
 
-from exmesh_graph.api.node import Node
 from exmesh_graph.api.scope import NodeScope
-from exmesh_graph.api.values import Parameter, Plug, Wire
+from exmesh_graph.api.values import Node, Parameter, Plug, Wire
 '''
 
 

@@ -38,7 +38,9 @@ class Study:
     targets: set[str] | None
 
     @classmethod
-    def of(cls, graphs: Sequence[Source], sets: list[str], only: list[str] | None, targets: Iterable[str]) -> Study:
+    def of(
+        cls, graphs: Sequence[Source], sets: list[str], only: list[str] | None, targets: Iterable[str], store: Folder
+    ) -> Study:
         """Check all variants of all graphs; the faults of all are raised at once."""
         rows: list[tuple[str, CheckedVariant]] = []
         problems: list[Problem] = []
@@ -46,7 +48,7 @@ class Study:
         stems = [_stem(graph) for graph in graphs]
         for graph in graphs:
             try:
-                chosen = checked_variants(graph, sets, only=_known(only, graph, graphs))
+                chosen = checked_variants(graph, sets, store, only=_known(only, graph, graphs))
                 whole = not isinstance(graph, Graph) and stems.count(_stem(graph)) > 1
                 title = str(Path(graph).with_suffix("")) if whole else _stem(graph)  # type: ignore[arg-type]
                 rows += [(title, variant) for variant in chosen if only is None or len(chosen) > 1 or BASE in only]
@@ -159,7 +161,7 @@ def sweep(
         sets = texts_of(set, params)
         chosen = None if only is None else [only] if isinstance(only, str) else list(only)
         targets = [nodes] if isinstance(nodes, str) else list(nodes or ())
-        study, offered = Study.of(graphs, sets, chosen, targets), tokens_of(tokens)
+        study, offered = Study.of(graphs, sets, chosen, targets, store), tokens_of(tokens)
         words = command_words(sets, {}, [word for name in chosen or () for word in ("--only", name)])
         words += [word for name in targets for word in ("--node", name)]
         words += command_words(

@@ -6,11 +6,13 @@ Exit codes: 0 done; 1 a node, the store or the report failed; 2 the graph or the
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,6 +33,9 @@ from exmesh_graph.cli.options import (
     show_notes,
 )
 from exmesh_graph.errors import ExmeshError
+
+if TYPE_CHECKING:
+    from exmesh_graph.api.planning import Why
 
 
 def _show_version(asked: bool) -> None:
@@ -153,10 +158,9 @@ def why(
     as_json: AsJson = False,
 ) -> None:
     """Say why a node is a hit or must run: its key, and what differs from the nearest earlier record."""
+    from exmesh_graph.api.planning import why as explain
     from exmesh_graph.api.results import read_run
     from exmesh_graph.api.runs import command_words
-    from exmesh_graph.api.why import why as explain
-    from exmesh_graph.cli.show import show_why
 
     words = command_words(set_ or (), {"--variant": variant, "--store": store, "--runs": _given(runs)})
     if graph is not None:
@@ -166,7 +170,30 @@ def why(
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
         variant = variant or record["resolved"].get("variant")
     answer = explain(graph, node, set=set_, variant=variant, store=store)
-    put_json(answer.as_json()) if as_json else show_why(answer, words)
+    put_json(answer.as_json()) if as_json else _show_why(answer, words)
+
+
+def _show_why(why: Why, words: Sequence[str]) -> None:
+    """The state of a node, its key, and what differs from the nearest earlier record.
+
+    `words` of the command line name the graph, for the next command.
+    """
+    typer.echo(f"{why.node}: {why.state}")
+    if why.key is None:
+        typer.echo(f"  {why.reason}; its key is known only when that has run")
+        typer.echo("  " + shlex.join(["exmesh", "why", why.waits_for, *words]))
+        return
+    typer.echo(f"  key {why.key}")
+    if why.made:
+        typer.echo(f"  made {why.made}")
+    for line in why.lines:
+        typer.echo(f"  {line}")
+    typer.echo("  the key depends on:")
+    for field, value in why.depends_on.items():
+        if field == "code":
+            typer.echo("    code: " + ", ".join(value))
+        else:
+            typer.echo(f"    {field}: {', '.join(value)}" if isinstance(value, list) else f"    {field} {value}")
 
 
 @app.command()
@@ -203,12 +230,14 @@ def get(
         typer.echo(f"  ... and {len(files) - 20} more files")
 
 
-assets.register(app)
-authoring.register(app)
-bench.register(app)
-upkeep.register(app)
-variants.register(app)
-watching.register(app)
+for _command in (
+    assets.view, authoring.nodes, authoring.schema, authoring.stubs, bench.bench, upkeep.verify, upkeep.pin,
+    upkeep.unpin, upkeep.gc, upkeep.doctor, variants.sweep, variants.diff, variants.show, watching.status, watching.log,
+    watching.replay,
+):  # fmt: skip
+    app.command()(_command)
+app.command("check-usd")(assets.check_usd)
+app.command("new-node")(authoring.new_node)
 
 
 def run_app() -> None:

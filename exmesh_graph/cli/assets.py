@@ -10,12 +10,6 @@ from typing import Annotated
 import typer
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("check-usd")(check_usd)
-    app.command()(view)
-
-
 def check_usd(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=".usda, .usdc or .usdz files.")],
     blender: Annotated[

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from exmesh_graph.cli.options import AsJson, put_json
 
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module to the `exmesh` command."""
-    app.command()(nodes)
-    app.command()(schema)
-    app.command()(stubs)
-    app.command("new-node")(new_node)
+if TYPE_CHECKING:
+    from exmesh_graph.api.described import ParameterInfo, TypeInfo
 
 
 def nodes(
@@ -27,7 +24,6 @@ def nodes(
 ) -> None:
     """List the node types, or describe one."""
     from exmesh_graph.api import described
-    from exmesh_graph.cli.show import show_node, show_nodes
 
     if markdown is not None:
         from exmesh_graph.cli.pages import write_pages
@@ -38,9 +34,42 @@ def nodes(
     if as_json:
         put_json(described.as_json(types))
     elif type is None:
-        show_nodes(types, described.broken_modules())
+        _show_nodes(types, described.broken_modules())
     else:
-        show_node(types[type])
+        _show_node(types[type])
+
+
+def _show_nodes(types: Mapping[str, TypeInfo], broken: Mapping[str, str]) -> None:
+    """All node types, one line each."""
+    width = max(map(len, types), default=0)
+    for name, info in types.items():
+        typer.echo(f"{name:<{width + 2}}{info.title}".rstrip())
+    for module, why in broken.items():
+        typer.echo(f"cannot import {module}: {why}", err=True)
+
+
+def _show_node(info: TypeInfo) -> None:
+    """Ports, parameters with units and ranges, and the documentation of one node type."""
+    kind = ["component"] if info.component else []
+    typer.echo(f"{info.type}  ({', '.join([*kind, f'version {info.version}', *info.traits])})")
+    if info.doc:
+        typer.echo(textwrap.indent(info.doc, "  "))
+    for title, ports in (("components" if info.component else "inputs", info.inputs), ("outputs", info.outputs)):
+        if title == "outputs" and info.component:
+            continue
+        typer.echo(f"{title}:")
+        for port in ports:
+            typer.echo(f"  {port.name}: {port.type}{'  (optional)' if port.optional else ''}")
+    typer.echo("parameters:")
+    for parameter in info.parameters:
+        typer.echo("  " + _parameter(parameter))
+
+
+def _parameter(one: ParameterInfo) -> str:
+    notes = [*one.limits, *(["not part of the key"] if one.tuning else [])]
+    shown = "required" if one.default is None else f"= {one.default}"
+    tail = f"  ({', '.join(notes)})" if notes else ""
+    return f"{one.name}: {one.type} {shown}{f' {one.unit}' if one.unit else ''}{tail}  {one.doc}".rstrip()
 
 
 def new_node(

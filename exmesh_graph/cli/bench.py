@@ -33,11 +33,6 @@ _FAR = 1.25
 _REMEMBERED = 10
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(bench)
-
-
 def bench(
     suites: Annotated[
         list[str] | None, typer.Argument(metavar="[kernels|stages|quickstart|framework]...", help="Default: all.")

@@ -17,12 +17,6 @@ from exmesh_graph.cli.options import (
 from exmesh_graph.errors import ExmeshError
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    for command in (verify, pin, unpin, gc, doctor):
-        app.command()(command)
-
-
 def verify(store: StoreFolder = None) -> None:
     """Read the whole store and check every byte; what is broken goes to quarantine and is made again."""
     from exmesh_graph.api import upkeep

@@ -31,12 +31,6 @@ PictureFile = Annotated[
 Rounds = Annotated[bool, typer.Option("--rounds", help="Draw every round of repeat blocks.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module to the `exmesh` command."""
-    for command in (sweep, diff, show):
-        app.command()(command)
-
-
 def sweep(
     graphs: Annotated[list[Path], typer.Argument(metavar="GRAPH...", help="Graph files that declare variants.")],
     set_: Sets = None,
@@ -65,7 +59,7 @@ def sweep(
     from exmesh_graph.cli.running import resumable, short_path, show_benchmarks
 
     if plan:
-        study = Study.of(graphs, set_ or [], only, node or ())
+        study = Study.of(graphs, set_ or [], only, node or (), store)
         typer.echo(str(study))
         for line in study.plan(open_store(store, shared)):
             typer.echo(line)
@@ -130,7 +124,7 @@ def show(
     if what.is_dir():
         picture = picture_of_run(read_run(what), rounds)
     else:
-        picture = picture_of_graph(checked_graph(what, set_, variant), open_store(store), rounds)
+        picture = picture_of_graph(checked_graph(what, set_, variant, store), open_store(store), rounds)
     _put_out(picture, out)
 
 

@@ -15,13 +15,6 @@ if TYPE_CHECKING:
     from exmesh_graph.api.watch import RunStatus
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command()(status)
-    app.command()(log)
-    app.command()(replay)
-
-
 def status(
     runs: Annotated[Path, typer.Option("--runs", help="Where run folders are.")] = Path("runs"),
     last: Annotated[int, typer.Option(help="How many runs.")] = 10,

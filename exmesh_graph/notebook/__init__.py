@@ -27,7 +27,7 @@ SHOWN = {
     ("exmesh_graph.api.builder", "Graph"): _shown_by("runs", "graph_html"),
     ("exmesh_graph.api.results", "Run"): _shown_by("runs", "run_html"),
     ("exmesh_graph.api.results", "NodeRun"): _shown_by("runs", "node_html"),
-    ("exmesh_graph.api.runs", "Plan"): _shown_by("runs", "plan_html"),
+    ("exmesh_graph.api.planning", "Plan"): _shown_by("runs", "plan_html"),
     ("exmesh_graph.api.sweeps", "Sweep"): _shown_by("runs", "sweep_html"),
     ("exmesh_graph.api.differences", "Comparison"): _shown_by("runs", "difference_html"),
 }

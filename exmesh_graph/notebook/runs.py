@@ -16,8 +16,8 @@ from exmesh_graph.notebook import cells
 if TYPE_CHECKING:
     from exmesh_graph.api.builder import Graph
     from exmesh_graph.api.differences import Comparison
+    from exmesh_graph.api.planning import Plan
     from exmesh_graph.api.results import NodeRun, Run
-    from exmesh_graph.api.runs import Plan
     from exmesh_graph.api.sweeps import Sweep
     from exmesh_graph.graph.language.check import Checked
     from exmesh_graph.graph.run.runner import Listener

@@ -1,0 +1,113 @@
+"""What a run would do with each node, and why: its key, what that depends on, what differs from an earlier record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from exmesh_graph.api.board import clock
+from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_graph, named, open_store, using
+from exmesh_graph.graph.cache.fingerprint import fingerprint
+from exmesh_graph.graph.run.plan import plan as steps_of
+from exmesh_graph.graph.run.why import differences, explain, record_time
+
+if TYPE_CHECKING:
+    from exmesh_graph.graph.cache.store import Store
+    from exmesh_graph.graph.language.check import Checked
+    from exmesh_graph.graph.run.plan import Step
+    from exmesh_graph.graph.session import Session
+
+
+class Plan(list["Step"]):
+    """The steps of a run in order, each with name, state (hit, run, unknown), reason and key; as text, a table."""
+
+    def __init__(self, graph: Checked, store: Store, steps: Iterable[Step]) -> None:
+        super().__init__(steps)
+        self.graph, self.store = graph, store
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many nodes are in which state."""
+        return {state: sum(step.state == state for step in self) for state in ("hit", "run", "unknown")}
+
+    def __str__(self) -> str:
+        width = max((len(step.name) for step in self), default=0)
+        lines = [f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip() for step in self]
+        counts = self.counts
+        end = f"{counts['hit']} hit, {counts['run']} to run, {counts['unknown']} unknown (below a node that must run)"
+        return "\n".join([*lines, end])
+
+    __repr__ = __str__
+
+    def as_json(self) -> dict[str, Any]:
+        """What `exmesh plan --json` writes."""
+        steps = [
+            {"name": s.name, "type": self.graph.nodes[s.name].definition.type, "state": s.state, "reason": s.reason,
+             "key": s.key}
+            for s in self
+        ]  # fmt: skip
+        return {"schema": "exmesh.plan.v1", "graph": self.graph.name, "counts": self.counts, "steps": steps}
+
+
+def plan(
+    graph: Source,
+    *,
+    set: Settings = None,
+    variant: str | None = None,
+    nodes: Names = None,
+    store: Folder = None,
+    shared: str | None = None,
+    session: Session | None = None,
+    **params: Any,
+) -> Plan:
+    """What a run would do with each node, and why."""
+    with using(session):
+        checked = checked_graph(graph, set, variant, store, **params)
+        targets = checked.needed_for(named(checked, nodes)) if nodes else None
+        opened = open_store(store, shared)
+        return Plan(checked, opened, steps_of(checked, opened, targets))
+
+
+@dataclass(frozen=True)
+class Why:
+    """A node's state (hit, run, unknown) and key; `lines` say what differs; `waits_for` is what must run first."""
+
+    node: str
+    state: str
+    key: str | None
+    reason: str
+    made: str = ""
+    lines: tuple[str, ...] = ()
+    depends_on: dict[str, Any] = field(default_factory=dict)
+    waits_for: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """What `exmesh why --json` writes."""
+        return {"schema": "exmesh.why.v1", **asdict(self)}
+
+
+def why(
+    graph: Source, node: str, *, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
+) -> Why:
+    """Why a node of a graph is a hit or must run. Raises GraphErrors."""
+    checked = checked_graph(graph, set, variant, store, **params)
+    (name,), opened = named(checked, [node]), open_store(store)
+    steps = {step.name: step for step in steps_of(checked, opened, checked.needed_for([name]), reasons=False)}
+    step, bound = steps[name], checked.nodes[name]
+    if step.preimage is None:
+        return Why(name, step.state, None, step.reason, waits_for=step.reason.removeprefix("waits for ").split(",")[0])
+    depends: dict[str, Any] = {key: step.preimage[key] for key in ("type", "version", "seed")}
+    for key in ("params", "libraries", "sources", "inputs", "components"):
+        if step.preimage.get(key):
+            depends[key] = list(step.preimage[key])
+    depends["code"] = list(fingerprint(bound.definition).parts)
+    made, lines = "", []
+    if step.action is None:
+        lines += explain(bound, step.preimage, opened)
+    else:
+        info = step.action.info
+        spent = clock(float(info.get("seconds", 0)))
+        made = f"{record_time(step.action)} by {info.get('node')} of {info.get('graph')} in {spent}"
+        lines += differences(step.preimage, step.action, bound)
+    return Why(name, step.state, step.key, step.reason, made, tuple(lines), depends)
