@@ -22,10 +22,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.api.arguments import file_of, path_of, wrong
 from exmesh_graph.api.scope import NodeScope, child
 from exmesh_graph.api.values import Node, Parameter, Place, Wire, here, plain
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
+from exmesh_graph.graph.files import writing
 from exmesh_graph.graph.language.extends import over_base
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml
@@ -44,13 +46,15 @@ class Graph(NodeScope):
         self, name: str, *, extends: str | os.PathLike[str] | None = None, seed: int | None = None, doc: str = ""
     ) -> None:
         where = here()
+        if not isinstance(name, str):
+            wrong("the name of a graph", name, "a text", "ex.Graph.load(file) reads a graph file")
         self.graph, self.tree = self, Map(where)
         self.file = Path.cwd() / f"<{name}>"
         for key, value in (("name", name), ("doc", doc or None), ("seed", seed)):
             if value is not None:
                 self.tree.put(key, value, where)
         if extends is not None:
-            self.tree.put("extends", os.fspath(extends), where)
+            self.tree.put("extends", os.fspath(file_of(extends)), where)
         self._begin()
 
     def _begin(self) -> None:
@@ -66,7 +70,7 @@ class Graph(NodeScope):
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Graph:
         """The graph of a file, to be changed or run. Raises GraphErrors."""
-        path = Path(file).absolute()
+        path = file_of(file).absolute()
         graph = cls.__new__(cls)
         graph.graph, graph.tree, graph.file = graph, load_yaml(path), path
         if "name" not in graph.tree:
@@ -169,10 +173,14 @@ class Graph(NodeScope):
         """The graph as the text of a graph file, written to `file` where one is named; paths lead to the same files."""
         from exmesh_graph.api.writing import yaml_text
 
-        path = None if file is None else Path(file).absolute()
+        path = None if file is None else path_of(file, "the file of a graph").absolute()
         text = yaml_text(self, Path.cwd() if path is None else path.parent)
         if path is not None:
-            path.write_text(text, encoding="utf-8")
+            if path.is_dir():
+                wrong("the file of a graph", str(path), "the path of a file; this is a folder")
+            with writing("the graph file", path, "to_yaml"):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text, encoding="utf-8")
         return text
 
     def __repr__(self) -> str:

@@ -10,8 +10,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.api.arguments import by_name, path_of, wrong
 from exmesh_graph.api.judge import declared
 from exmesh_graph.api.values import Node, Place, Plug, Wire, here, plain
+from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.components import BoundComponent, Component
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, signature, type_name
@@ -58,7 +60,7 @@ class CallContext:
 def call(
     type: str | Callable[..., Any],
     /,
-    *,
+    *given: Any,
     seed: int = 0,
     folder: str | os.PathLike[str] | None = None,
     progress: Callable[..., Any] | None = None,
@@ -81,6 +83,9 @@ def call(
             f"{kind} is a component, which is not called",
             fix=f'give it to a node: component("{kind}")',
         )
+    by_name(given, kind, [*known.inputs, *known.params.model_fields])
+    if isinstance(seed, bool) or not isinstance(seed, int):
+        wrong("seed", seed, "a whole number")
     values = {known.renamed.get(name, name): value for name, value in values.items()}
     inputs, plugs, fields = {}, {}, {}
     for name, port in known.inputs.items():
@@ -105,7 +110,7 @@ def call(
     links = {name: Link("argument", name) for name in inputs}
     bound = Bound(kind, definition, known, params, links, {}, seed, where, plugs)
     for name, value in inputs.items():
-        contracts.check_input(bound, name, value, {})
+        _check_facets(bound, name, value)
     marks = {name: mark_of(value) for name, value in inputs.items()}
     context = CallContext(kind, seed, _folder(folder), progress)
     words: dict[str, Any] = {known.params_name: params} if known.params_name else {}
@@ -113,6 +118,16 @@ def call(
     contracts.check_untouched(bound, inputs, marks)
     contracts.outputs_of(bound, result)
     return result
+
+
+def _check_facets(bound: Bound, port: str, value: Artifact) -> None:
+    """What the port asks of the value, where a graph would have it promised by a wire. Raises GraphError."""
+    try:
+        contracts.check_input(bound, port, value, {})
+    except GraphError as error:
+        what = error.what.replace(f"the wire {bound.wire(port)} carries", f"{bound.name}.{port} cannot be")
+        fix = "bring it into that form first (docs/conventions.md); units are normalised inside the unit sphere"
+        raise GraphError(what, where=error.where, expected=error.expected, fix=fix) from None
 
 
 def _fits(what: str, value: Any, port: Port, where: Place, problems: Problems) -> bool:
@@ -175,7 +190,7 @@ def _alone(spec: NodeSpec) -> Unrolled:
 def _folder(given: str | os.PathLike[str] | None) -> Path:
     """Where a node may write: `given`, or a folder that is removed when Python ends."""
     if given is not None:
-        return Path(given).absolute()
+        return path_of(given, "folder", "the path of a folder").absolute()
     kept = tempfile.TemporaryDirectory(prefix="exmesh-call-", ignore_cleanup_errors=True)
     atexit.register(kept.cleanup)
     return Path(kept.name)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.api.arguments import file_of
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Settings, Source, checked_graph, using
 from exmesh_graph.api.results import Run, read_run
@@ -33,7 +34,7 @@ class Side:
         record: Mapping[str, Any] | None = None
         if isinstance(source, Run):
             record, self.folder = source.record, source.folder
-        elif not isinstance(source, Graph) and Path(source).is_dir():
+        elif not isinstance(source, Graph) and file_of(source).is_dir():
             record, self.folder = read_run(Path(source)), Path(source)
         self.ran = record is not None
         if record is not None:

@@ -48,9 +48,11 @@ class Family:
         known = self._scope.graph.signature(kind)
         own_name = known is not None and ("name" in known.inputs or "name" in known.params.model_fields)
 
-        def add(node_name: str = "", /, **fields: Any) -> Node:
+        def add(node_name: str = "", /, *given: Any, **fields: Any) -> Node:
+            if not isinstance(node_name, str):
+                self._scope._by_name((node_name,), kind)
             called = node_name or ("" if own_name else fields.pop("name", ""))
-            return self._scope.add(called or _free(kind.rpartition(".")[2], self._scope), kind, **fields)
+            return self._scope.add(called or _free(kind.rpartition(".")[2], self._scope), kind, *given, **fields)
 
         add.__name__, add.__doc__ = kind, definition.function.__doc__
         return add

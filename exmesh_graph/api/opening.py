@@ -12,8 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.api.arguments import file_of, node_names, path_of, wrong
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.values import Node, Place, here, plain
+from exmesh_graph.api.values import Node, Place, Wire, here, plain
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.problems import GraphErrors, Problems, nearest
@@ -28,13 +29,17 @@ if TYPE_CHECKING:
 Source = str | os.PathLike[str] | Graph
 Settings = Mapping[str, Any] | Iterable[str] | None
 Folder = str | os.PathLike[str] | None
-Names = Iterable[str | Node] | str | Node | None
+Names = Iterable[str | Node | Wire[Any]] | str | Node | Wire[Any] | None
 
 
 def checked_graph(
     graph: Source, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
 ) -> Checked:
     """A graph, or one of its variants, without faults; else GraphErrors tells all of them."""
+    if variant is not None and not isinstance(variant, str):
+        wrong("variant", variant, "the name of a variant")
+    if store is not None:
+        path_of(store, "store", "the path of a folder")
     place, sets = here(), texts_of(set, params)
     with _placed(place, graph):
         checked = current_session().check(_path(graph), sets, variant, store, top=_merged(graph))
@@ -51,7 +56,7 @@ def check(
     session: Session | None = None,
     **params: Any,
 ) -> Checked:
-    """Check a graph and all variants that it declares, or the one that is named; gives the graph, ready to run.
+    """Check a graph and all variants that it declares, or the one that is named; gives what would run.
 
     Raises GraphErrors with everything that is wrong: each fault with its place, what was expected, and how to mend it.
     """
@@ -66,6 +71,8 @@ def checked_variants(
     repeats: bool = True, **params: Any,
 ) -> list[CheckedVariant]:  # fmt: skip
     """A graph and all variants that it declares, checked."""
+    if store is not None:
+        path_of(store, "store", "the path of a folder")
     place, sets = here(), texts_of(set, params)
     with _placed(place, graph):
         top = _merged(graph)
@@ -77,6 +84,10 @@ def checked_variants(
 
 def using(session: Session | None) -> contextlib.AbstractContextManager[Any]:
     """Work in a session, or in the current one."""
+    from exmesh_graph.graph.session import Session
+
+    if session is not None and not isinstance(session, Session):
+        wrong("session", session, "an ex.Session")
     return contextlib.nullcontext() if session is None else session
 
 
@@ -87,11 +98,13 @@ def packs() -> Packs:
 
 def open_store(folder: Folder = None, shared: str | None = None) -> Store:
     """The store in `folder`, by default $EXMESH_STORE or ./.exmesh."""
+    if shared is not None:
+        path_of(shared, "shared", "the path of a folder")
     return current_session().open_store(folder, shared)
 
 
 def _path(graph: Source) -> Path:
-    return graph.file if isinstance(graph, Graph) else Path(graph)
+    return graph.file if isinstance(graph, Graph) else file_of(graph)
 
 
 def _merged(graph: Source) -> Any:
@@ -100,8 +113,7 @@ def _merged(graph: Source) -> Any:
 
 def named(checked: Checked, names: Names) -> list[str]:
     """Names of nodes that the graph has. Raises GraphError with the nearest names."""
-    several = [names] if isinstance(names, str | Node) else names or ()
-    given = [str(name).removeprefix("@") for name in several]
+    given = node_names(names)
     for name in given:
         if name in checked.components:
             users = [node for node, bound in checked.nodes.items() if any(c.name == name for c in bound.plugged())]
@@ -116,7 +128,10 @@ def named(checked: Checked, names: Names) -> list[str]:
 def texts_of(set: Settings, params: Mapping[str, Any] | None = None) -> list[str]:
     """Settings as `--set` takes them: `name=value`, the value as in a graph file."""
     if set is not None and not isinstance(set, Mapping):
-        texts = [set] if isinstance(set, str) else list(set)
+        texts = [set] if isinstance(set, str) else list(set) if isinstance(set, Iterable) else [set]
+        for text in texts:
+            if not isinstance(text, str):
+                wrong("set", text, 'values by name, {"pbr.iterations": 800}, or texts: "pbr.iterations=800"')
     else:
         texts = [f"{name}={_text(name, value)}" for name, value in (set or {}).items()]
     return [*texts, *(f"{name}={_text(name, value)}" for name, value in (params or {}).items())]

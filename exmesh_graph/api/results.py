@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.board import clock
+from exmesh_graph.api.values import Node, here
 from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.files import walk_files, writing
 from exmesh_graph.graph.problems import nearest
@@ -146,6 +147,9 @@ class Run(Mapping[str, NodeRun]):
         """Write report.json and report.html anew."""
         from exmesh_graph.report import build_report
 
+        if not self.folder.is_dir():
+            raise StoreError("the run folder is gone", where=str(self.folder), expected="a folder with run.json",
+                             fix="run the graph again: what is in the store is kept")  # fmt: skip
         return build_report(self.folder, self.record, self.artifact)
 
     @property
@@ -173,12 +177,22 @@ class Run(Mapping[str, NodeRun]):
         return self._published("asset")
 
     def __getitem__(self, name: str) -> NodeRun:
+        name = name._name if isinstance(name, Node) else str(name)
         if name not in self.rows:
             rounds = [full for full in self.rows if re.sub(r"\[\d+\]", "", full) == name]
             if not rounds:
                 raise _unknown("node", name, self.rows, f"the run {self.id}")
             name = rounds[-1]
         return NodeRun(self, self.rows[name])
+
+    def __getattr__(self, name: str) -> Any:
+        rows = self.__dict__.get("rows", {})
+        if name.startswith("_") or not rows:
+            raise AttributeError(name)
+        near = [other for other in (name, *nearest(name, rows)) if other in rows]
+        known = ["asset", "folder", "metrics", "outputs", "paths", "report", "seconds", "state", "warnings"]
+        fix = f'a node is run["{near[0]}"]' if near else 'a node is run["its name"]'
+        raise UnknownName(f"a run has no attribute {name!r}", where=str(here()), expected=", ".join(known), fix=fix)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.rows)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.api.arguments import checked_options, path_of
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import (
     Folder,
@@ -87,6 +88,8 @@ def run(
     Raises GraphErrors with all faults before anything runs, RunFailed when nodes fail, KeyboardInterrupt (its `run`
     holds what was done) when it is interrupted; the same call then goes on.
     """
+    checked_options(workers, tokens, progress, listener)
+    runs = path_of(runs, "runs", "the path of a folder")
     with using(session):
         checked = checked_graph(graph, set, variant, store, **params)
         offered = tokens_of(tokens)
@@ -104,7 +107,7 @@ def run(
             checked,
             [graph],
             open_store(store, shared),
-            Path(runs),
+            runs,
             lambda opened: backend_of(workers, opened, backend, address),
             words,
             progress=progress,
@@ -190,7 +193,7 @@ def open_run(
     folder: str | os.PathLike[str] = "runs/latest", *, store: Folder = None, session: Session | None = None
 ) -> Run:
     """The handle of an earlier run, or of one that goes on. Raises ExmeshError where there is none."""
-    path = Path(folder)
+    path = path_of(folder, "the folder of a run", fix="ex.open_run() opens the latest run")
     record = read_run(path)
     with using(session):
         packs()  # for the wire types that they define

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
+from exmesh_graph.api.arguments import by_name, path_of
 from exmesh_graph.api.families import Families
 from exmesh_graph.api.judge import declared, judge
 from exmesh_graph.api.values import Node, Parameter, Plug, UnknownPort, Wire, here, plain
@@ -45,7 +46,7 @@ class NodeScope:
         """Nodes by family, for editors: `g.nodes.init.visual_hull(views=views.train)`, which also takes `name`."""
         return Families(self)
 
-    def add(self, name: str, type: str | Callable[..., Any], /, **fields: Any) -> Node:
+    def add(self, name: str, type: str | Callable[..., Any], /, *given: Any, **fields: Any) -> Node:
         """Add a node or a component; `fields` are its inputs, parameters, seed, doc, at and every. Raises GraphErrors.
 
         The type may be the function or class itself that `node` or `component` declares.
@@ -54,6 +55,7 @@ class NodeScope:
         _refuse_name(name, self, where)
         entry = Map(where)
         entry.put("type", type if isinstance(type, str) else declared(type, self.graph.packs, where).type, where)
+        self._by_name(given, str(entry["type"]))
         own = self.written()
         before = own.copy()
         own.put(name, entry, where)
@@ -64,10 +66,11 @@ class NodeScope:
             raise
         return Node(self, name)
 
-    def set(self, node: str | Node, /, **fields: Any) -> None:
+    def set(self, node: str | Node, /, *given: Any, **fields: Any) -> None:
         """Change inputs and parameters of a node, also of one from the graph that this one extends or uses."""
         where = here()
         scope, name = self.at(str(node).removeprefix("@"), where)
+        scope._by_name(given, scope.type_of(name))
         scope._fill(name, scope.patch(name, where), fields, where, Problems())
 
     def remove(self, node: str | Node) -> None:
@@ -101,7 +104,7 @@ class NodeScope:
             what, fix = f"{name}: a graph that is used in another one lies in a file", "save it by to_yaml(file) first"
             fail("graph", where, what, expected="the path of a graph file", fix=fix)
         entry = Map(where)
-        entry.put("graph", os.fspath(file), where)
+        entry.put("graph", os.fspath(path_of(file, name, "the path of a graph file")), where)
         for key, value in fields.items():
             entry.put(key, self._value(f"{name}.{key}", value, None, where, problems), where)
         problems.raise_if_any()
@@ -110,7 +113,7 @@ class NodeScope:
 
     def __getitem__(self, name: str) -> Node | RepeatBlock:
         """A node or block by its name; `rounds.refine` is a node in a block."""
-        scope, last = self.at(name, here())
+        scope, last = self.at(str(name).removeprefix("@"), here())
         return RepeatBlock(scope, last) if scope._has(last, "repeat") else Node(scope, last)
 
     def _ipython_key_completions_(self) -> list[str]:
@@ -269,6 +272,11 @@ class NodeScope:
         else:
             state = f"{node} is hidden by another node of that name"
         problems.add("link", where, f"{what} cannot be wired to {node}", found=state, fix=fix)
+
+    def _by_name(self, given: tuple[Any, ...], kind: str) -> None:
+        """Refuse what was given to a node by position."""
+        known = self.graph.signature(kind) if given else None
+        by_name(given, kind, [*known.inputs, *known.params.model_fields] if known else ())
 
     def _judge(self, name: str, problems: Problems) -> None:
         """Note what is known to be wrong with a node, by the checks of graph files."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.api.arguments import checked_options, file_of, node_names, path_of
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Folder, Settings, Source, checked_variants, open_store, texts_of, using
 from exmesh_graph.api.progress import Progress
@@ -157,10 +158,14 @@ def sweep(
 
     Raises GraphErrors with the faults of all variants, and KeyboardInterrupt as ex.run does; failed nodes do not raise.
     """
+    checked_options(workers, tokens, progress, listener)
+    runs = path_of(runs, "runs", "the path of a folder")
+    if not graphs or not all(_stem(graph) for graph in graphs):
+        raise GraphError("there is no graph to sweep", where=str(here()), expected="a graph, or several")
     with using(session):
         sets = texts_of(set, params)
         chosen = None if only is None else [only] if isinstance(only, str) else list(only)
-        targets = [nodes] if isinstance(nodes, str) else list(nodes or ())
+        targets = node_names(nodes)
         study, offered = Study.of(graphs, sets, chosen, targets, store), tokens_of(tokens)
         words = command_words(sets, {}, [word for name in chosen or () for word in ("--only", name)])
         words += [word for name in targets for word in ("--node", name)]
@@ -177,7 +182,7 @@ def sweep(
                 study.merged.checked,
                 graphs,
                 open_store(store, shared),
-                Path(runs),
+                runs,
                 lambda opened: backend_of(workers, opened, backend, address),
                 words,
                 verb="sweep",
@@ -219,11 +224,11 @@ def _known(only: list[str] | None, graph: Source, graphs: Sequence[Source]) -> l
 
 
 def _variants_of(graph: Source) -> list[str]:
-    return [row.name for row in rows_of(graph.merged())] if isinstance(graph, Graph) else variant_names(Path(graph))
+    return [row.name for row in rows_of(graph.merged())] if isinstance(graph, Graph) else variant_names(file_of(graph))
 
 
 def _stem(graph: Source) -> str:
-    return graph.name if isinstance(graph, Graph) else Path(graph).stem
+    return graph.name if isinstance(graph, Graph) else file_of(graph).stem
 
 
 def _label(file: str, variant: CheckedVariant, several: bool) -> str:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 
 if TYPE_CHECKING:
@@ -49,11 +50,22 @@ def here() -> Place:
     return Place(Path(frame.f_code.co_filename), frame.f_lineno)
 
 
+class NoValue(GraphError, AttributeError):
+    """An output of a graph's node was used as if it were the value that a run makes."""
+
+
 class Wire(Generic[T_co]):
     """An output of a node of a graph, to be given to another node: `views.train`. Its text is that of a graph file."""
 
     def __init__(self, scope: NodeScope, node: str, port: str) -> None:
         self.scope, self.node, self.port = scope, node, port
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name in ("scope", "node", "port"):
+            raise AttributeError(name)
+        what = f"{self.node}.{self.port} has no {name!r}: it is an output in a graph, which has no value yet"
+        fix = f'run the graph, and ask the run: ex.run(graph)["{self.node}"].{self.port}.{name}'
+        raise NoValue(what, where=str(here()), expected="an output, to be given to another node", fix=fix)
 
     def __str__(self) -> str:
         return f"@{self.node}.{self.port}"
@@ -154,6 +166,17 @@ def plain(value: Any, what: str, where: Where, problems: Problems) -> Any:
         return plain(getattr(value, "value", None), what, where, problems)
     _refuse(value, shape, what, where, problems)
     return None
+
+
+def told(value: Any) -> str:
+    """A value that was given by mistake, in a few words."""
+    if isinstance(value, bool | int | float | str | Wire | Parameter):
+        return repr(value) if len(repr(value)) <= 60 else f"{repr(value)[:57]}..."
+    if value is None:
+        return "None"
+    shape = getattr(value, "shape", None)
+    of = f" of shape {tuple(shape)}" if isinstance(shape, tuple) else ""
+    return f"{'an' if type(value).__name__[0] in 'AEIOUaeiou' else 'a'} {type(value).__name__}{of}"
 
 
 def _refuse(value: Any, shape: Any, what: str, where: Where, problems: Problems) -> None:

@@ -34,8 +34,9 @@ Folder = str | os.PathLike[str] | None
 class Session:
     """Packs by name (modules or packages of modules; None: the installed ones), and all that is known of them."""
 
-    def __init__(self, packs: Iterable[str | ModuleType] | None = None) -> None:
-        names = None if packs is None else [p.__name__ if isinstance(p, ModuleType) else p for p in packs]
+    def __init__(self, packs: Iterable[str | ModuleType] | str | ModuleType | None = None) -> None:
+        listed: Any = [packs] if isinstance(packs, str | ModuleType) else packs
+        names = None if listed is None else [p.__name__ if isinstance(p, ModuleType) else p for p in listed]
         self._packs = Packs(names)
         self._packs.parts[Session] = self
         self._store: Store | None = None

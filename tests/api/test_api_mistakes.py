@@ -50,6 +50,17 @@ def written(name: str, text: str) -> Path:
     return path
 
 
+def binary(name: str) -> str:
+    Path(name).write_bytes(b"\x89PNG")
+    return name
+
+
+def no_folder() -> Any:
+    done = run(base()[0])
+    shutil.rmtree("runs")
+    return done.metrics
+
+
 def number() -> Any:
     return ex.call("toy.const", value=1).number
 
@@ -103,6 +114,48 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str, str, str]] = {
     "no such figure": (lambda: run(base()[0]).metrics["psnr"], "psnr", "Seconds", ""),
     "no asset": (lambda: run(base()[0]).asset, "asset", "", ""),
     "no such sub-graph": (lambda: (g := base()[0], g.part("p", "p.yaml"), ex.check(g)), "no such graph file", "", ""),
+    "a run for a graph": (lambda: ex.run(run(base()[0])), "a graph cannot be a Run", "ex.Graph", "graph.yaml"),  # type: ignore[arg-type]
+    "a checked graph": (lambda: ex.run(ex.check(base()[0])), "cannot be a Checked", "ex.Graph", "what was checked"),  # type: ignore[arg-type]
+    "a mapping for a graph": (lambda: ex.run({"nodes": {}}), "cannot be a dict", "ex.Graph", "g.add"),  # type: ignore[arg-type]
+    "a node for a graph": (lambda: ex.plan(base()[1]), "cannot be a Node", "ex.Graph", "nodes="),  # type: ignore[arg-type]
+    "a list of graphs": (lambda: ex.check(["a.yaml"]), "cannot be a list", "ex.Graph", "ex.sweep"),  # type: ignore[arg-type]
+    "numbers for graphs": (lambda: ex.diff(1, 2), "cannot be 1", "ex.Graph", ""),  # type: ignore[arg-type]
+    "a number to sweep": (lambda: ex.sweep(5), "cannot be 5", "ex.Graph", ""),  # type: ignore[arg-type]
+    "nothing to sweep": (lambda: ex.sweep(), "no graph", "a graph", ""),
+    "nothing to load": (lambda: ex.Graph.load(None), "cannot be None", "ex.Graph", ""),  # type: ignore[arg-type]
+    "a graph without nodes": (lambda: run(ex.Graph("g")), "no nodes", "nodes:", ""),
+    "a name that is none": (lambda: ex.Graph(3), "cannot be 3", "a text", "ex.Graph.load"),  # type: ignore[arg-type]
+    "a folder for a graph": (lambda: ex.run("."), "cannot read", "Is a directory", "a text file"),
+    "a picture for a graph": (lambda: ex.run(binary("a.png")), "cannot read", "", "UTF-8"),
+    "an input without a name": (
+        lambda: (g := base())[0].add("x", "toy.step", g[1].number), "<output one.number> has none", "state=...", "name",
+    ),
+    "an input without a name, by family": (
+        lambda: (g := base())[0].nodes.toy.step(g[1].number), "by name", "state=...", "name",
+    ),
+    "an input without a name, called": (lambda: ex.call("toy.step", number()), "by name", "state=...", "name"),
+    "a parameter without a name": (lambda: base()[0].set("one", {"value": 2}), "a dict has none", "value=...", "name"),
+    "a value of what has not run": (lambda: base()[1].number.value, "no value yet", "", 'ex.run(graph)["one"]'),
+    "a node as an attribute of a run": (lambda: run(base()[0]).one, "no attribute 'one'", "metrics", 'run["one"]'),
+    "a node by its number": (lambda: base()[0][0], "no node '0'", "one", ""),  # type: ignore[index]
+    "settings of a wrong type": (lambda: run(base()[0], set=5), "set cannot be 5", "pbr.iterations", ""),
+    "nodes of a wrong type": (lambda: run(base()[0], nodes=5), "nodes cannot be 5", "the name of a node", ""),
+    "workers of a wrong type": (lambda: ex.run(base()[0], workers="two"), "workers cannot be 'two'", "whole", ""),  # type: ignore[arg-type]
+    "workers below none": (lambda: ex.run(base()[0], workers=-1), "workers cannot be -1", "whole number from 0", ""),
+    "tokens of a wrong type": (lambda: run(base()[0], tokens={"cpu": "x"}), "the token cpu cannot be 'x'", "{", ""),
+    "progress of a wrong type": (lambda: ex.run(base()[0], progress="loud"), "'loud'", '"auto", True', ""),  # type: ignore[arg-type]
+    "a listener of a wrong type": (lambda: run(base()[0], listener=5), "listener cannot be 5", "a function", ""),
+    "a variant of a wrong type": (lambda: run(base()[0], variant=5), "variant cannot be 5", "the name", ""),
+    "a store of a wrong type": (lambda: run(base()[0], store=5), "store cannot be 5", "the path of a folder", ""),
+    "runs of a wrong type": (lambda: run(base()[0], runs=5), "runs cannot be 5", "the path of a folder", ""),
+    "a session of a wrong type": (lambda: run(base()[0], session=5), "session cannot be 5", "ex.Session", ""),
+    "a seed of a wrong type": (lambda: ex.call("toy.const", value=1, seed="a"), "seed cannot be 'a'", "whole", ""),  # type: ignore[arg-type]
+    "a mesh of another size": (
+        lambda: ex.call("uv.unwrap", mesh=Mesh(np.eye(3, dtype=np.float32) * 40, np.array([[0, 1, 2]], np.int32))),
+        "units='unknown'", "units='normalised'", "inside the unit sphere",
+    ),
+    "a graph saved over a folder": (lambda: base()[0].to_yaml("."), "cannot be", "this is a folder", ""),
+    "a run folder that is gone": (no_folder, "the run folder is gone", "run.json", "run the graph again"),
 }  # fmt: skip
 
 
@@ -119,3 +172,16 @@ def test_mistakes_are_told(case: str) -> None:
         assert all(problem.where.file is not None for problem in error.problems), text  # none is "command line"
     elif not isinstance(error, StoreError):
         assert error.where or error.expected or error.fix
+
+
+def test_what_a_run_takes_for_nodes() -> None:
+    graph, one = base()
+    graph.add("two", "toy.step", state=one.number, amount=1)
+    for nodes in (one, one.number, [one.number], "one", ["@one"]):
+        assert [step.name for step in ex.plan(graph, nodes=nodes)] == ["one"]
+    assert run(graph)[one].number is not None
+
+
+def test_a_graph_is_saved_into_a_new_folder() -> None:
+    base()[0].to_yaml("new folder/graph of mine.yaml")
+    assert [step.name for step in ex.plan("new folder/graph of mine.yaml")] == ["one"]

@@ -148,7 +148,7 @@ class Block(_Named):
             if (key in self.carry) != (key in self.next):
                 where = (self.carry if key in self.carry else self.next).lines[key]
                 lacks = "next" if key in self.carry else "carry"
-                self.problems.add("repeat", where, f"{name}: {key!r} is missing in {lacks}:")
+                self.problems.add("repeat", where, f"{name}: {key!r} is missing in {lacks}:", fix="name it in both")
 
     def value(self, key: str, where: Where) -> Link | None:
         """The value after the last round."""

@@ -76,9 +76,9 @@ def load_yaml(path: Path) -> Map:
             )
         text = raw.decode("utf-8")
     except FileNotFoundError:
-        fail("file", where, "no such graph file", nearest=files_like(path))
+        fail("file", where, "no such graph file", nearest=files_like(path), fix=f"folder: {path.absolute().parent}")
     except (OSError, UnicodeDecodeError) as error:
-        fail("file", where, f"cannot read the graph file: {error}")
+        fail("file", where, f"cannot read the graph file: {error}", fix="name a text file in UTF-8")
     value = current().part(Reader).read(text, path)
     if not isinstance(value, Map):
         fail("yaml", where, "a graph file is a mapping", expected="name:, nodes:, ...")
