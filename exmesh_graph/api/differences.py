@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,15 +12,7 @@ from exmesh_graph.api.arguments import file_of
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Settings, Source, checked_graph, using
 from exmesh_graph.api.results import Run, read_run
-from exmesh_graph.graph.variants.compare import (
-    CHANGED,
-    REMOVED,
-    Difference,
-    compare,
-    component_words,
-    named_in_short,
-    rerun,
-)
+from exmesh_graph.graph.variants.compare import Difference, compare, named_in_short, rerun
 from exmesh_graph.graph.variants.merge import identities
 
 if TYPE_CHECKING:
@@ -49,8 +42,6 @@ class Side:
 
     def figures(self) -> Mapping[str, Any]:
         """The headline figures of a run's report, where there is one."""
-        import json
-
         path = self.folder / "report.json"
         return json.loads(path.read_text(encoding="utf-8"))["headline"] if path.is_file() else {}  # type: ignore[no-any-return]
 
@@ -90,46 +81,11 @@ class Comparison:
 
     def picture(self, rounds: bool = False) -> GraphPicture:
         """Both graphs in one picture: green what is added, red what is removed, amber what is changed."""
-        from exmesh_graph.report.drawing.states import fold_boxes, plugged_components, wire_lines
-        from exmesh_graph.report.drawing.svg import Box, GraphPicture, fold_edges, fold_loops
+        from exmesh_graph.report.drawing.difference import picture_of_difference
 
-        old, new, change, again = self.old.resolved, self.new.resolved, self.difference, {*(self.rerun or ())}
-        boxes = []
-        removed = {name: entry for name, entry in old["nodes"].items() if change.states.get(name) == REMOVED}
-        for name, entry in {**new["nodes"], **removed}.items():
-            state = change.states.get(name, "rerun" if name in again else "")
-            words = [*change.words.get(name, []), *self._plugged_words(entry)]
-            if words and state in ("", "rerun"):
-                state = CHANGED
-            note = ""
-            if state == CHANGED:
-                first = f"{words[0].partition(' from ')[0]} rewired" if " from @" in words[0] else words[0]
-                note = first if len(first) <= 40 else first[:39] + "…"
-                note += f" +{len(words) - 1}" if words[1:] else ""
-            boxes.append(Box(name, entry["type"], state, note=note, hover=(*words, *wire_lines(entry, {}))))
-        plugs, plugged = plugged_components(new, new["nodes"])
-        boxes = [*plugs, *boxes]
-        wires = [(a, b) for graph in (new, old) for a, b in _edges(graph, change.renamed)] + plugged
         title = f"{self.old.name} → {self.new.name}"
-        if rounds:
-            return GraphPicture(boxes, list(dict.fromkeys(wires)), edge_states=change.wires, title=title)
-        states: dict[tuple[str, str], set[str]] = {}
-        for wire in wires:
-            for folded in fold_edges([wire]) or fold_loops([wire]):
-                states.setdefault(folded, set()).add(change.wires.get(wire, ""))
-        edge_states = {wire: next(iter(told)) for wire, told in states.items() if len(told) == 1}
-        loops = [loop for loop in fold_loops(wires) if edge_states.get(loop) != REMOVED]
-        return GraphPicture(fold_boxes(boxes), fold_edges(wires), loops, edge_states, title)
-
-    def _plugged_words(self, entry: Mapping[str, Any]) -> list[str]:
-        """What is other in the components that are plugged into a node."""
-        old, new = (side.resolved.get("components", {}) for side in (self.old, self.new))
-        lines = []
-        for name in (str(link).removeprefix("@") for link in entry.get("components", {}).values()):
-            if name in old and name in new and old[name] != new[name]:
-                own = [word for _, word in component_words({name: old[name]}, {name: new[name]})]
-                lines += [f"{name}: {word}" for word in own or ["a component in it changed"]]
-        return lines
+        again = {*(self.rerun or ())}
+        return picture_of_difference(self.old.resolved, self.new.resolved, self.difference, again, title, rounds)
 
     def _inputs_same(self, name: str, again: list[str]) -> bool:
         inputs = self.new.resolved["nodes"].get(name, {}).get("inputs", {}).values()
@@ -159,15 +115,6 @@ def diff(
     """How two graphs or runs differ. Settings, variant and graph parameters apply to `new`, by default `old`."""
     with using(session):
         return Comparison(Side(old), Side(old if new is None else new, set, variant, **params))
-
-
-def _edges(graph: Mapping[str, Any], renamed: Mapping[str, str]) -> list[tuple[str, str]]:
-    wires = []
-    for name, entry in graph["nodes"].items():
-        for link in entry["inputs"].values():
-            source = str(link).removeprefix("@").rpartition(".")[0]
-            wires.append((renamed.get(source, source), renamed.get(name, name)))
-    return wires
 
 
 def _figure(value: Any) -> str:

@@ -49,12 +49,7 @@ def checked_graph(
 
 
 def check(
-    graph: Source,
-    *,
-    set: Settings = None,
-    variant: str | None = None,
-    session: Session | None = None,
-    **params: Any,
+    graph: Source, *, set: Settings = None, variant: str | None = None, session: Session | None = None, **params: Any
 ) -> Checked:
     """Check a graph and all variants that it declares, or the one that is named; gives what would run.
 

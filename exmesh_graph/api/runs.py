@@ -1,4 +1,4 @@
-"""Running a graph from Python: `run`, `plan`, `open_run`, and what a failed run raises."""
+"""Running a graph from Python: `run`, `open_run`, and what a failed run raises."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import contextlib
 import os
 import shlex
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from exmesh_graph.api.arguments import checked_options, path_of
 from exmesh_graph.api.builder import Graph
@@ -92,42 +92,44 @@ def run(
     runs = path_of(runs, "runs", "the path of a folder")
     with using(session):
         checked = checked_graph(graph, set, variant, store, **params)
-        offered = tokens_of(tokens)
+        at = Resources(store, shared, runs, workers, backend, address, tokens_of(tokens))
         forced, targets = named(checked, force), named(checked, nodes)
         sets = texts_of(set, params)
-        words = command_words(
-            sets,
-            {"--variant": variant, "--store": store, "--shared": shared,
-             "--runs": None if str(runs) == "runs" else runs, "--workers": workers,
-             "--tokens": ",".join(f"{name}={count:g}" for name, count in offered.items()) or None,
-             "--backend": None if backend == "local" else backend, "--address": address},
-            ["--keep-going"] if keep_going else [],
-        )  # fmt: skip
+        words = [*command_words(sets, {"--variant": variant}), *at.words(), *(["--keep-going"] if keep_going else [])]
+        only = [word for name in targets for word in ("--node", name)]
         return run_checked(
-            checked,
-            [graph],
-            open_store(store, shared),
-            runs,
-            lambda opened: backend_of(workers, opened, backend, address),
-            words,
-            progress=progress,
-            listener=listener,
-            report=report,
-            only=[word for name in targets for word in ("--node", name)],
-            targets=checked.needed_for(targets) if targets else None,
-            force={*forced},
-            overrides=tuple(sets),
-            tokens=offered,
+            checked, [graph], at, words, progress=progress, listener=listener, report=report, only=only,
+            targets=checked.needed_for(targets) if targets else None, force={*forced}, overrides=tuple(sets),
             keep_going=keep_going,
-        )
+        )  # fmt: skip
+
+
+class Resources(NamedTuple):
+    """Store, run folders, backend and tokens of a run: what `run` and `sweep` take by these names."""
+
+    store: Folder
+    shared: str | None
+    runs: Path
+    workers: int | None
+    backend: str
+    address: str | None
+    tokens: Mapping[str, float]
+
+    def words(self) -> list[str]:
+        """How a command names them; what is as by default is left out."""
+        options = {
+            "--store": self.store, "--shared": self.shared, "--runs": None if self.runs == Path("runs") else self.runs,
+            "--workers": self.workers,
+            "--tokens": ",".join(f"{name}={count:g}" for name, count in self.tokens.items()) or None,
+            "--backend": None if self.backend == "local" else self.backend, "--address": self.address,
+        }  # fmt: skip
+        return command_words((), options)
 
 
 def run_checked(
     checked: Checked,
     sources: Sequence[Source],
-    store: Store,
-    runs: Path,
-    make: Callable[[Store], Backend],
+    at: Resources,
     words: list[str],
     *,
     progress: Progress,
@@ -144,16 +146,17 @@ def run_checked(
 
     for module, why in packs().broken.items():
         warnings.warn(f"the node module {module} cannot be imported: {why}", stacklevel=3)
+    store = open_store(at.store, at.shared)
     with contextlib.ExitStack() as layer:
         opened = layer.enter_context(writable(store))
-        backend = make(opened)
-        folder = RunFolder(runs, checked.name)
+        backend = backend_of(at.workers, opened, at.backend, at.address)
+        folder = RunFolder(at.runs, checked.name)
         files = _files(sources, folder.path)
         command = ["exmesh", verb, *files, *words]
         checked = replace(checked, file=Path(files[0]).absolute())
         with contextlib.closing(folder), listening(progress, listener, checked, folder.id) as listen:
             work = Runner(checked, opened, folder, listen, backend=backend, command=shlex.join([*command, *only]),
-                          alone=shlex.join(command), **options)  # fmt: skip
+                          alone=shlex.join(command), tokens=at.tokens, **options)  # fmt: skip
             result = Run(folder.path, work.record, opened)
             if opened is not store:  # a temporary one, needed as long as the handle
                 result.keep(layer.pop_all().close)

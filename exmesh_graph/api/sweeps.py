@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.arguments import checked_options, file_of, node_names, path_of
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.opening import Folder, Settings, Source, checked_variants, open_store, texts_of, using
+from exmesh_graph.api.opening import Folder, Settings, Source, checked_variants, texts_of, using
 from exmesh_graph.api.progress import Progress
 from exmesh_graph.api.results import NodeRun, Run
-from exmesh_graph.api.runs import RunFailed, backend_of, command_words, run_checked, tokens_of
+from exmesh_graph.api.runs import Resources, RunFailed, command_words, run_checked, tokens_of
 from exmesh_graph.api.values import here
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.problems import GraphErrors, Problem, nearest
@@ -166,34 +166,19 @@ def sweep(
         sets = texts_of(set, params)
         chosen = None if only is None else [only] if isinstance(only, str) else list(only)
         targets = node_names(nodes)
-        study, offered = Study.of(graphs, sets, chosen, targets, store), tokens_of(tokens)
+        at = Resources(store, shared, runs, workers, backend, address, tokens_of(tokens))
+        study = Study.of(graphs, sets, chosen, targets, store)
         words = command_words(sets, {}, [word for name in chosen or () for word in ("--only", name)])
         words += [word for name in targets for word in ("--node", name)]
-        words += command_words(
-            (),
-            {"--store": store, "--shared": shared, "--runs": None if str(runs) == "runs" else runs,
-             "--backend": None if backend == "local" else backend, "--address": address},
-        )  # fmt: skip
+        words += [*at.words(), *([] if keep_going else ["--stop"])]
         if started is not None:
             started(study)
         failures: dict[str, str] = {}
         try:
             result = run_checked(
-                study.merged.checked,
-                graphs,
-                open_store(store, shared),
-                runs,
-                lambda opened: backend_of(workers, opened, backend, address),
-                words,
-                verb="sweep",
-                progress=progress,
-                listener=listener,
-                report=False,
-                targets=study.targets,
-                overrides=tuple(sets),
-                tokens=offered,
-                keep_going=keep_going,
-            )
+                study.merged.checked, graphs, at, words, verb="sweep", progress=progress, listener=listener,
+                report=False, targets=study.targets, overrides=tuple(sets), keep_going=keep_going,
+            )  # fmt: skip
         except RunFailed as failure:
             result = failure.run
             failures = {str(record["node"]): str(record["message"]) for record in result.failures}

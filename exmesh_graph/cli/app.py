@@ -219,10 +219,11 @@ def get(
     from exmesh_graph import api
     from exmesh_graph.api.upkeep import shown_bytes
 
-    folder = api.open_run(run, store=store).save(output, out or Path(output))
+    opened = api.open_run(run, store=store)
+    folder = opened.save(output, out or Path(output))
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     node, _, port = output.rpartition(".")
-    kind = api.open_run(run, store=store)[node].info["outputs"][port]["type"]
+    kind = opened[node].info["outputs"][port]["type"]
     typer.echo(f"{folder}: {kind}, {shown_bytes(sum(path.stat().st_size for path in files))}")
     for path in files[:20]:
         typer.echo(f"  {path.relative_to(folder)}")

@@ -14,6 +14,8 @@ from exmesh_graph.cli.options import AsJson, put_json
 if TYPE_CHECKING:
     from exmesh_graph.api.described import ParameterInfo, TypeInfo
 
+Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")]
+
 
 def nodes(
     type: Annotated[str | None, typer.Argument(help="A node type, for its ports and parameters.")] = None,
@@ -98,28 +100,25 @@ def new_node(
     typer.echo(f"test it: pytest {root / 'tests'}\ninstall it: pip install -e {root}\nsee it: exmesh nodes {type}")
 
 
-def schema(
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")] = None,
-) -> None:
+def schema(output: Output = None) -> None:
     """Print the JSON schema of graph files with the node types at hand, for editors."""
     from exmesh_graph.api.described import schema_text
 
-    text = schema_text()
-    if output is None:
-        typer.echo(text, nl=False)
-    else:
-        output.write_text(text, encoding="utf-8")
-        typer.echo(str(output))
+    _put_text(schema_text(), output)
 
 
 def stubs(
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")] = None,
+    output: Output = None,
     install: Annotated[bool, typer.Option("--install", help="Write it where editors look: into the package.")] = False,
 ) -> None:
     """Print the types of all node types at hand, with which editors complete graphs that are built in Python."""
     from exmesh_graph.api.stubs import SHIPPED, stub_text
 
-    text, target = stub_text(), SHIPPED if install else output
+    _put_text(stub_text(), SHIPPED if install else output)
+
+
+def _put_text(text: str, target: Path | None) -> None:
+    """Print a text, or write it to a file."""
     if target is None:
         typer.echo(text, nl=False)
     else:

@@ -8,12 +8,7 @@ from typing import Annotated
 
 import typer
 
-from exmesh_graph.cli.options import (
-    RunsFolder,
-    SharedUrl,
-    StoreFolder,
-    show_notes,
-)
+from exmesh_graph.cli.options import RunsFolder, SharedUrl, StoreFolder, show_notes
 from exmesh_graph.errors import ExmeshError
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -151,49 +151,48 @@ def _put_out(picture: GraphPicture, path: Path | None) -> None:
 def show_table(table: Mapping[str, Any], width: int | None = None) -> None:
     """The table for a terminal: as many figures as fit, those with a direction first; sweep.csv has all."""
     from exmesh_graph.api.board import clock
-    from exmesh_graph.report.sweep.table import label_of, text_of
-    from exmesh_graph.report.text import signed
+    from exmesh_graph.report.sweep.table import label_of
 
-    width = width or shutil.get_terminal_size((110, 24)).columns
-    several = len({row["file"] for row in table["variants"]}) > 1
-    rows = table["variants"]
+    rows, counts = table["variants"], table["nodes"]
+    several = len({row["file"] for row in rows}) > 1
     columns = [["variant", *(label_of(row, several) for row in rows)]]
     tail = [
         ["seconds", *(clock(row["seconds"]["mean"]) for row in rows)],
         ["shared", *(f"{row['shared']}/{row['nodes']}" for row in rows)],
     ]
-    room = width - sum(2 + max(map(len, column)) for column in (*columns, *tail))
-    left_out = 0
+    room = (width or shutil.get_terminal_size((110, 24)).columns) - sum(map(_width, (*columns, *tail)))
     for figure in table["figures"]:
-        unit = f" {figure['unit']}" if figure["unit"] else ""
-        column = [f"{figure['label']}{unit}"]
-        for row in rows:
-            entry = row["figures"].get(figure["label"], {})
-            difference = ""
-            if "difference" in entry:
-                within = entry["exceeds"] is False and entry["difference"]
-                difference = ("  ≈" if within else "  ") + signed(entry["difference"])
-            column.append(text_of(entry) + difference)
-        need = 2 + max(map(len, column))
-        if need <= room:
-            room -= need
+        label = figure["label"]
+        column = [f"{label} {figure['unit']}".rstrip(), *(_cell(row["figures"].get(label, {})) for row in rows)]
+        if _width(column) <= room:
+            room -= _width(column)
             columns.append(column)
-        else:
-            left_out += 1
+    left_out = len(table["figures"]) + 1 - len(columns)
     columns += tail
     typer.echo("")
-    for index in range(len(rows) + 1):
-        cells = [column[index] for column in columns]
-        widths = [max(map(len, column)) for column in columns]
-        line = "  ".join(
-            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths, strict=True))
-        )
-        typer.echo(line.rstrip())
+    for index, cells in enumerate(zip(*columns, strict=True)):
+        first, *others = (cell.rjust(_width(column) - 2) for cell, column in zip(cells, columns, strict=True))
+        typer.echo("  ".join([cells[0].ljust(len(first)), *others]).rstrip())
         if index and rows[index - 1]["state"] != "done":
             typer.echo(f"    {rows[index - 1]['state']}: {rows[index - 1]['reason']}")
     notes = [f"{left_out} more figures in sweep.csv"] if left_out else []
     if any(len(row["repeats"]) > 1 for row in rows):
         notes.append("± over seeds, ≈ within the spread")
-    counts = table["nodes"]
     notes.append(f"{counts['from_store']} nodes from the store, {counts['run']} run, {clock(table['seconds'] or 0.0)}")
     typer.echo("\n  " + "; ".join(notes))
+
+
+def _width(column: Sequence[str]) -> int:
+    """Of a column with the gap before it."""
+    return 2 + max(map(len, column))
+
+
+def _cell(entry: Mapping[str, Any]) -> str:
+    """A figure, and by how much it differs from the base."""
+    from exmesh_graph.report.sweep.table import text_of
+    from exmesh_graph.report.text import signed
+
+    if "difference" not in entry:
+        return text_of(entry)
+    within = entry["exceeds"] is False and entry["difference"]
+    return f"{text_of(entry)}  {'≈' if within else ''}{signed(entry['difference'])}"

@@ -106,12 +106,24 @@ def test_a_sweep_runs_shared_nodes_once_and_tells_one_table(exmesh: Exmesh, fold
 
 def test_a_sweep_of_some_nodes_and_one_variant(exmesh: Exmesh, folder: Path) -> None:
     (folder / "study.yaml").write_text(STUDY)
-    words = ("sweep", "study.yaml", "--only", "broken", "--node", "score", "--set", "seed=5", "--workers", "0")
+    words = (
+        "sweep",
+        "study.yaml",
+        "--only",
+        "broken",
+        "--node",
+        "score",
+        "--set",
+        "seed=5",
+        "--workers",
+        "0",
+        "--stop",
+    )
     exmesh(*words)  # the gate is not among what score needs
     table = sweep_of(folder)
     assert [(row["variant"], row["state"]) for row in table["variants"]] == [("base", "done"), ("broken", "done")]
     assert [repeat["seed"] for repeat in table["variants"][0]["repeats"]] == [5, 6]
-    assert table["command"].endswith("--set seed=5 --only broken --node score")
+    assert table["command"].endswith("--set seed=5 --only broken --node score --workers 0 --stop")
     exmesh("sweep", "study.yaml", "--node", "broken:gate", "--workers", "0", code=1)
     assert [row["state"] for row in sweep_of(folder)["variants"]][-1] == "failed"
     assert "no variant has a node 'scor'" in exmesh("sweep", "study.yaml", "--node", "scor", code=2).stderr
