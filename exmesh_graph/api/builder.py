@@ -18,6 +18,7 @@ lacks, and its files, when it is checked or run.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -175,6 +176,10 @@ class Graph(NodeScope):
 
         path = None if file is None else path_of(file, "the file of a graph").absolute()
         text = yaml_text(self, Path.cwd() if path is None else path.parent)
+        local = [kind for kind, known in self.packs.types.items() if known.function.__module__ == "__main__"]
+        if used := [kind for kind in local if re.search(rf"type: {re.escape(kind)}\s*[,}}\n]", text)]:
+            text = f"# {', '.join(used)}: declared in a script or notebook; for commands, put it in a pack" \
+                   f" (exmesh new-node)\n{text}"  # fmt: skip
         if path is not None:
             if path.is_dir():
                 wrong("the file of a graph", str(path), "the path of a file; this is a folder")

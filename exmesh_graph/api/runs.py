@@ -38,16 +38,21 @@ if TYPE_CHECKING:
 
 
 class RunFailed(NodeFailed):
-    """A run in which nodes failed; `run` is what came of the others, `records` what the failure files hold."""
+    """A run in which nodes failed; `run` is what came of the others, `records` what the failure files hold.
 
-    def __init__(self, run: Run, records: list[Mapping[str, Any]], cause: BaseException | None, place: str) -> None:
+    `local`: the graph has node types of a script or notebook, which no command knows.
+    """
+
+    def __init__(self, run: Run, records: list[Mapping[str, Any]], cause: BaseException | None, place: str,
+                 *, local: bool = False) -> None:  # fmt: skip
         super().__init__(records, cause)
         self.run, self.folder = run, run.folder
         self.where = f"{self.node} ({place})" if place else self.node
         self.expected = ""
         others = f"; {len(records) - 1} more failed: " + ", ".join(str(r["node"]) for r in records[1:6])
         self.what = str(self.record["message"]) + (others if len(records) > 1 else "")
-        self.fix = f"mend it and run again, what is done is kept: {self.record['run_again']}"
+        again = "mend it and run again, what is done is kept"
+        self.fix = f"{again}, from here" if local else f"{again}: {self.record['run_again']}"
 
     def __str__(self) -> str:
         at = f"\n  at {self.record['at']}" if self.record.get("at") else ""
@@ -165,7 +170,8 @@ def run_checked(
             except NodeFailed as failure:
                 result.failures = failure.records
                 place = checked.nodes[failure.node].where
-                raise RunFailed(result, failure.records, failure.cause, str(place)) from failure.cause
+                local = any(bound.definition.function.__module__ == "__main__" for bound in checked.nodes.values())
+                raise RunFailed(result, failure.records, failure.cause, str(place), local=local) from failure.cause
             except KeyboardInterrupt as interrupt:
                 interrupt.run = result  # type: ignore[attr-defined]
                 raise

@@ -96,9 +96,12 @@ def summary(run: Run) -> str:
     ]  # fmt: skip
     with contextlib.suppress(ExmeshError, OSError, ValueError):  # a report that cannot be read
         parts.append(_figures(run) if (run.folder / "report.json").is_file() else "")
+    messages = {record["node"]: record["message"] for record in run.failures}
     failed = [row["name"] for row in rows if row["state"] == "failed"]
-    if failed:
-        parts.append(cells.said(f"failed: {', '.join(failed)}", "bad"))
+    for name in failed[:5]:
+        parts.append(cells.said(f"failed: {name}{': ' if name in messages else ''}{messages.get(name, '')}", "bad"))
+    if failed[5:]:
+        parts.append(cells.said(f"failed: {', '.join(failed[5:])}", "bad"))
     slow = [row for row in ran[:5] if row["seconds"] >= 0.1]
     if slow:
         parts.append(

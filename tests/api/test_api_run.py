@@ -154,3 +154,45 @@ def test_old_names_are_warned_of(tmp_path: Path) -> None:
     path.write_text("nodes: {a: {type: toy.constant}}\noutputs: {a: '@a.number'}\n")
     with pytest.warns(UserWarning, match=r"g\.yaml:1: the node type 'toy.constant' is now called 'toy.const'"):
         ex.check(path)
+
+
+OWN_NODE = """
+from typing import NamedTuple
+import exmesh_graph as ex
+from exmesh_graph.graph import node
+from exmesh_graph.types import Mesh
+
+class Out(NamedTuple):
+    mesh: Mesh
+
+@node("my.broken", version="1")
+def broken(ctx) -> Out:
+    raise ValueError("no mesh today")
+
+g = ex.Graph("own")
+g.add("mine", broken)
+print(g.to_yaml())
+try:
+    ex.run(g, workers=0)
+except ex.RunFailed as error:
+    print(error)
+"""
+
+
+def test_a_script_is_told_that_commands_do_not_know_its_nodes(folder: Path) -> None:
+    Path("own.py").write_text(OWN_NODE)
+    told = subprocess.run([sys.executable, "own.py"], check=True, capture_output=True, text=True).stdout
+    assert told.startswith("# my.broken: declared in a script or notebook")
+    assert "no mesh today" in told
+    assert "fix: mend it and run again, what is done is kept, from here" in told
+    assert "exmesh run" not in told
+
+
+def test_saving_an_output_without_its_port(loop: Any, run: Any) -> None:
+    done = run(loop())
+    with pytest.raises(ExmeshError, match=r"'one' names no output\n  expected: one\.number"):
+        done.save("one", "copy")
+    with pytest.raises(ExmeshError, match=r"expected: rounds\.leap\.state"):
+        done.save("rounds.leap", "copy")
+    with pytest.raises(ExmeshError, match="no node 'nothing'"):
+        done.save("nothing.at_all", "copy")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
 from queue import Empty
 from typing import Any
@@ -111,7 +112,7 @@ def test_a_failed_run_names_its_nodes() -> None:
     with pytest.raises(ex.RunFailed) as failure:
         ex.run(made, workers=0, progress=False)
     html = run_html(failure.value.run) or ""
-    assert "failed: broken" in html
+    assert f"failed: broken: {failure.value.records[0]['message']}" in unescape(html)
 
 
 class Handle:
