@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.api.arguments import file_of, path_of, wrong
-from exmesh_graph.api.scope import NodeScope, child
+from exmesh_graph.api.scope import NodeScope, child, map_or_empty
 from exmesh_graph.api.values import Node, Parameter, Place, Wire, here, plain
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
@@ -85,8 +85,7 @@ class Graph(NodeScope):
 
     @property
     def base(self) -> Map:
-        nodes = self.extended.get("nodes")
-        return nodes if isinstance(nodes, Map) else Map(self.tree.where)
+        return map_or_empty(self.extended.get("nodes"), self.tree.where)
 
     @property
     def packs(self) -> Packs:

@@ -131,10 +131,7 @@ class NodeScope:
     def entry(self, name: str) -> tuple[Map, Map]:
         """What is written of a node here, and in what the graph extends."""
         own, base = self.own.get(name), self.base.get(name)
-        own = own if isinstance(own, Map) else Map(self.own.where)
-        if {"type", "repeat", "graph"} & set(own) and not isinstance(base, Map):
-            base = None
-        return own, base if isinstance(base, Map) else Map(self.own.where)
+        return map_or_empty(own, self.own.where), map_or_empty(base, self.own.where)
 
     def where_of(self, name: str) -> Where:
         """Where a node was written."""
@@ -292,16 +289,14 @@ class RepeatBlock(NodeScope):
 
     @property
     def own(self) -> Map:
-        nodes = self.scope.entry(self.name)[0].get("nodes")
-        return nodes if isinstance(nodes, Map) else Map(self.scope.where_of(self.name))
+        return map_or_empty(self.scope.entry(self.name)[0].get("nodes"), self.scope.where_of(self.name))
 
     def written(self) -> Map:
         return child(self.scope.patch(self.name, here()), "nodes")
 
     @property
     def base(self) -> Map:
-        nodes = self.scope.entry(self.name)[1].get("nodes")
-        return nodes if isinstance(nodes, Map) else Map(self.scope.where_of(self.name))
+        return map_or_empty(self.scope.entry(self.name)[1].get("nodes"), self.scope.where_of(self.name))
 
     @property
     def carry(self) -> Node:
@@ -380,6 +375,11 @@ def _restore(entry: Map, before: Map) -> None:
     entry.clear()
     entry.update(before)
     entry.lines = before.lines
+
+
+def map_or_empty(value: Any, where: Where) -> Map:
+    """A value that is a mapping, or an empty one in the place of any other."""
+    return value if isinstance(value, Map) else Map(where)
 
 
 def child(entry: Map, key: str) -> Map:

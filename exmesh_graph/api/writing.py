@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.api.scope import map_or_empty
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.language.extends import load_merged
 from exmesh_graph.graph.language.yamlfile import Map, parse_yaml
@@ -65,15 +66,13 @@ class _Mover:
         result = nodes.copy()
         for name, entry in nodes.items():
             if isinstance(entry, Map):
-                below = base.get(name)
-                result[name] = self._entry(entry, below if isinstance(below, Map) else Map(entry.where))
+                result[name] = self._entry(entry, map_or_empty(base.get(name), entry.where))
         return result
 
     def _entry(self, entry: Map, base: Map) -> Map:
         result = entry.copy()
         if isinstance(entry.get("nodes"), Map):
-            below = base.get("nodes")
-            result["nodes"] = self._nodes(entry["nodes"], below if isinstance(below, Map) else Map(entry.where))
+            result["nodes"] = self._nodes(entry["nodes"], map_or_empty(base.get("nodes"), entry.where))
         paths = self._path_keys(str(entry.get("type", base.get("type", ""))))
         if "graph" in entry or "graph" in base:
             paths = {"graph", *self._path_params_of_part(entry, base)}
@@ -164,14 +163,9 @@ class _Mover:
         return self._moved(value, base)
 
     def _moved(self, value: Any, base: Path) -> Any:
-        if (
-            not isinstance(value, str)
-            or not value
-            or value.startswith(("~", "@", "${"))
-            or PurePath(value).is_absolute()
-        ):
+        if not isinstance(value, str) or not value or base == self.folder:
             return value
-        if base == self.folder:
+        if value.startswith(("~", "@", "${")) or PurePath(value).is_absolute():
             return value
         path = os.path.normpath(base / value)
         near = os.path.relpath(path, self.folder)
