@@ -21,17 +21,19 @@ def check_usd(
     """Judge USD files by OpenUSD's validators, own rules (docs/usd.md), and Blender on demand. Exit code 1: errors."""
     from exmesh_graph.export.usd import validate_usd
 
-    found = [(file, problem) for file in files for problem in validate_usd(file)]
+    judged_problems = [(file, problem) for file in files for problem in validate_usd(file)]
     if blender is not None:
         from exmesh_graph.export.blender import judged
 
-        broken = {file for file, problem in found if problem.level == "error"}  # these may crash it
-        found += [(file, problem) for file in files if file not in broken for problem in judged(file, blender)]
-    errors, warnings = (sum(problem.level == level for _, problem in found) for level in ("error", "warning"))
+        broken = {file for file, problem in judged_problems if problem.level == "error"}  # these may crash it
+        judged_problems += [
+            (file, problem) for file in files if file not in broken for problem in judged(file, blender)
+        ]
+    errors, warnings = (sum(problem.level == level for _, problem in judged_problems) for level in ("error", "warning"))
     if as_json:
-        typer.echo(json.dumps([{"file": str(file), **asdict(problem)} for file, problem in found], indent=1))
+        typer.echo(json.dumps([{"file": str(file), **asdict(problem)} for file, problem in judged_problems], indent=1))
     else:
-        for file, problem in found:
+        for file, problem in judged_problems:
             typer.echo(f"{file}: {problem}")
         typer.echo(f"{len(files)} file{'s'[: len(files) > 1]}, {errors} errors, {warnings} warnings")
     raise typer.Exit(1 if errors else 0)
@@ -58,13 +60,13 @@ def view(
         raise ExmeshError(f"unknown convention {convention!r}", expected="openexr or blender")
     file = run
     if run.is_dir():
-        found = [path for path in sorted(run.glob("*.usdz")) if not path.stem.endswith("_ar")]
-        if not found:
+        packages = [path for path in sorted(run.glob("*.usdz")) if not path.stem.endswith("_ar")]
+        if not packages:
             raise DataError(
                 "the folder holds no USD package", where=str(run),
                 fix="give a run whose graph exports USD, or a .usdz file",
             )  # fmt: skip
-        file = found[0]
+        file = packages[0]
     if not file.is_file():
         raise DataError("there is no such run or file", where=str(file), fix="exmesh status lists the runs")
     lights = {path.stem: read_environment(path) for path in light or ()}

@@ -99,15 +99,15 @@ def changes(figures: Mapping[str, float], before: Mapping[str, float]) -> dict[s
 
 def ranges(results: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, tuple[float, float]]]:
     """{suite: {figure: (least, greatest)}} over results; figures above 0 only."""
-    found: dict[str, dict[str, tuple[float, float]]] = {}
+    spans: dict[str, dict[str, tuple[float, float]]] = {}
     for result in results:
         for suite, figures in result["suites"].items():
-            kept = found.setdefault(suite, {})
+            kept = spans.setdefault(suite, {})
             for name, value in figures.items():
                 if value > 0:
                     low, high = kept.get(name, (value, value))
                     kept[name] = min(low, value), max(high, value)
-    return found
+    return spans
 
 
 def _processor_seconds() -> float:
@@ -194,9 +194,9 @@ def _noise(history: Path, quick: bool, before: Mapping[str, Any]) -> dict[str, d
     alike = []
     for file in _of_kind(history, quick)[-_REMEMBERED:]:
         with contextlib.suppress(GraphError):  # a file that is no result is refused only where it is named
-            found = _read(file, quick)
-            if _machine(found) == _machine(before):
-                alike.append(found)
+            earlier = _read(file, quick)
+            if _machine(earlier) == _machine(before):
+                alike.append(earlier)
     return ranges(alike)
 
 
@@ -222,15 +222,15 @@ def _earlier(history: Path, name: str, quick: bool) -> dict[str, Any]:
 
 def _read(file: Path, quick: bool) -> dict[str, Any]:
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        result = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:
         raise GraphError(f"the earlier result cannot be read ({error})", where=str(file)) from error
-    if not isinstance(found, dict) or found.get("schema") != SCHEMA:
+    if not isinstance(result, dict) or result.get("schema") != SCHEMA:
         raise GraphError("this is no result of `exmesh bench`", where=str(file), expected=f'"schema": "{SCHEMA}"')
-    if found["quick"] != quick:
-        raise GraphError(f"the earlier result was made {'with' if found['quick'] else 'without'} --quick",
+    if result["quick"] != quick:
+        raise GraphError(f"the earlier result was made {'with' if result['quick'] else 'without'} --quick",
                          where=str(file), fix="compare runs of one kind")  # fmt: skip
-    return found
+    return result
 
 
 def _about(root: Path) -> dict[str, Any]:

@@ -73,19 +73,19 @@ def gc(
     from exmesh_graph.api.upkeep import shown_bytes
 
     opened = upkeep.existing(store)
-    gone, found = upkeep.gc(opened, runs=runs or [Path("runs")], age=age, budget=budget, delete=delete)
+    gone, survey = upkeep.gc(opened, runs=runs or [Path("runs")], age=age, budget=budget, delete=delete)
     for item in gone if len(gone) <= 40 else sorted(gone, key=lambda item: -item.bytes)[:40]:
         typer.echo(f"{shown_bytes(item.bytes):>10}  {item.kind} {item.name[:16]}  {item.why}")
     if len(gone) > 40:
         typer.echo(f"{'':>10}  ... and {len(gone) - 40} smaller ones")
-    for note in found.notes:
+    for note in survey.notes:
         typer.echo(f"note: {note}")
     counts = Counter(item.kind for item in gone)
     kinds = ", ".join(f"{count} {kind}{'s' if count > 1 else ''}" for kind, count in counts.items())
     words = "removed" if delete else "would be removed (with --delete)"
     size = sum(item.bytes for item in gone)
-    typer.echo(f"{kinds or 'nothing'} {words}, {shown_bytes(size)}; {shown_bytes(found.kept_bytes)} stay, "
-               f"needed by {found.roots.runs} runs and {len(found.roots.pinned)} pinned results")  # fmt: skip
+    typer.echo(f"{kinds or 'nothing'} {words}, {shown_bytes(size)}; {shown_bytes(survey.kept_bytes)} stay, "
+               f"needed by {survey.roots.runs} runs and {len(survey.roots.pinned)} pinned results")  # fmt: skip
     show_notes(opened)
 
 
