@@ -130,6 +130,8 @@ class Graph(NodeScope):
         """Declare an input, for a graph that others use; `type` is a wire type or its name."""
         where = here()
         entry = Map(where)
+        if not isinstance(type, str) and not hasattr(type, "type_name"):
+            wrong("the type of an input", type, "a wire type or its name: Views, Mesh, Carrier, ...")
         entry.put("type", type if isinstance(type, str) else type_name(type), where)
         for key, value in (("optional", optional), ("facets", dict(facets)), ("doc", doc)):
             if value:

@@ -216,7 +216,7 @@ class Run(Mapping[str, NodeRun]):
 
     def save(self, output: str, folder: str | os.PathLike[str]) -> Path:
         """Copy the files of an output, `hull.mesh`, into a folder, their bytes checked; gives the folder."""
-        node, _, port = output.rpartition(".")
+        node, _, port = str(output).rpartition(".")
         if not node or (output in self and node not in self):  # a node without its port
             raise UnknownName(f"{output!r} names no output", expected=", ".join(f"{output}.{name}" for name in
                               (self[output].outputs if output in self else ["port"])))  # fmt: skip

@@ -12,7 +12,7 @@ from exmesh_graph.api.arguments import checked_options, file_of, node_names, pat
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Folder, Settings, Source, checked_variants, texts_of, using
 from exmesh_graph.api.progress import Progress
-from exmesh_graph.api.results import NodeRun, Run
+from exmesh_graph.api.results import NodeRun, Run, UnknownName
 from exmesh_graph.api.runs import Resources, RunFailed, command_words, run_checked, tokens_of
 from exmesh_graph.api.values import here
 from exmesh_graph.errors import GraphError
@@ -122,6 +122,9 @@ class Sweep(Mapping[str, Mapping[str, NodeRun]]):
         return self.run.folder
 
     def __getitem__(self, label: str) -> Mapping[str, NodeRun]:
+        if label not in self.members:
+            near = nearest(str(label), self.members) or list(self.members)[:8]
+            raise UnknownName(f"the sweep has no variant {label!r}", expected=", ".join(near))
         names = self.members[label]
         return {name: self.run[merged] for name, merged in names.items() if merged in self.run}
 

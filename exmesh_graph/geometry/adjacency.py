@@ -7,7 +7,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.types.edges import Edges, counting_argsort, edges_of, is_edge_manifold
+
+
+def require_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
+    """Raise DataError unless these are arrays float [V, 3] and int [F, 3], all indices within V."""
+    for name, array, kind, number in (("vertices", vertices, "f", np.float32), ("faces", faces, "iu", np.int32)):
+        if isinstance(array, np.ndarray) and array.ndim == 2 and array.shape[1] == 3 and array.dtype.kind in kind:
+            continue
+        told = f"{array.dtype} {list(array.shape)}" if hasattr(array, "dtype") else f"a {type(array).__name__}"
+        fix = f"np.asarray({name}, np.{number.__name__})" if np.shape(array)[1:] == (3,) else ""
+        expected = f"a numpy array {'float' if kind == 'f' else 'int'} [{name[0].upper()}, 3]"
+        raise DataError(f"{name}: {told}", where=where, expected=expected, fix=fix)
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise DataError(f"faces hold indices from {faces.min()} to {faces.max()}", where=where,
+                        expected=f"0 to {len(vertices) - 1}, one for each vertex")  # fmt: skip
 
 
 def is_vertex_manifold(faces: np.ndarray) -> bool:

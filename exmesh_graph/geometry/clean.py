@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import corner_fans, face_areas, signed_volume, without_unused
+from exmesh_graph.geometry.adjacency import corner_fans, face_areas, require_mesh, signed_volume, without_unused
 from exmesh_graph.geometry.remesh import remesh
 from exmesh_graph.geometry.repair import fill_holes, make_manifold
 from exmesh_graph.geometry.settings import CleanSettings
@@ -52,9 +52,11 @@ def clean_mesh(
     length that the budget gives equilateral triangles (l^2 = 4 A / (sqrt 3 F)), open3d by quadric decimation.
     `close_holes` fills holes of at most so many edges first (not open3d).
     Closed input gives closed output, counter-clockwise from outside.
-    Raises GeometryError where the result is not edge-manifold, not oriented, or not closed though the input was.
+    Raises GeometryError where the result is not edge-manifold, not oriented, or not closed though the input was,
+    DataError for arrays of another shape or type.
     """
     settings = settings or CleanSettings()
+    require_mesh(vertices, faces, where)
     method, faces_budget, close_holes = settings.method, settings.faces, settings.close_holes
     components, min_area = settings.components, settings.min_area
     vertices, faces = weld(vertices, faces)

@@ -70,6 +70,12 @@ class SilhouetteField:
         chunk: int = 1 << 18,
     ) -> SilhouetteField:
         """Field of alpha [N, H, W]. DataError for no views, empty silhouettes, or `wrong_masks` >= N."""
+        shapes = [tuple(np.shape(array)) for array in (alpha, intrinsics, world_to_camera)]
+        if len(shapes[0]) != 3 or shapes[1:] != [(len(alpha), 3, 3), (len(alpha), 4, 4)]:
+            raise DataError(
+                f"masks, intrinsics and cameras have the shapes {', '.join(str(list(shape)) for shape in shapes)}",
+                where="SilhouetteField.from_masks", expected="[N, H, W], [N, 3, 3] and [N, 4, 4] with the same N",
+            )  # fmt: skip
         names = list(names) or [f"view {i}" for i in range(len(alpha))]
         if len(alpha) == 0:
             raise DataError("the visual hull needs views, there are none", expected="at least one training view")

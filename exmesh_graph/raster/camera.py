@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import torch
 
+from exmesh_graph.errors import DataError
+
 
 def project(vertices: torch.Tensor, intrinsics: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
     """Homogeneous pixel coordinates (x z, y z, z) of world points [V, 3]; differentiable in `vertices`.
@@ -16,13 +18,26 @@ def project(vertices: torch.Tensor, intrinsics: torch.Tensor, world_to_camera: t
     world_to_camera  [4, 4], rigid
 
     With a leading batch dimension in either camera argument ([N, 3, 3], [N, 4, 4]) the result is [N, V, 3].
+    Raises DataError for arrays of another shape, or that are no tensors.
     """
+    _require(vertices, intrinsics, world_to_camera)
     world_to_camera = world_to_camera.to(vertices.device, torch.float64)
     intrinsics = intrinsics.to(vertices.device, torch.float64)
     # K R and K t in float64 first: one rounding instead of two, and one matrix product over the vertices
     linear = (intrinsics @ world_to_camera[..., :3, :3]).to(vertices.dtype)
     offset = (intrinsics @ world_to_camera[..., :3, 3:]).to(vertices.dtype)
     return vertices @ linear.mT + offset.mT
+
+
+def _require(vertices: torch.Tensor, intrinsics: torch.Tensor, world_to_camera: torch.Tensor) -> None:
+    wanted = {"vertices": (vertices, "[V, 3]", (3,)), "intrinsics": (intrinsics, "[3, 3]", (3, 3)),
+              "world_to_camera": (world_to_camera, "[4, 4]", (4, 4))}  # fmt: skip
+    for name, (array, expected, tail) in wanted.items():
+        if not isinstance(array, torch.Tensor):
+            raise DataError(f"{name} is a {type(array).__name__}", where="project", expected=f"a tensor {expected}",
+                            fix=f"torch.from_numpy({name})")  # fmt: skip
+        if tuple(array.shape[-len(tail) :]) != tail:
+            raise DataError(f"{name} has the shape {list(array.shape)}", where="project", expected=expected)
 
 
 def pixel_centres(

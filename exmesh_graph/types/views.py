@@ -65,7 +65,12 @@ class Views(ArrayArtifact):
         """float64 [N, 4, 4], the inverse of `camera_to_world`."""
         import numpy as np
 
-        return np.linalg.inv(self.camera_to_world)
+        try:
+            return np.linalg.inv(self.camera_to_world)
+        except np.linalg.LinAlgError:
+            flat = [name for name, one in zip(self.names, self.camera_to_world, strict=True) if np.linalg.det(one) == 0]
+            raise DataError("the camera cannot be inverted", where=", ".join(flat[:8]),
+                            expected="camera_to_world: a rotation, a position, last row 0 0 0 1") from None  # fmt: skip
 
     @property
     def masked(self) -> np.ndarray:

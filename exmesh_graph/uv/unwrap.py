@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import face_areas, signed_areas_2d
+from exmesh_graph.geometry.adjacency import face_areas, require_mesh, signed_areas_2d
 from exmesh_graph.uv.cut import cut_open, defects
 from exmesh_graph.uv.layout import lay_out
 from exmesh_graph.uv.mend import adopt, mend
@@ -38,9 +38,11 @@ def unwrap(
 
     Returns uvs float32 [T, 2] in [0, 1], origin lower left, and uv_faces int32 [F, 3], the corner map Phi. UV area is
     positive for every face with area; two corners share a UV index only if they are the same vertex in the same chart.
-    Deterministic. Raises GeometryError for an empty, non-finite or non-manifold mesh.
+    Deterministic. Raises GeometryError for an empty, non-finite or non-manifold mesh, DataError
+    for arrays of another shape or type.
     """
     settings = settings or DiscSettings()
+    require_mesh(vertices, faces, "unwrap")
     points = _scaled(vertices, faces)
     sheets = cut_open(points, faces, settings.cut_nonmanifold)
     if settings.cut_nonmanifold and warn is not None and (wrong := defects(faces)):

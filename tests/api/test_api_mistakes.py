@@ -155,6 +155,10 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str, str, str]] = {
         "units='unknown'", "units='normalised'", "inside the unit sphere",
     ),
     "a graph saved over a folder": (lambda: base()[0].to_yaml("."), "cannot be", "this is a folder", ""),
+    "an input of no type": (lambda: base()[0].input("x", 5), "cannot be 5", "a wire type", ""),
+    "no such variant of a sweep": (
+        lambda: ex.sweep(base()[0], workers=0, progress=False)["v"], "no variant 'v'", "base", "",
+    ),
     "a run folder that is gone": (no_folder, "the run folder is gone", "run.json", "run the graph again"),
 }  # fmt: skip
 
@@ -185,3 +189,46 @@ def test_what_a_run_takes_for_nodes() -> None:
 def test_a_graph_is_saved_into_a_new_folder() -> None:
     base()[0].to_yaml("new folder/graph of mine.yaml")
     assert [step.name for step in ex.plan("new folder/graph of mine.yaml")] == ["one"]
+
+
+def plain_arrays() -> dict[str, tuple[Callable[[], Any], str, str]]:
+    """What is done with plain arrays, words of the message, of what was expected."""
+    import torch
+
+    from exmesh_graph import testing
+    from exmesh_graph.geometry.clean import clean_mesh
+    from exmesh_graph.geometry.hull import SilhouetteField
+    from exmesh_graph.raster import project
+    from exmesh_graph.types import Views
+    from exmesh_graph.uv.unwrap import unwrap
+
+    v, f = testing.mesh().vertices, testing.mesh().faces
+    k, w, points = torch.eye(3), torch.eye(4), torch.from_numpy(v)
+    masks = np.ones((2, 8, 8), np.float32)
+    flat = Views(
+        ["a", "b"], np.ones((2, 8, 8, 3), np.float32), masks, np.zeros((2, 3, 3)), np.zeros((2, 4, 4)), "train"
+    )
+    return {
+        "two coordinates": (lambda: unwrap(v[:, :2], f, 64), "float32 [162, 2]", "float [V, 3]"),
+        "faces of floats": (lambda: unwrap(v, f.astype(float), 64), "faces: float64", "int [F, 3]"),
+        "quadrangles": (lambda: clean_mesh(v, np.zeros((2, 4), np.int32)), "[2, 4]", "int [F, 3]"),
+        "an index outside": (lambda: clean_mesh(v, f + 1), "from 1 to 162", "0 to 161"),
+        "an index below": (lambda: unwrap(v, f - 1, 64), "from -1 to 160", "0 to 161"),
+        "a list": (lambda: unwrap(v.tolist(), f, 64), "a list", "np.asarray(vertices, np.float32)"),
+        "a tensor": (lambda: unwrap(points, f, 64), "torch.float32 [162, 3]", "a numpy array"),  # type: ignore[arg-type]
+        "one camera for two masks": (
+            lambda: SilhouetteField.from_masks(masks, np.ones((1, 3, 3)), np.ones((2, 4, 4))), "[1, 3, 3]", "same N",
+        ),
+        "an array to project": (lambda: project(v, k, w), "a ndarray", "torch.from_numpy(vertices)"),  # type: ignore[arg-type]
+        "points of the plane": (lambda: project(points[:, :2], k, w), "[162, 2]", "[V, 3]"),
+        "cameras the wrong way": (lambda: project(points, w, k), "intrinsics has the shape [4, 4]", "[3, 3]"),
+        "a flat camera": (lambda: flat.world_to_camera, "a, b: the camera cannot be inverted", "camera_to_world"),
+    }  # fmt: skip
+
+
+def test_wrong_arrays_are_told_by_the_library() -> None:
+    for case, (do, what, expected) in plain_arrays().items():
+        with pytest.raises(ExmeshError) as caught:
+            do()
+        assert what in str(caught.value), case
+        assert expected in str(caught.value), case
