@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.scope import map_or_empty
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.language.extends import load_merged
+from exmesh_graph.graph.language.nodecheck import normal_path
 from exmesh_graph.graph.language.yamlfile import Map, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems
 
@@ -167,7 +168,9 @@ class _Mover:
             return value
         if value.startswith(("~", "@", "${")) or PurePath(value).is_absolute():
             return value
-        path = os.path.normpath(base / value)
+        path = normal_path(base / value)
+        if ".." in PurePath(path).parts:  # through a symbolic link: as it was written
+            return path
         near = os.path.relpath(path, self.folder)
         return path if near.startswith(os.path.join("..", "..", "..")) else near
 

@@ -250,3 +250,14 @@ def test_names_and_whole_graphs() -> None:
     graph.add("lost", "toy.step", amount=1)
     graph.add("also", "toy.step", state="@nowhere.number", amount=1)
     assert {fault.code for fault in problems(lambda: ex.check(graph))} == {"missing-port", "unknown-node"}
+
+
+def test_paths_through_symbolic_links_keep_their_meaning(folder: Path) -> None:
+    """`link/../data` starts from where the link leads to, which `data` does not."""
+    (folder / "far" / "inner").mkdir(parents=True)
+    (folder / "far" / "data.txt").write_text("1")
+    (folder / "link").symlink_to(folder / "far" / "inner")
+    (folder / "g.yaml").write_text("nodes:\n  a: {type: toy.file, path: link/../data.txt}\n")
+    (folder / "out").mkdir()
+    ex.Graph.load("g.yaml").to_yaml("out/copy.yaml")
+    assert told("out/copy.yaml") == told("g.yaml")

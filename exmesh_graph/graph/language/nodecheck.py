@@ -161,7 +161,7 @@ class NodeCheck:
 def _absolute(value: Any, base: Path) -> Any:
     if isinstance(value, PurePath):
         path = Path(value).expanduser()
-        return path if path.is_absolute() else Path(_normal(base / path))
+        return path if path.is_absolute() else Path(normal_path(base / path))
     if isinstance(value, list | tuple):
         return type(value)(_absolute(item, base) for item in value)
     if isinstance(value, dict):
@@ -169,6 +169,6 @@ def _absolute(value: Any, base: Path) -> Any:
     return value
 
 
-def _normal(path: Path) -> str:
-    """Without `..`, but with symbolic links left as the user wrote them where that is possible."""
+def normal_path(path: Path) -> str:
+    """An absolute path without `..`, but with symbolic links left as the user wrote them where that is possible."""
     return os.path.normpath(path) if not any(p.is_symlink() for p in path.parents) else str(path)
