@@ -23,6 +23,7 @@ from exmesh_graph.api.values import Node, here
 from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.files import walk_files, writing
 from exmesh_graph.graph.problems import nearest
+from exmesh_graph.graph.run.rundir import failure_file
 from exmesh_graph.graph.session import current_session
 
 if TYPE_CHECKING:
@@ -256,6 +257,16 @@ def load_artifact(store: Store, digest: str, what: str = "") -> Any:
     if value is None:
         raise StoreError(store.notes[-1], where=where, fix=again)
     return value
+
+
+def read_failures(folder: Path, record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """What the failure files of a run folder hold, as far as they are there: the states of the record tell the rest."""
+    told: list[Mapping[str, Any]] = []
+    for row in record["nodes"]:
+        if row["state"] == "failed":
+            with contextlib.suppress(OSError, ValueError):
+                told.append(json.loads((folder / failure_file(row["name"])).read_text(encoding="utf-8")))
+    return told
 
 
 def read_run(folder: Path) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from exmesh_graph.api.opening import (
     using,
 )
 from exmesh_graph.api.progress import Progress, finished, listening
-from exmesh_graph.api.results import Run, read_run
+from exmesh_graph.api.results import Run, read_failures, read_run
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.run.runner import Listener, NodeFailed
 
@@ -208,7 +208,9 @@ def open_run(
         packs()  # for the wire types that they define
         used = record.get("store") if store is None else store
         known = used if used and Path(used).is_dir() else store
-        return Run(path.resolve(), record, open_store(known))
+        opened = Run(path.resolve(), record, open_store(known))
+        opened.failures = read_failures(opened.folder, record)
+        return opened
 
 
 def backend_of(workers: int | None, store: Store, kind: str = "local", address: str | None = None) -> Backend:

@@ -80,6 +80,8 @@ def test_a_failed_run_says_how_to_go_on(run: Any) -> None:
         assert words in str(error)
     with pytest.raises(AttributeError, match="which is failed"):
         _ = error.run["bad"].number
+    again = ex.open_run(error.run.folder).failures
+    assert [(r["node"], r["message"]) for r in again] == [(r["node"], r["message"]) for r in error.run.failures]
 
 
 def test_an_interrupted_run_keeps_what_it_did(run: Any) -> None:

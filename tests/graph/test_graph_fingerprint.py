@@ -390,6 +390,24 @@ def test_bytecode_of_other_source_is_noticed(pack: tuple[Path, Take], monkeypatc
     sys.modules.pop("fp_pack.deep")
 
 
+def test_bytecode_that_nobody_writes_anew_says_nothing(
+    pack: tuple[Path, Take], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With PYTHONDONTWRITEBYTECODE old files stay beside newer sources, and every result would be forgotten."""
+    root, take = pack
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    assert importlib.import_module("fp_pack.deep").base(5) == 5
+    edit(root, "deep.py", "return x", "return x + 100")
+    sys.modules.pop("fp_pack.deep")
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    assert importlib.import_module("fp_pack.deep").base(5) == 105
+    fake = lambda: None  # noqa: E731
+    fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
+    take()
+    assert fp.sources_changed(NodeDef("t", fake, "1")) == []
+    sys.modules.pop("fp_pack.deep")
+
+
 def test_an_edit_that_keeps_size_and_time_is_noticed(pack: tuple[Path, Take]) -> None:
     root, take = pack
     status = (root / "deep.py").stat()

@@ -83,11 +83,15 @@ def drop_stale_bytecode(path: Path, data: bytes) -> bool:
 
 
 def bytecode_is_older(path: Path) -> bool:
-    """Whether the bytecode that Python wrote when it loaded a module is of an earlier text than the file's."""
+    """Whether the bytecode that Python wrote when it loaded a module is of an earlier text than the file's.
+
+    Where Python writes none (PYTHONDONTWRITEBYTECODE), what lies there is of an earlier process and says nothing.
+    """
     with contextlib.suppress(OSError, NotImplementedError):
         cache, status = Path(importlib.util.cache_from_source(str(path))), path.stat()
         head = cache.read_bytes()[:16]
-        if len(head) == 16 and head[4:8] == bytes(4) and os.access(cache.parent, os.W_OK):
+        written = not sys.dont_write_bytecode and os.access(cache.parent, os.W_OK)
+        if written and len(head) == 16 and head[4:8] == bytes(4):
             return head[8:] != struct.pack("<LL", int(status.st_mtime) & 0xFFFFFFFF, status.st_size & 0xFFFFFFFF)
     return False
 
