@@ -1,12 +1,14 @@
 """`exmesh bench` on a folder of stand-in benchmarks: what is kept, what is compared, what is refused."""
 
 import json
+import shutil
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.bench import KERNELS, changes, flat
 from exmesh_graph.cli.app import app
-from exmesh_graph.cli.bench import KERNELS, changes, flat
 from exmesh_graph.errors import ExmeshError, GraphError
 
 SCRIPT = """
@@ -25,6 +27,7 @@ json.dump({{"rate": {rate}, "rows": rows, "quick": int(o.quick)}}, open(o.json, 
 def checkout(tmp_path):
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "graphs").mkdir()
+    shutil.copy(Path(__file__).parents[2] / "benchmarks" / "bench.py", tmp_path / "benchmarks")
     for name in (*KERNELS, "framework"):
         (tmp_path / "benchmarks" / f"{name}.py").write_text(SCRIPT.format(rate=2.0, extra=""))
     return tmp_path
