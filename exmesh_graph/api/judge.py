@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.api.values import Plug
+from exmesh_graph.graph.declare.components import Component
 from exmesh_graph.graph.language.check import check_part
 from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Broken, Link
@@ -42,7 +44,7 @@ def judge(scope: NodeScope, name: str) -> Problems:
             continue
         fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
     specs[name] = NodeSpec(name, kind, fields, entry.where, 0)
-    return check_part(Unrolled(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)[1]
+    return check_part(Unrolled(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)
 
 
 def declared(kind: Any, packs: Packs, where: Where) -> NodeDef:
@@ -55,6 +57,15 @@ def declared(kind: Any, packs: Packs, where: Where) -> NodeDef:
         near, fix = nearest(str(shown), packs.types), "exmesh nodes lists all types; @node or @component declares one"
         fail("node-type", where, f"there is no node type {shown!r}", nearest=near, fix=fix)
     return definition
+
+
+def plug_of(value: Any, packs: Packs, where: Where) -> Plug[Any] | None:
+    """What `component(...)` would give for a component, as Plug or as an object; None for any other value."""
+    if isinstance(value, Component):
+        return Plug(
+            declared(type(value), packs, where).type, {key: getattr(value, key) for key in value.model_fields_set}
+        )
+    return value if isinstance(value, Plug) else None
 
 
 def _neighbours(scope: NodeScope | None, name: str) -> dict[str, NodeSpec]:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from exmesh_graph.api.arguments import by_name, path_of
 from exmesh_graph.api.families import Families
-from exmesh_graph.api.judge import declared, judge
+from exmesh_graph.api.judge import declared, judge, plug_of
 from exmesh_graph.api.values import Node, Parameter, Plug, UnknownPort, Wire, here, plain
-from exmesh_graph.graph.declare.components import Component
 from exmesh_graph.graph.declare.ports import Port
 from exmesh_graph.graph.language.spec import NAME
 from exmesh_graph.graph.language.yamlfile import Map
@@ -214,16 +213,14 @@ class NodeScope:
 
     def _value(self, what: str, value: Any, port: Port | None, where: Where, problems: Problems) -> Any:
         """A field's value as a graph file holds it. A plug becomes a component of its own, called `node_field`."""
-        if isinstance(value, Component):
-            kind = declared(type(value), self.graph.packs, where).type
-            value = Plug(kind, {key: getattr(value, key) for key in value.model_fields_set})
+        plug = plug_of(value, self.graph.packs, where)
         if isinstance(value, str) and port is not None and self._names_component(value, port):
-            value = Plug(value, {})
-        if isinstance(value, Plug):
+            plug = Plug(value, {})
+        if plug is not None:
             name = what.replace(".", "_")
             while name in self:
                 name += "_"
-            return str(self.add(name, value.type, **value.fields))
+            return str(self.add(name, plug.type, **plug.fields))
         if isinstance(value, RepeatBlock):
             value = Node(value.scope, value.name)
         if isinstance(value, Node):

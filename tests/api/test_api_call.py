@@ -91,3 +91,8 @@ def test_facets_and_contracts_hold() -> None:
         ex.call("toy.scribble", series=ex.call("toy.series", number=number(1)).series)
     with pytest.raises(ExmeshError, match="promises"):
         ex.call("toy.liar", number=number(1))
+
+
+def test_old_names_are_warned_of() -> None:
+    with pytest.warns(UserWarning, match="the node type 'toy.constant' is now called 'toy.const'"):
+        assert ex.call("toy.constant", value=2).number.value == 2

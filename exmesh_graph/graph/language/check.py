@@ -113,25 +113,17 @@ def check(graph: Unrolled, packs: Packs, problems: Problems | None = None) -> Ch
         return _Check(present, packs, told).run(notes)
 
 
-def check_part(
-    graph: Unrolled, name: str, packs: Packs, *, whole: bool = False, nested: Mapping[str, Component] | None = None,
-    plugs: Iterable[BoundComponent] = (),
-) -> tuple[Params | None, Problems]:  # fmt: skip
-    """The parameters of one node of a graph still being written, and what is wrong with its type, wires and values.
+def check_part(graph: Unrolled, name: str, packs: Packs) -> Problems:
+    """What is wrong with the type, wires and values of one node of a graph still being written; what it lacks is not.
 
-    What it lacks counts only if it is `whole`. Wires may only lead to nodes of `graph`; what is wired elsewhere is
-    Broken, and for components given as `nested` (of a component) or `plugs` (of a node).
+    Wires may only lead to nodes of `graph`; what is wired elsewhere is Broken.
     """
     problems = Problems()
     graph, _ = with_present_names(graph, packs, problems)
     work = _Check(graph, packs, problems)
-    if name not in work.wiring.signatures:
-        return None, problems
-    node = NodeCheck(graph.nodes[name], packs.types[graph.nodes[name].type], work.wiring, whole)
-    model = node.params(nested or {})
-    if whole and model is not None and node.kind.component is None:
-        node.check_decided(model, plugs)
-    return model, problems
+    if name in work.wiring.signatures:
+        NodeCheck(graph.nodes[name], packs.types[graph.nodes[name].type], work.wiring, whole=False).params({})
+    return problems
 
 
 class _Check:
