@@ -20,7 +20,6 @@ from PIL import Image, ImageDraw
 
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.report.collect import gallery_of
-from exmesh_graph.report.contents import GalleryPicture
 from exmesh_graph.types import Gallery
 
 GAP, LINE = 6, 18
@@ -75,7 +74,7 @@ def _panel(store: Store, outputs: dict[str, Any], nodes: dict[str, str], take: s
             gallery = store.load(Gallery, port["digest"])
             if gallery is None:
                 raise SystemExit("the store no longer holds the pictures: run the sweep again")
-            pictures = [one for one in gallery_of(Path(gallery.root), name) if isinstance(one, GalleryPicture)]
+            pictures = [one for one in gallery_of(Path(gallery.root), name) if not one.is_model]
             if int(number) >= len(pictures):
                 raise SystemExit(f"{own[-1]} has {len(pictures)} pictures: {', '.join(one.title for one in pictures)}")
             image = Image.open(io.BytesIO(pictures[int(number)].data)).convert("RGB")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.export.usd import validate_usd, write_usd
-from exmesh_graph.export.usd.problem import Pictures
+from exmesh_graph.export.usd.rules import Pictures
 from exmesh_graph.types import Asset
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from exmesh_graph.export.settings import ComposeSettings
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import EnvMap, UsdAsset
@@ -39,17 +40,6 @@ def usd_file(ctx: Context, *, p: UsdFileParams) -> UsdFileOut:
     return UsdFileOut(UsdAsset(root=ctx.scratch / "usd", main=p.path.name, up=up_axis(p.path)))
 
 
-class ComposeParams(Params):
-    height: float = param(0.3, gt=0, unit="m", doc="Every piece is scaled to this height.")
-    turn: tuple[float, ...] = param(
-        (), unit="rad", doc="Turn of each piece about the vertical, in the order of the ports."
-    )
-    gap: float = param(0.15, ge=0, doc="Room between the pieces, in heights.")
-    table_color: tuple[float, float, float] = param((0.30, 0.19, 0.11), doc="Base colour of the table, linear.")
-    table_roughness: float = param(0.35, ge=0, le=1, doc="Roughness of the table.")
-    width: int = param(640, ge=16, le=8192, unit="px", doc="Width of the camera's picture.")
-
-
 class ComposeOut(NamedTuple):
     files: UsdAsset
 
@@ -62,15 +52,12 @@ def compose(
     second: UsdAsset | None = None,
     third: UsdAsset | None = None,
     *,
-    p: ComposeParams,
+    p: ComposeSettings,
 ) -> ComposeOut:
     """Assets side by side on a table top under one light, as a USD scene that references them; with a camera."""
-    from exmesh_graph.export.usd.compose import TableSettings, compose_on_table
+    from exmesh_graph.export.usd.compose import compose_on_table
 
     given = {"first": first, "second": second, "third": third}
     pieces = {name: files.root / files.main for name, files in given.items() if files is not None}
-    settings = TableSettings(
-        height=p.height, turn=p.turn, gap=p.gap, color=p.table_color, roughness=p.table_roughness, width=p.width
-    )
-    compose_on_table(ctx.scratch / "scene", pieces, light.radiance, settings)
+    compose_on_table(ctx.scratch / "scene", pieces, light.radiance, p)
     return ComposeOut(UsdAsset(root=ctx.scratch / "scene", main="scene.usda"))

@@ -99,29 +99,27 @@ def _painted(
 
 def _check(settings: EditParams, views: Views | None, where: str) -> None:
     """Raise DataError for what contradicts itself or is not enough."""
-
-    def wrong(message: str, fix: str) -> DataError:
-        return DataError(message, where=where, fix=fix)
-
-    if settings.operation == "paint" and settings.picture is None:
-        raise wrong("nothing to paint with", "set `picture`, or operation: set with a `value`")
-    if settings.operation != "paint" and settings.picture is not None:
-        raise wrong(f"`picture` does nothing with operation: {settings.operation}", "set operation: paint")
-    if settings.operation != "paint" and not settings.value:
-        raise wrong(f"operation: {settings.operation} has no `value`", "give one number, or three for base_color")
-    if settings.operation == "paint" and settings.value:
-        raise wrong("`value` does nothing with operation: paint", "take it away, or set operation: set")
-    if any(value < 0 or (value > 1 and settings.operation == "set") for value in settings.value):
-        least = "no less than 0" if settings.operation == "scale" else "from 0 to 1 (base_color: linear RGB)"
-        raise wrong(f"`value` {settings.value} is out of range", f"give numbers {least}")
-    if (settings.pixel is None) != (settings.view == ""):
-        raise wrong("`view` and `pixel` belong together", "give both, or `center`")
-    if settings.pixel is not None and settings.center is not None:
-        raise wrong("`center` and `pixel` both say where the ball is", "give one of them")
-    if settings.pixel is not None and views is None:
-        raise wrong("`pixel` needs the cameras", 'wire `views: "@views.train"`')
-    placed = settings.pixel is not None or settings.center is not None
-    if placed != (settings.radius > 0):
-        raise wrong("a ball needs a middle and a radius", "give `radius` with `center`, or with `view` and `pixel`")
-    if settings.feather > 0 and not placed:
-        raise wrong("`feather` belongs to a ball", "give `center` and `radius`, or soften the mask itself")
+    operation, value = settings.operation, settings.value
+    paint, picked = operation == "paint", settings.pixel is not None
+    placed = picked or settings.center is not None
+    least = "no less than 0" if operation == "scale" else "from 0 to 1 (base_color: linear RGB)"
+    outside = any(number < 0 or (number > 1 and operation == "set") for number in value)
+    for wrong, message, fix in (
+        (paint and settings.picture is None,
+         "nothing to paint with", "set `picture`, or operation: set with a `value`"),
+        (not paint and settings.picture is not None,
+         f"`picture` does nothing with operation: {operation}", "set operation: paint"),
+        (not paint and not value, f"operation: {operation} has no `value`", "give one number, or three for base_color"),
+        (paint and value, "`value` does nothing with operation: paint", "take it away, or set operation: set"),
+        (outside, f"`value` {value} is out of range", f"give numbers {least}"),
+        (picked != (settings.view != ""), "`view` and `pixel` belong together", "give both, or `center`"),
+        (picked and settings.center is not None,
+         "`center` and `pixel` both say where the ball is", "give one of them"),
+        (picked and views is None, "`pixel` needs the cameras", 'wire `views: "@views.train"`'),
+        (placed != (settings.radius > 0),
+         "a ball needs a middle and a radius", "give `radius` with `center`, or with `view` and `pixel`"),
+        (settings.feather > 0 and not placed,
+         "`feather` belongs to a ball", "give `center` and `radius`, or soften the mask itself"),
+    ):  # fmt: skip
+        if wrong:
+            raise DataError(message, where=where, fix=fix)

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.export.usd.problem import Problem
-from exmesh_graph.export.usd.read import UsdCamera, open_usd, read_camera, read_usd
+from exmesh_graph.export.usd.read import UsdCamera, open_usd, read_camera, read_usd, select_variant
+from exmesh_graph.export.usd.rules import Problem
 from exmesh_graph.io.images import display, read_image
 
 CHILD = Path(__file__).with_name("blender_child.py")
@@ -73,14 +73,10 @@ def render_in_blender(
         opened = usd if not variants else _with_variants(usd, variants, Path(folder) / "chosen.usda")
         files = [Path(folder) / f"{number}.exr" for number in range(len(chosen))]
         pictures = [
-            {
-                "camera": known[view].prim,
-                "width": round(known[view].width * scale),
-                "height": round(known[view].height * scale),
-                "file": str(file),
-            }
-            for view, file in zip(chosen, files, strict=True)
-        ]
+            {"camera": camera.prim, "width": round(camera.width * scale), "height": round(camera.height * scale),
+             "file": str(file)}
+            for camera, file in zip((known[view] for view in chosen), files, strict=True)
+        ]  # fmt: skip
         _run(opened, settings, pictures, Path(folder) / "job.json")
         return {view: read_image(file) for view, file in zip(chosen, files, strict=True)}
 
@@ -130,11 +126,11 @@ def judged(usd: Path, python: Path) -> list[Problem]:
     try:
         figures = compare_with_blender(usd, BlenderSettings(python))
     except DataError as error:
-        return [Problem("error", "blender", str(usd), ": ".join(filter(None, (error.what, error.fix))))]
+        return [Problem("blender", str(usd), ": ".join(filter(None, (error.what, error.fix))))]
     gain = " ".join(f"{value:.3f}" for value in figures["gain"])
     what = f"{figures['psnr']:.1f} dB from our picture on the object, IoU {figures['iou']:.4f}, Blender / ours {gain}"
     good = figures["psnr"] >= MIN_PSNR and figures["iou"] >= MIN_IOU
-    return [Problem("note" if good else "error", "blender", f"camera {figures['view']}", what)]
+    return [Problem("blender", f"camera {figures['view']}", what, "note" if good else "error")]
 
 
 def camera_names(usd: Path) -> list[str]:
@@ -151,39 +147,24 @@ def _cameras(usd: Path) -> tuple[UsdCamera, ...]:
 
 def _with_variants(usd: Path, variants: Mapping[str, str], file: Path) -> Path:
     """A layer over `usd` that chooses the variants, as a user would in a shot."""
-    from pxr import Sdf, Usd, UsdGeom
+    from pxr import Sdf, Usd
 
     under = open_usd(usd)
     layer = Sdf.Layer.CreateNew(str(file))
     layer.subLayerPaths.append(str(usd.resolve()))
     stage = Usd.Stage.Open(layer)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(under))
-    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(under))
-    stage.SetDefaultPrim(stage.GetPrimAtPath(under.GetDefaultPrim().GetPath()))
+    for key in ("upAxis", "metersPerUnit", "defaultPrim"):
+        stage.SetMetadata(key, under.GetMetadata(key))
     for name, choice in variants.items():
-        prims = [prim for prim in under.Traverse() if name in prim.GetVariantSets().GetNames()]
-        if not prims:
-            raise DataError(f"there is no variant set {name}", where=str(usd))
-        for prim in prims:
-            stage.OverridePrim(prim.GetPath()).GetVariantSets().GetVariantSet(name).SetVariantSelection(choice)
+        select_variant(stage, name, choice, layer)
     layer.Save()
     return file
 
 
 def _run(usd: Path, settings: BlenderSettings, pictures: list[dict[str, Any]], job: Path) -> None:
-    entries = {
-        "usd": str(usd.resolve()),
-        "pictures": pictures,
-        "samples": settings.samples,
-        "threads": settings.threads,
-        "seed": settings.seed,
-        "script": settings.script,
-        "values": dict(settings.values or {}),
-        "transparent": settings.transparent,
-        "hide_meshes": settings.hide_meshes,
-        "save": str(settings.save.resolve()) if settings.save else "",
-    }
-    job.write_text(json.dumps(entries), encoding="utf-8")
+    files = {"usd": usd.resolve(), "save": settings.save.resolve() if settings.save else ""}
+    entries = {**vars(settings), "values": dict(settings.values or {}), "pictures": pictures, **files}
+    job.write_text(json.dumps(entries, default=str), encoding="utf-8")
     # its own environment: what this project put on the path is not for it
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     try:

@@ -161,12 +161,12 @@ def mesh_report(asset: Asset, placement: Placement) -> dict[str, Any]:
 
     Signed texture area < 0 marks a mirrored face.
     """
+    from exmesh_graph.geometry.adjacency import signed_areas_2d
+
     exact = placement.points(asset.vertices)
     radius = float(np.linalg.norm(exact - placement.offset, axis=1).max())
     moved = float(np.abs(exact.astype(np.float32) - exact).max())
-    corner = asset.uvs.astype(np.float64)[asset.uv_faces]
-    a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    area = signed_areas_2d(asset.uvs, asset.uv_faces)
     facets = asset.facets()
     return {
         "faces": len(asset.faces),

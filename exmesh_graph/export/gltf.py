@@ -25,8 +25,9 @@ from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.types import Asset, Frame
 from exmesh_graph.version import __version__
 
-_FLOAT, _UINT = 5126, 5125
-ARRAY, ELEMENTS = 34962, 34963
+COMPONENTS = {"int8": 5120, "uint16": 5123, "uint32": 5125, "float32": 5126}
+KINDS = ("SCALAR", "VEC2", "VEC3", "VEC4")
+_ARRAY, _ELEMENTS = 34962, 34963
 _LINEAR, _MIPMAPPED, _CLAMP = 9729, 9987, 33071
 
 
@@ -50,6 +51,7 @@ def write_gltf(
     prepared, report = prepare_maps(asset, settings)
     placement = place(frame, recentre=settings.recentre)
     report |= mesh_report(asset, placement) | placement.report
+    moved = {name: value for name, value in report.items() if name.startswith("recentred_by_")}
     with new_folder(folder) as partial:
         blob = Blob()
         primitive = _primitive(blob, asset, mesh_content(asset, placement), placement)
@@ -61,7 +63,7 @@ def write_gltf(
             "asset": {
                 "version": "2.0",
                 "generator": f"exmesh-graph {__version__}",
-                "extras": {"scale": report["scale"], **_moved(report), **(provenance or {})},
+                "extras": {"scale": report["scale"], **moved, **(provenance or {})},
             },
             "scene": 0,
             "scenes": [{"nodes": [0]}],
@@ -99,10 +101,6 @@ def glb_bytes(document: Mapping[str, Any], binary: bytes) -> bytes:
     return header + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
 
 
-def _moved(report: Mapping[str, Any]) -> dict[str, float]:
-    return {name: value for name, value in report.items() if name.startswith("recentred_by_")}
-
-
 class Blob:
     """The binary chunk with its views and accessors."""
 
@@ -119,18 +117,21 @@ class Blob:
         self.data += data
         return len(self.views) - 1
 
-    def accessor(self, array: np.ndarray, kind: str, *, bounds: bool = False) -> int:
-        """A new accessor of float32 [N, C] or uint32 [N]."""
-        indices = array.dtype == np.uint32
-        number = self.entry(array, _UINT if indices else _FLOAT, kind, ELEMENTS if indices else ARRAY)
+    def accessor(self, array: np.ndarray, *, bounds: bool = False) -> int:
+        """A new accessor of indices [N] or of an attribute [N, C]; an attribute of integers is normalised."""
+        indices, columns = array.ndim == 1, 1 if array.ndim == 1 else array.shape[1]
+        codes = not indices and array.dtype.kind in "iu"
+        wide = -(-columns * array.itemsize // 4) * 4  # rows of an attribute begin at multiples of four bytes
+        rows = np.pad(array, ((0, 0), (0, wide // array.itemsize - columns))) if codes else array
+        view = self.add(np.ascontiguousarray(rows).tobytes(), _ELEMENTS if indices else _ARRAY)
+        component = COMPONENTS[array.dtype.name]
+        entry = {"bufferView": view, "componentType": component, "count": len(array), "type": KINDS[columns - 1]}
+        if codes:
+            self.views[view]["byteStride"] = wide
+            entry["normalized"] = True
         if bounds:
-            self.accessors[number] |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
-        return number
-
-    def entry(self, array: np.ndarray, component: int, kind: str, target: int) -> int:
-        """A new accessor of any array that holds `len(array)` elements."""
-        view = self.add(np.ascontiguousarray(array).tobytes(), target)
-        self.accessors.append({"bufferView": view, "componentType": component, "count": len(array), "type": kind})
+            entry |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
+        self.accessors.append(entry)
         return len(self.accessors) - 1
 
 
@@ -149,20 +150,15 @@ def _primitive(blob: Blob, asset: Asset, mesh: MeshContent, placement: Placement
     turned = _unit(turned - (turned * normal).sum(-1, keepdims=True) * normal)
     four = np.concatenate([turned, np.where(corner[first, 2:] > 0, 1.0, -1.0)], axis=1)
     coordinates = np.stack([mesh.st[st, 0], 1 - mesh.st[st, 1]], axis=1)
+    metres = mesh.points[vertex].astype(np.float64) * placement.metres_per_unit
     attributes = {
-        "POSITION": blob.accessor(
-            (mesh.points[vertex].astype(np.float64) * placement.metres_per_unit).astype(np.float32), "VEC3", bounds=True
-        ),
-        "NORMAL": blob.accessor(normal.astype(np.float32), "VEC3"),
-        "TEXCOORD_0": blob.accessor(coordinates.astype(np.float32), "VEC2"),
+        "POSITION": blob.accessor(metres.astype(np.float32), bounds=True),
+        "NORMAL": blob.accessor(normal.astype(np.float32)),
+        "TEXCOORD_0": blob.accessor(coordinates.astype(np.float32)),
     }
     if asset.normal is not None:  # without a normal map nothing reads them
-        attributes["TANGENT"] = blob.accessor(four.astype(np.float32), "VEC4")
-    return {
-        "attributes": attributes,
-        "indices": blob.accessor(index.reshape(-1).astype(np.uint32), "SCALAR"),
-        "material": 0,
-    }
+        attributes["TANGENT"] = blob.accessor(four.astype(np.float32))
+    return {"attributes": attributes, "indices": blob.accessor(index.reshape(-1).astype(np.uint32)), "material": 0}
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

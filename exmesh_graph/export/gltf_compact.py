@@ -13,10 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph.export.gltf import ARRAY, ELEMENTS, Blob, glb_bytes
-
-_BYTE, _USHORT, _UINT = 5120, 5123, 5125
-_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+from exmesh_graph.export.gltf import COMPONENTS, KINDS, Blob, glb_bytes
 
 
 def compact_glb(
@@ -45,15 +42,14 @@ def compact_glb(
         codes[name] = np.round(127 * arrays[name].astype(np.float64)).astype(np.int8)
     index = _array(document, binary, primitive["indices"])[:, 0]
     short = len(arrays["POSITION"]) <= 65535  # 65535 itself restarts a primitive
-    indices = blob.entry(
-        index.astype(np.uint16 if short else np.uint32), _USHORT if short else _UINT, "SCALAR", ELEMENTS
-    )
-    attributes = {name: _accessor(blob, array, bounds=name == "POSITION") for name, array in codes.items()}
+    indices = blob.accessor(index.astype(np.uint16 if short else np.uint32))
+    attributes = {name: blob.accessor(array, bounds=name == "POSITION") for name, array in codes.items()}
     kept = 1 if unlit else len(document["images"])  # base colour comes first
     images = []
     for image in document["images"][:kept]:
         view = document["bufferViews"][image["bufferView"]]
-        images.append({**image, "bufferView": blob.add(_webp(_part(binary, view))), "mimeType": "image/webp"})
+        data = as_webp(_part(binary, view), lossless=True, quality=30)  # of effort: the same pixels in two thirds
+        images.append({**image, "bufferView": blob.add(data), "mimeType": "image/webp"})
     extras: dict[str, Any] = {} if eye is None else {"eye": [float(x) for x in eye]}
     if light is not None:
         at = blob.add(np.ascontiguousarray(light, np.float16).tobytes())
@@ -84,12 +80,12 @@ def compact_glb(
     return glb_bytes(result, bytes(blob.data))
 
 
-def _webp(png: bytes) -> bytes:
-    """The same pixels in two thirds of the bytes."""
+def as_webp(png: bytes, **options: Any) -> bytes:
+    """A picture as WebP; `options` are Pillow's."""
     from PIL import Image
 
     out = io.BytesIO()
-    Image.open(io.BytesIO(png)).save(out, "WEBP", lossless=True, method=2, quality=30)  # of effort
+    Image.open(io.BytesIO(png)).save(out, "WEBP", method=2, **options)
     return out.getvalue()
 
 
@@ -97,26 +93,12 @@ def _codes(unit: np.ndarray) -> np.ndarray:
     return np.round(np.clip(unit, 0, 1) * 65535.0).astype(np.uint16)
 
 
-def _accessor(blob: Blob, codes: np.ndarray, *, bounds: bool) -> int:
-    """Rows of an attribute begin at multiples of four bytes."""
-    wide = -(-codes.shape[1] * codes.itemsize // 4) * 4
-    rows = np.zeros((len(codes), wide // codes.itemsize), codes.dtype)
-    rows[:, : codes.shape[1]] = codes
-    kind = next(name for name, columns in _COLUMNS.items() if columns == codes.shape[1])
-    number = blob.entry(rows, _BYTE if codes.dtype == np.int8 else _USHORT, kind, ARRAY)
-    blob.views[-1]["byteStride"] = wide
-    blob.accessors[number]["normalized"] = True
-    if bounds:
-        blob.accessors[number] |= {"min": codes.min(0).tolist(), "max": codes.max(0).tolist()}
-    return number
-
-
 def _array(document: Mapping[str, Any], binary: bytes, number: int) -> np.ndarray:
     """[N, C] of an accessor as export.gltf writes them: float32 or uint32 without gaps."""
     entry = document["accessors"][number]
-    kind = np.uint32 if entry["componentType"] == _UINT else np.float32
+    kind = next(name for name, component in COMPONENTS.items() if component == entry["componentType"])
     data = _part(binary, document["bufferViews"][entry["bufferView"]])
-    return np.frombuffer(data, kind).reshape(entry["count"], _COLUMNS[entry["type"]])
+    return np.frombuffer(data, kind).reshape(entry["count"], 1 + KINDS.index(entry["type"]))
 
 
 def _part(binary: bytes, view: Mapping[str, Any]) -> bytes:

@@ -6,7 +6,7 @@ Shapes, dtypes and indices are the type's own promise (`types.ArrayArtifact`).
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from exmesh_graph.types import Asset, Frame, Views
 
 MAX_TEXTURE = 8192  # texels a side: what DCC tools and GPUs hold without tiling
 HALF_MAX = 65504.0  # largest finite half float: what an EXR half environment can hold
-_UV_TOLERANCE = 1e-6
+_ANY, _UNIT = (-np.inf, np.inf), (0.0, 1.0)
+_RANGES = {"vertices": _ANY, "uvs": (-1e-6, 1 + 1e-6), "base_color": _UNIT, "roughness": _UNIT, "confidence": _UNIT,
+           "metallic": _UNIT, "normal": _ANY, "environment": (0.0, HALF_MAX)}  # fmt: skip
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -36,11 +38,44 @@ def check_asset(asset: Asset, owner: str = "asset") -> None:
 
     Raises GeometryError, NumericsError or DataError that names the array and the first offending element.
     """
-    check = _Checker(owner)
-    check.mesh(asset)
-    check.uvs(asset)
-    check.maps(asset)
-    check.environment(asset.environment)
+    if len(asset.vertices) == 0 or len(asset.faces) == 0:
+        raise GeometryError("the mesh is empty", where=f"{owner}.faces", expected="at least one triangle")
+    if len(asset.uvs) == 0 or len(asset.uv_faces) == 0:
+        raise GeometryError("the mesh has no texture coordinates", where=f"{owner}.uvs", fix="unwrap it (uv.unwrap)")
+    height, width = asset.base_color.shape[:2]
+    if max(height, width) > MAX_TEXTURE or min(height, width) < 1:
+        raise DataError(
+            f"the maps are {width} x {height}",
+            where=f"{owner}.base_color",
+            expected=f"1 to {MAX_TEXTURE} texels a side",
+            fix="fit smaller maps, or reduce them",
+        )
+    height, width = asset.environment.shape[:2]
+    if width != 2 * height:
+        raise DataError(f"the environment is {width} x {height}", where=f"{owner}.environment",
+                        expected="a lat-long map, twice as wide as high")  # fmt: skip
+    for name, (low, high) in _RANGES.items():
+        array = getattr(asset, name)
+        if array is not None:
+            _refuse(owner, name, ~np.isfinite(array), "is not finite", NumericsError)
+            _refuse(owner, name, (array < low) | (array > high), f"lies outside [{low:g}, {high:g}]")
+    if asset.normal is not None:
+        length = np.linalg.norm(asset.normal, axis=-1)
+        _refuse(owner, "normal", np.abs(length - 1.0) > 1e-3, "has a vector that is not of unit length")
+        _refuse(owner, "normal", asset.normal[..., 2] <= 0.0, "has a vector below the surface (z <= 0)")
+
+
+def _refuse(
+    owner: str, name: str, bad: np.ndarray, what: str, error: type[DataError | NumericsError] = DataError
+) -> None:
+    """Raise `error` naming the first True element of `bad`."""
+    if bad.any():
+        index = [int(i) for i in np.argwhere(bad)[0]]
+        raise error(
+            f"{name}{index} {what} ({int(bad.sum())} of {bad.size} such)",
+            where=f"{owner}.{name}",
+            fix="mend the node that made the asset; nothing was written",
+        )
 
 
 def clipped(asset: Asset) -> tuple[Asset, dict[str, int]]:
@@ -86,70 +121,3 @@ def check_frame(frame: Frame) -> tuple[np.ndarray, float]:
             fix="the loader that made the frame must return such a matrix",
         )
     return rotation, scale
-
-
-@dataclass(frozen=True)
-class _Checker:
-    owner: str
-
-    def mesh(self, asset: Asset) -> None:
-        vertices, faces = asset.vertices, asset.faces
-        if len(vertices) == 0 or len(faces) == 0:
-            raise GeometryError("the mesh is empty", where=f"{self.owner}.faces", expected="at least one triangle")
-        self._finite("vertices", vertices)
-
-    def uvs(self, asset: Asset) -> None:
-        if len(asset.uvs) == 0 or len(asset.uv_faces) == 0:
-            raise GeometryError(
-                "the mesh has no texture coordinates", where=f"{self.owner}.uvs", fix="unwrap it (uv.unwrap)"
-            )
-        self._finite("uvs", asset.uvs)
-        self._in_range("uvs", asset.uvs, -_UV_TOLERANCE, 1.0 + _UV_TOLERANCE)
-
-    def maps(self, asset: Asset) -> None:
-        height, width = asset.base_color.shape[:2]
-        if max(height, width) > MAX_TEXTURE or min(height, width) < 1:
-            raise DataError(
-                f"the maps are {width} x {height}", where=f"{self.owner}.base_color",
-                expected=f"1 to {MAX_TEXTURE} texels a side", fix="fit smaller maps, or reduce them",
-            )  # fmt: skip
-        self._in_range("base_color", asset.base_color, 0.0, 1.0)
-        self._in_range("roughness", asset.roughness, 0.0, 1.0)
-        if asset.confidence is not None:
-            self._in_range("confidence", asset.confidence, 0.0, 1.0)
-        if asset.metallic is not None:
-            self._in_range("metallic", asset.metallic, 0.0, 1.0)
-        if asset.normal is not None:
-            self._finite("normal", asset.normal)
-            length = np.linalg.norm(asset.normal, axis=-1)
-            self._first("normal", np.abs(length - 1.0) > 1e-3, "has a vector that is not of unit length")
-            self._first("normal", asset.normal[..., 2] <= 0.0, "has a vector below the surface (z <= 0)")
-
-    def environment(self, radiance: np.ndarray) -> None:
-        height, width = radiance.shape[:2]
-        if width != 2 * height:
-            raise DataError(
-                f"the environment is {width} x {height}",
-                where=f"{self.owner}.environment",
-                expected="a lat-long map, twice as wide as high",
-            )
-        self._in_range("environment", radiance, 0.0, HALF_MAX)
-
-    def _finite(self, name: str, array: np.ndarray) -> None:
-        self._first(name, ~np.isfinite(array), "is not finite", NumericsError)
-
-    def _in_range(self, name: str, array: np.ndarray, low: float, high: float) -> None:
-        self._finite(name, array)
-        self._first(name, (array < low) | (array > high), f"lies outside [{low:g}, {high:g}]")
-
-    def _first(
-        self, name: str, bad: np.ndarray, what: str, error: type[DataError | GeometryError | NumericsError] = DataError
-    ) -> None:
-        """Raise `error` naming the first True element of `bad`."""
-        if bad.any():
-            index = [int(i) for i in np.argwhere(bad)[0]]
-            raise error(
-                f"{name}{index} {what} ({int(bad.sum())} of {bad.size} such)",
-                where=f"{self.owner}.{name}",
-                fix="mend the node that made the asset; nothing was written",
-            )

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.geometry.adjacency import angle_weighted_normals
+from exmesh_graph.geometry.adjacency import angle_weighted_normals, signed_areas_2d
 from exmesh_graph.geometry.decimate import decimate
 from exmesh_graph.geometry.tangents import corner_tangents
 from exmesh_graph.types import Asset, Views
@@ -26,13 +26,9 @@ def reduced(asset: Asset, faces: int, texture_size: int = 0) -> Asset:
     The mesh keeps more faces where seams do not let it lose them; look at the result.
     """
     coarse = decimate(asset.vertices, asset.faces, asset.uvs, asset.uv_faces, faces)
-    result = replace(
-        asset, vertices=coarse.vertices, faces=coarse.faces, uvs=coarse.uvs, uv_faces=coarse.uv_faces, normal=None
-    )
+    result = replace(asset, vertices=coarse.vertices, faces=coarse.faces, uvs=coarse.uvs, uv_faces=coarse.uv_faces)
     if coarse.count:
         result = replace(result, normal=baked_normals(asset, result))
-    else:
-        result = replace(result, normal=asset.normal)
     return resized(result, texture_size) if texture_size else result
 
 
@@ -76,26 +72,17 @@ def resized(asset: Asset, size: int) -> Asset:
 
     total = blocks(weight)
 
-    def mean(texture: np.ndarray | None) -> np.ndarray | None:
-        if texture is None:
-            return None
+    def mean(texture: np.ndarray) -> np.ndarray:
         layers = texture.reshape(old, old, -1).astype(np.float32)
         plain = blocks(layers) / (old // size) ** 2
         inside = blocks(layers * weight[..., None]) / np.maximum(total, 1)
         return np.where(total > 0, inside, plain).reshape(size, size, *texture.shape[2:]).astype(np.float32)
 
-    normal = mean(asset.normal)
-    if normal is not None:
-        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-    return replace(
-        asset,
-        base_color=_some(mean(asset.base_color)),
-        roughness=_some(mean(asset.roughness)),
-        metallic=mean(asset.metallic),
-        confidence=mean(asset.confidence),
-        normal=normal,
-        seen=blocks(asset.seen.astype(np.float32))[..., 0] > 0,
-    )
+    given = {name: getattr(asset, name) for name in ("base_color", "roughness", "metallic", "confidence", "normal")}
+    maps = {name: mean(texture) for name, texture in given.items() if texture is not None}
+    if "normal" in maps:
+        maps["normal"] /= np.maximum(np.linalg.norm(maps["normal"], axis=-1, keepdims=True), 1e-12)
+    return replace(asset, **maps, seen=blocks(asset.seen.astype(np.float32))[..., 0] > 0)
 
 
 def footprint_size(asset: Asset, views: Views, percentile: float = 95.0) -> int:
@@ -104,9 +91,7 @@ def footprint_size(asset: Asset, views: Views, percentile: float = 95.0) -> int:
     Faces that look away or lie behind a camera do not count; occlusion is not looked at. At most the maps' own size.
     """
     corner = asset.vertices.astype(np.float64)[asset.faces]
-    flat = asset.uvs.astype(np.float64)[asset.uv_faces]
-    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
-    chart = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    chart = 2 * np.abs(signed_areas_2d(asset.uvs, asset.uv_faces))
     largest = np.zeros(len(corner))  # pixels of a face in the view that shows it largest
     for intrinsics, pose in zip(views.intrinsics, views.world_to_camera, strict=True):
         seen = (corner @ pose[:3, :3].T + pose[:3, 3]) @ intrinsics.T
@@ -123,11 +108,6 @@ def footprint_size(asset: Asset, views: Views, percentile: float = 95.0) -> int:
     share = np.cumsum(largest[good][order]) / largest[good].sum()
     needed = side[order][min(np.searchsorted(share, percentile / 100), len(order) - 1)]
     return int(min(2 ** int(np.ceil(np.log2(max(needed, 1)))), max(asset.base_color.shape[:2])))
-
-
-def _some(texture: np.ndarray | None) -> np.ndarray:
-    assert texture is not None
-    return texture
 
 
 def _rasterized(asset: Asset, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -45,3 +45,16 @@ class ExportSettings(FileSettings):
     require_scale: bool = param(False, doc="Refuse an asset whose metric scale is not known.")
     require_closed: bool = param(False, doc="Refuse an open or non-manifold mesh.")
     gate: bool = param(True, doc="Refuse to publish a file that fails the checks; false is noted in the asset.")
+
+
+class ComposeSettings(Params):
+    """Assets on a table top (`export.usd.compose`)."""
+
+    height: float = param(0.3, gt=0, unit="m", doc="Every piece is scaled to this height.")
+    turn: tuple[float, ...] = param(
+        (), unit="rad", doc="Turn of each piece about the vertical, in the order of the ports."
+    )
+    gap: float = param(0.15, ge=0, doc="Room between the pieces, in heights.")
+    table_color: tuple[float, float, float] = param((0.30, 0.19, 0.11), doc="Base colour of the table, linear.")
+    table_roughness: float = param(0.35, ge=0, le=1, doc="Roughness of the table.")
+    width: int = param(640, ge=16, le=8192, unit="px", doc="Width of the camera's picture.")

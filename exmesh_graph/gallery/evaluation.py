@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.gallery.models import add_model
-from exmesh_graph.gallery.pictures import ERROR_TOP, GalleryWriter, environment_panels, error_map, shrink
+from exmesh_graph.gallery.pictures import ERROR_TOP, GalleryWriter, asset_maps, environment_panels, error_map, shrink
 from exmesh_graph.gallery.shaded import shaded_geometry
-from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, ScoredViews
 
 _ERRORS = f"Error: mean over the channels of display colours, brightest at {ERROR_TOP:g}."
@@ -82,22 +81,8 @@ def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) ->
 
 
 def _add_atlas(writer: GalleryWriter, asset: Asset) -> None:
-    panels = [linear_to_srgb(shrink(asset.base_color)), shrink(asset.roughness)]
-    words = ["base colour", "roughness"]
-    if asset.metallic is not None:
-        panels.append(shrink(asset.metallic))
-        words.append("metallic")
-    if asset.normal is not None:
-        panels.append(shrink(0.5 + 0.5 * asset.normal))
-        words.append("normals")
-    if asset.confidence is None:
-        panels.append(shrink(asset.seen.astype(np.float32)))
-        words.append("texels that a training view saw")
-    else:
-        panels.append(shrink(asset.confidence))
-        words.append("confidence (0 where no view saw the texel)")
-    size = asset.base_color.shape[0]
-    writer.add("atlas", "Texture atlas", f"{size} x {size}: {', '.join(words)}.", panels)
+    maps, size = asset_maps(asset), asset.base_color.shape[0]
+    writer.add("atlas", "Texture atlas", f"{size} x {size}: {', '.join(maps)}.", list(maps.values()))
 
 
 def _add_geometry(writer: GalleryWriter, mesh: Carrier, scored: ScoredViews) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import write_image
-from exmesh_graph.types import Gallery
+from exmesh_graph.types import Asset, Gallery
 
 ERROR_TOP = 0.2
 """The display-space error shown as the brightest colour of an error map."""
@@ -92,6 +92,20 @@ def environment_panels(maps: Sequence[np.ndarray]) -> list[np.ndarray]:
     exposure = 0.7 / max(float(np.quantile(maps[0], 0.9)), 1e-6)
     height = max(192, max(image.shape[0] for image in maps))
     return [linear_to_srgb(np.clip(resize(image * exposure, height), 0.0, 1.0)) for image in maps]
+
+
+def asset_maps(asset: Asset, largest: int = 512) -> dict[str, np.ndarray]:
+    """Display values of an asset's maps by name, no side above `largest`; `seen` where there is no confidence."""
+    maps = {"base colour": linear_to_srgb(shrink(asset.base_color, largest)), "roughness": asset.roughness}
+    if asset.metallic is not None:
+        maps["metallic"] = asset.metallic
+    if asset.normal is not None:
+        maps["normals"] = 0.5 + 0.5 * asset.normal
+    if asset.confidence is None:
+        maps["texels that a training view saw"] = asset.seen.astype(np.float32)
+    else:
+        maps["confidence (0 where no view saw the texel)"] = asset.confidence
+    return {name: shrink(image, largest) for name, image in maps.items()}
 
 
 def shrink(image: np.ndarray, largest: int = 512) -> np.ndarray:

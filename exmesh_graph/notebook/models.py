@@ -33,11 +33,11 @@ def turning(mesh: Mesh, title: str = "") -> str:
 
 def glb_frame(data: bytes, caption: str, *, clay: bool = False) -> str:
     """HTML of a frame with a .glb that this project wrote; `clay`: its maps say nothing."""
-    from exmesh_graph.report.contents import GalleryModel
+    from exmesh_graph.report.contents import GalleryItem
     from exmesh_graph.report.templates import asset_text
     from exmesh_graph.report.widgets import viewer_section
 
-    section = viewer_section([("model", GalleryModel("", "model.glb", "model", caption, data))])
+    section = viewer_section([("model", GalleryItem("", "model.glb", "model", caption, data))])
     style = asset_text("exmesh_graph.report", "style.css") + _STYLE
     if clay:
         style += "label:has(input:is([value=base_color], [value=roughness])) { display: none !important; }"

@@ -67,16 +67,9 @@ def _carrier(carrier: Carrier) -> str:
 
 
 def _asset(asset: Asset) -> str:
-    from exmesh_graph.gallery.pictures import environment_panels, shrink
-    from exmesh_graph.io.color import linear_to_srgb
+    from exmesh_graph.gallery.pictures import asset_maps, environment_panels
 
-    named = {"base colour": linear_to_srgb(asset.base_color), "roughness": asset.roughness, "metallic": asset.metallic}
-    named["normals"] = None if asset.normal is None else 0.5 + 0.5 * asset.normal
-    if asset.confidence is not None:
-        named["confidence"] = asset.confidence
-    else:
-        named["seen"] = asset.seen.astype("float32")
-    maps = [(_map(shrink(image, 256)), name) for name, image in named.items() if image is not None]
+    maps = [(_map(image), name.partition(" (")[0]) for name, image in asset_maps(asset, 256).items()]
     light = cells.picture(environment_panels([asset.environment])[0], 128), "environment"
     return turning(asset) + cells.sheet([*maps, light])
 

@@ -10,8 +10,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.report.contents import Curve, GalleryModel, GalleryPicture, Report, ReportFigure, ReportNode
+from exmesh_graph.report.contents import Curve, GalleryItem, Report, ReportFigure, fields_of, stage_costs
 
+SCHEMA = "exmesh.report.v1"
 _LIBRARIES = ("torch", "numpy", "warp-lang", "embreex", "xatlas", "open3d", "usd-core", "OpenImageIO")
 
 
@@ -19,62 +20,62 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
     """Read the record and load its Metrics and Gallery artifacts."""
     nodes = [_node(entry) for entry in record["nodes"]]
     edges = edges_between(record)
-    spent = cumulative_seconds([(node.name, node.seconds) for node in nodes], edges)
+    spent = cumulative_seconds([(node["name"], node["seconds"]) for node in nodes], edges)
     metrics: dict[str, dict[str, Any]] = {}
     figures: list[ReportFigure] = []
     stages: list[ReportFigure] = []
     curves: list[Curve] = []
-    pictures: list[GalleryPicture] = []
-    models: list[GalleryModel] = []
+    shown: list[GalleryItem] = []
     for entry in record["nodes"]:
+        begun = spent[entry["name"]]
         for port, output in sorted((entry.get("outputs") or {}).items()):
             if output["type"] == "Metrics":
                 values = load_artifact(output["digest"]).values
                 metrics[f"{entry['name']}.{port}"] = values
-                figures += _figures(values.get("headline"), entry["name"], spent[entry["name"]])
-                stages += _figures(values.get("stages"), entry["name"], spent[entry["name"]])
-                begun = spent[entry["name"]]
+                figures += _figures(values.get("headline"), entry["name"], begun)
+                stages += _figures(values.get("stages"), entry["name"], begun)
                 ended = begun + float(entry.get("seconds") or 0.0)
                 curves += [replace(curve, span=(begun, ended)) for curve in curves_of(values, entry["name"])]
             elif output["type"] == "Gallery":
-                shown = gallery_of(Path(load_artifact(output["digest"]).root), entry["name"])
-                pictures += [one for one in shown if isinstance(one, GalleryPicture)]
-                models += [one for one in shown if isinstance(one, GalleryModel)]
-    report = Report(
-        name=str(record.get("graph") or run_name or "run"),
-        run=str(record.get("id") or run_name),
-        graph=Path(str(record.get("file") or "")).name,
-        command=str(record.get("command") or ""),
-        wall_seconds=_number(record.get("seconds")),
-        nodes=nodes,
-        edges=edges,
-        headline=_unique_labels(figures),
-        stages=[*stages, *(figure for figure in figures if figure.series)],
-        metrics=metrics,
-        curves=curves,
-        pictures=pictures,
-        models=models,
-        state=str(record.get("state") or ""),
-        machine={str(key): str(value) for key, value in (record.get("machine") or {}).items()},
-        versions=library_versions(),
-    )
-    report.headline.append(
-        ReportFigure("Seconds, total", round(report.total_seconds, 1), "s", better="lower", node="all nodes")
-    )
-    return report
+                shown += gallery_of(Path(load_artifact(output["digest"]).root), entry["name"])
+    total = sum(node["seconds"] for node in nodes)
+    headline = _unique_labels(figures)
+    headline.append(ReportFigure("Seconds, total", round(total, 1), "s", better="lower", node="all nodes"))
+    stages += [figure for figure in figures if figure.series]
+    data = {
+        "schema": SCHEMA,
+        "name": str(record.get("graph") or run_name or "run"),
+        "run": str(record.get("id") or run_name),
+        "graph": Path(str(record.get("file") or "")).name,
+        "command": str(record.get("command") or ""),
+        "state": str(record.get("state") or ""),
+        "seconds": {"this_run": number_of(record.get("seconds")), "all_results": total},
+        "headline": {figure.label: fields_of(figure, "label", "over") for figure in headline},
+        "stages": [fields_of(figure, "floor", "goal", "better") for figure in stages],
+        "metrics": metrics,
+        "costs": stage_costs(nodes),
+        "nodes": nodes,
+        "edges": edges,
+        "warnings": [{"node": node["name"], "message": text} for node in nodes for text in node["warnings"]],
+        "pictures": [fields_of(one, "data", "panels") for one in shown if not one.is_model],
+        "models": [fields_of(one, "data", "panels") | {"bytes": len(one.data)} for one in shown if one.is_model],
+        "machine": {str(key): str(value) for key, value in (record.get("machine") or {}).items()},
+        "versions": library_versions(),
+    }
+    return Report(data, headline, stages, curves, shown)
 
 
-def _node(entry: Mapping[str, Any]) -> ReportNode:
-    outputs = (entry.get("outputs") or {}).values()
-    return ReportNode(
-        name=str(entry["name"]),
-        type=str(entry.get("type") or ""),
-        state=str(entry.get("state") or ""),
-        seconds=float(entry.get("seconds") or 0.0),
-        peak_memory=int(entry.get("peak_rss") or 0),
-        bytes=sum(int(output.get("bytes") or 0) for output in outputs),
-        warnings=tuple(str(text) for text in entry.get("warnings") or ()),
-    )
+def _node(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """A node of report.json; seconds are what its result cost, whether it ran now or came from the store."""
+    return {
+        "name": str(entry["name"]),
+        "type": str(entry.get("type") or ""),
+        "state": str(entry.get("state") or ""),
+        "seconds": float(entry.get("seconds") or 0.0),
+        "peak_memory": int(entry.get("peak_rss") or 0),
+        "bytes": sum(int(output.get("bytes") or 0) for output in (entry.get("outputs") or {}).values()),
+        "warnings": [str(text) for text in entry.get("warnings") or ()],
+    }
 
 
 def _figures(entries: Any, node: str, after: float) -> Iterator[ReportFigure]:
@@ -84,8 +85,8 @@ def _figures(entries: Any, node: str, after: float) -> Iterator[ReportFigure]:
             label=str(entry["label"]),
             value=entry["value"],
             unit=str(entry.get("unit") or ""),
-            floor=_number(entry.get("floor")),
-            goal=_number(entry.get("goal")),
+            floor=number_of(entry.get("floor")),
+            goal=number_of(entry.get("goal")),
             better=str(entry.get("better") or ""),
             node=node,
             series=str(entry.get("series") or ""),
@@ -98,9 +99,7 @@ def _unique_labels(figures: list[ReportFigure]) -> list[ReportFigure]:
     """Two nodes may report one measure: the label then names the node."""
     labels = [figure.label for figure in figures]
     return [
-        ReportFigure(**{**figure.__dict__, "label": f"{figure.label} ({figure.node})"})
-        if labels.count(figure.label) > 1
-        else figure
+        replace(figure, label=f"{figure.label} ({figure.node})") if labels.count(figure.label) > 1 else figure
         for figure in figures
     ]
 
@@ -110,7 +109,7 @@ def curves_of(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
     lists = {
         key: value
         for key, value in values.items()
-        if isinstance(value, list) and len(value) > 1 and all(_number(item) is not None for item in value)
+        if isinstance(value, list) and len(value) > 1 and all(number_of(item) is not None for item in value)
     }
     axis = next((key for key in ("iteration", "iterations", "step", "steps", "seconds") if key in lists), None)
     if axis is not None:
@@ -122,20 +121,17 @@ def curves_of(values: Mapping[str, Any], node: str) -> Iterator[Curve]:
             yield from curves_of(value, node)
 
 
-def gallery_of(root: Path, node: str) -> list[GalleryPicture | GalleryModel]:
+def gallery_of(root: Path, node: str) -> list[GalleryItem]:
     """What the folder of a Gallery holds, in the order of its captions."""
-    shown: list[GalleryPicture | GalleryModel] = []
-    for entry in json.loads((root / "captions.json").read_text(encoding="utf-8")):
-        words = node, entry["file"], entry.get("title", ""), entry.get("caption", "")
-        data = (root / entry["file"]).read_bytes()
-        panels = int(entry.get("compare") or 0)
-        shown.append(
-            GalleryModel(*words, data) if entry["file"].endswith(".glb") else GalleryPicture(*words, data, panels)
-        )
-    return shown
+    return [
+        GalleryItem(node, entry["file"], entry.get("title", ""), entry.get("caption", ""),
+                    (root / entry["file"]).read_bytes(), int(entry.get("compare") or 0))
+        for entry in json.loads((root / "captions.json").read_text(encoding="utf-8"))
+    ]  # fmt: skip
 
 
-def _number(value: Any) -> float | None:
+def number_of(value: Any) -> float | None:
+    """A number as float; None for all else, yes and no included."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 

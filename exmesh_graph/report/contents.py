@@ -1,33 +1,19 @@
-"""What a report holds: nodes, figures, curves, pictures; its content as JSON; what each stage of the method cost."""
+"""What a report holds: figures, curves, pictures; what each stage of the method cost."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-SCHEMA = "exmesh.report.v1"
 #: Stage of a node by the family of its type; families of other packs form stages of their own.
 _STAGES = {
     "data": "data", "init": "start", "prior": "start", "appearance": "Stage I", "regulariser": "Stage I",
     "stage1": "Stage I", "mesh": "Stage I", "uv": "Stage I", "transport": "Stage II", "scene": "Stage II",
     "stage2": "Stage II", "export": "export", "evaluate": "scoring", "benchmark": "scoring", "gallery": "pictures",
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ReportNode:
-    """One node of the run. `seconds` is the cost of its result, whether it ran now or came from the store."""
-
-    name: str
-    type: str
-    state: str
-    seconds: float
-    peak_memory: int
-    bytes: int
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,8 +37,8 @@ class ReportFigure:
 
 
 @dataclass(frozen=True)
-class GalleryPicture:
-    """A PNG or WebP of a Gallery, with its caption."""
+class GalleryItem:
+    """A picture (PNG, WebP) of a Gallery, or a model (binary glTF) which the page's viewer turns, with its caption."""
 
     node: str
     file: str
@@ -62,21 +48,14 @@ class GalleryPicture:
     panels: int = 0  # of one size, ours and the truth first; 0: not a comparison
 
     @property
+    def is_model(self) -> bool:
+        return self.file.endswith(".glb")
+
+    @property
     def data_uri(self) -> str:
         """The picture as it stands in the page."""
         kind = Path(self.file).suffix.removeprefix(".")
         return f"data:image/{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
-
-
-@dataclass(frozen=True)
-class GalleryModel:
-    """A binary glTF file of a Gallery, which the page's viewer turns (gallery/models.py)."""
-
-    node: str
-    file: str
-    title: str
-    caption: str
-    data: bytes
 
 
 @dataclass(frozen=True)
@@ -96,72 +75,32 @@ class Curve:
 
 @dataclass(frozen=True)
 class Report:
-    """All contents of one report."""
+    """`data` is what report.json holds (docs/report.md); beside it the figures again, and what the page alone shows."""
 
-    name: str
-    run: str
-    graph: str
-    command: str
-    wall_seconds: float | None
-    nodes: list[ReportNode]
-    edges: list[tuple[str, str]]
+    data: dict[str, Any]
     headline: list[ReportFigure]
     stages: list[ReportFigure]
-    metrics: dict[str, dict[str, Any]]
     curves: list[Curve]
-    pictures: list[GalleryPicture]
-    models: list[GalleryModel]
-    state: str
-    machine: dict[str, str]
-    versions: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def total_seconds(self) -> float:
-        """What all results together cost, those taken from the store included."""
-        return sum(node.seconds for node in self.nodes)
-
-    @property
-    def warnings(self) -> list[tuple[str, str]]:
-        """(node, text) of every warning."""
-        return [(node.name, text) for node in self.nodes for text in node.warnings]
-
-    def as_json(self) -> dict[str, Any]:
-        """The documented content of `report.json`."""
-        return {
-            "schema": SCHEMA,
-            **{name: getattr(self, name) for name in ("name", "run", "graph", "command", "state")},
-            "seconds": {"this_run": self.wall_seconds, "all_results": self.total_seconds},
-            "headline": {figure.label: _fields(figure, "label", "over") for figure in self.headline},
-            "stages": [_fields(figure, "floor", "goal", "better") for figure in self.stages],
-            "metrics": self.metrics,
-            "costs": stage_costs(self.nodes),
-            "nodes": [_fields(node) for node in self.nodes],
-            "edges": self.edges,
-            "warnings": [{"node": node, "message": text} for node, text in self.warnings],
-            "pictures": [_fields(picture, "data", "panels") for picture in self.pictures],
-            "models": [{**_fields(model, "data"), "bytes": len(model.data)} for model in self.models],
-            "machine": self.machine,
-            "versions": self.versions,
-        }
+    shown: list[GalleryItem]
 
 
-def stage_costs(nodes: Sequence[ReportNode]) -> list[dict[str, Any]]:
-    """[{stage, seconds, peak_memory, nodes}] in the order the stages begin.
+def stage_costs(nodes: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """[{stage, seconds, peak_memory, nodes}] in the order the stages begin; `nodes` as report.json has them.
 
     peak_memory is the largest of the stage's nodes, in bytes; only the processor's memory is counted. Seconds are those
     of the executions that made the results, also where this run took them from the store.
     """
     rows: dict[str, dict[str, Any]] = {}
     for node in nodes:
-        family = node.type.partition(".")[0]
+        family = node["type"].partition(".")[0]
         stage = _STAGES.get(family, family)
         row = rows.setdefault(stage, {"stage": stage, "seconds": 0.0, "peak_memory": 0, "nodes": 0})
-        row["seconds"] += node.seconds
-        row["peak_memory"] = max(row["peak_memory"], node.peak_memory)
+        row["seconds"] += node["seconds"]
+        row["peak_memory"] = max(row["peak_memory"], node["peak_memory"])
         row["nodes"] += 1
     return list(rows.values())
 
 
-def _fields(item: Any, *left_out: str) -> dict[str, Any]:
+def fields_of(item: Any, *left_out: str) -> dict[str, Any]:
     """The fields of a dataclass by name."""
-    return {one.name: getattr(item, one.name) for one in fields(item) if one.name not in left_out}
+    return {name: value for name, value in vars(item).items() if name not in left_out}

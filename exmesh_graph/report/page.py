@@ -10,14 +10,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.report.charts import bar_chart, line_chart, thin
-from exmesh_graph.report.collect import collect
-from exmesh_graph.report.contents import Curve, Report, ReportFigure, stage_costs
-from exmesh_graph.report.decisions import decision_tables
+from exmesh_graph.report.charts import Mark, bar_chart, gain_bar, line_chart, thin
+from exmesh_graph.report.collect import collect, number_of
+from exmesh_graph.report.contents import Curve, Report, ReportFigure
 from exmesh_graph.report.drawing.states import fold_boxes
-from exmesh_graph.report.drawing.svg import Box, fold_edges, fold_loops, fold_name, graph_picture
+from exmesh_graph.report.drawing.svg import Box, fold_name, graph_picture
 from exmesh_graph.report.templates import asset_text, page_of, replace_text
-from exmesh_graph.report.text import number
+from exmesh_graph.report.text import number, seconds
 from exmesh_graph.report.widgets import comparison, viewer_section
 
 
@@ -33,7 +32,7 @@ def build_report(run_folder: Path, run_record: Mapping[str, Any], load_artifact:
     load_artifact  digest -> the value; called for outputs of type Metrics and Gallery only
     """
     report = collect(run_record, load_artifact, run_name=run_folder.name)
-    text = json.dumps(report.as_json(), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(report.data, indent=1, ensure_ascii=False, allow_nan=False)
     replace_text(run_folder / "report.json", text + "\n")
     page = run_folder / "report.html"
     replace_text(page, render_page(report))
@@ -44,30 +43,64 @@ def render_page(report: Report) -> str:
     """HTML text of the report; works offline."""
     from markupsafe import Markup
 
-    boxes = fold_boxes(Box(node.name, node.type, node.state, node.seconds, 1, node.bytes) for node in report.nodes)
+    nodes = report.data["nodes"]
+    boxes = fold_boxes(Box(n["name"], n["type"], n["state"], n["seconds"], 1, n["bytes"]) for n in nodes)
+    bars = [Mark(f"{box.name} ×{box.count}" if box.count > 1 else box.name, box.seconds or 0.0, kind=box.state)
+            for box in boxes]  # fmt: skip
+    models = [(f"{one.title} ({one.node})", one) for one in reversed(report.shown) if one.is_model]
+    galleries: dict[str, list[Any]] = {}
+    for picture in (one for one in report.shown if not one.is_model):
+        galleries.setdefault(picture.node, []).append(picture)
     return page_of(
         __package__,
         "report.html",
-        report=report,
+        report=report.data,
+        headline=report.headline,
         style=Markup(asset_text(__package__, "style.css")),
         tiles=[_tile(figure) for figure in _last_stages(report.headline)],
-        bars=Markup(bar_chart([(_label(box), box.seconds or 0.0, box.state) for box in boxes])),
+        bars=Markup(bar_chart(bars, seconds, name="seconds per node")),
         error_charts=[Markup(chart) for chart in error_charts(report.stages)],
         history_charts=[(node, [Markup(chart) for chart in charts]) for node, charts in _history_charts(report)],
-        graph=Markup(graph_picture(boxes, fold_edges(report.edges), fold_loops(report.edges))),
-        viewer=Markup(viewer_section([(f"{model.title} ({model.node})", model) for model in reversed(report.models)])),
-        galleries=_galleries(report),
+        graph=Markup(graph_picture(boxes, report.data["edges"])),
+        viewer=Markup(viewer_section(models)),
+        galleries=list(reversed(galleries.items())),  # the finished asset before its stages
         comparison=lambda picture: Markup(comparison(picture)),
-        costs=stage_costs(report.nodes),
-        decisions=decision_tables(report.metrics),
-        tables={node: list(metric_rows(values)) for node, values in report.metrics.items()},
-        hits=sum(node.state == "hit" for node in report.nodes),
+        decisions=decision_tables(report.data["metrics"]),
+        tables={node: list(metric_rows(values)) for node, values in report.data["metrics"].items()},
+        hits=sum(node["state"] == "hit" for node in nodes),
     )
 
 
-def _label(box: Box) -> str:
-    text = box.name if box.count == 1 else f"{box.name} ×{box.count}"
-    return text if len(text) <= 26 else text[:25] + "…"
+def decision_tables(metrics: Mapping[str, Mapping[str, Any]]) -> dict[str, list[dict[str, str]]]:
+    """What was modelled and why: by `node.port`, for all figures that hold a list named `decisions`, its rows as shown.
+
+    Texts are empty where nothing was measured.
+    """
+    tables = {}
+    for port, values in metrics.items():
+        rows = values.get("decisions")
+        if not (rows and isinstance(rows, list) and all(isinstance(row, Mapping) and "name" in row for row in rows)):
+            continue
+        gains = [abs(row["gain"]) + (row.get("error") or 0) for row in rows if row.get("gain") is not None]
+        tables[port] = [_decision(row, max([*gains, 0.1])) for row in rows]
+    return tables
+
+
+def _decision(row: Mapping[str, Any], reach: float) -> dict[str, str]:
+    gain, error = row.get("gain"), row.get("error")
+    told = {
+        "name": str(row["name"]),
+        "value": number(row.get("value")),
+        "gain": "" if gain is None else f"{gain:+.2f}" + ("" if error is None else f" ± {error:.2f}") + " dB",
+        "reason": str(row.get("reason") or ""),
+        "bar": "",
+    }
+    for name, key in (("cost", "cost"), ("measured", "seconds_ratio")):
+        told[name] = "" if row.get(key) is None else f"{100 * (row[key] - 1):+.0f} %"
+    if gain is not None:
+        off = not row.get("value") or gain <= 0
+        told["bar"] = gain_bar(Mark(f"{gain:+.2f} dB", gain, spread=error, kind="hit" if off else ""), reach)
+    return told
 
 
 def _last_stages(figures: list[ReportFigure]) -> list[ReportFigure]:
@@ -84,16 +117,13 @@ def _last_stages(figures: list[ReportFigure]) -> list[ReportFigure]:
 
 def _tile(figure: ReportFigure) -> dict[str, Any]:
     """A headline figure with the lengths of its bar (0 to 1), where a bar says something."""
-    tile: dict[str, Any] = {"figure": figure, "bar": None, "floor": None, "goal": None}
-    value = figure.value
-    marks = [mark for mark in (figure.floor, figure.goal) if mark is not None]
-    if marks and isinstance(value, int | float) and not isinstance(value, bool) and value >= 0:
-        top = 1.08 * max(value, *marks)
-        if top > 0:
-            tile["bar"] = value / top
-            tile["floor"] = None if figure.floor is None else figure.floor / top
-            tile["goal"] = None if figure.goal is None else figure.goal / top
-    return tile
+    lengths = {"bar": number_of(figure.value), "floor": figure.floor, "goal": figure.goal}
+    known = [length for length in lengths.values() if length is not None]
+    if len(known) < 2 or lengths["bar"] is None or lengths["bar"] < 0 or max(known) <= 0:
+        return {"figure": figure}
+    return {"figure": figure} | {
+        name: value / (1.08 * max(known)) for name, value in lengths.items() if value is not None
+    }
 
 
 def error_charts(figures: list[ReportFigure]) -> list[str]:
@@ -101,8 +131,7 @@ def error_charts(figures: list[ReportFigure]) -> list[str]:
     0 s) and over each other quantity that the stages name; log axes where values span more than a factor of two."""
     charts = []
     for series in dict.fromkeys(figure.series for figure in figures if figure.series):
-        members = [f for f in figures if f.series == series and f.after_seconds is not None]
-        members = [f for f in members if isinstance(f.value, int | float) and not isinstance(f.value, bool)]
+        members = [f for f in figures if f.series == series and None not in (f.after_seconds, number_of(f.value))]
         if not members:
             continue
         title = f"{series}, {members[0].unit}" if members[0].unit else series
@@ -121,48 +150,32 @@ def error_charts(figures: list[ReportFigure]) -> list[str]:
             if min(ys) > 0 and members[0].unit != "dB":  # decibels are logarithms already
                 log += "y" if max(ys) > 2 * min(ys) else ""
             shown = line if line or "y" not in log else None
-            charts.append(
-                line_chart([(series, xs, ys)], title=title, x_label=x_label, floor=shown, points=True, log=log,
-                           width=250, height=176)
-            )  # fmt: skip
+            charts.append(line_chart([(series, xs, ys)], title=title, x_label=x_label, floor=shown, points=True,
+                                     log=log, width=250, height=176))  # fmt: skip
     return charts
 
 
 def _history_charts(report: Report) -> list[tuple[str, list[str]]]:
     """One chart per node and quantity; the rounds of a repeat block follow each other in one chart."""
-    groups: dict[tuple[str, str], list[Any]] = {}
+    groups: dict[tuple[str, str], list[Curve]] = {}
     for curve in report.curves:
         groups.setdefault((fold_name(curve.node), curve.name), []).append(curve)
     charts: dict[str, list[str]] = {}
     for (node, name), curves in groups.items():
         lines: list[tuple[str, list[float], list[float]]] = []
+        timed: list[tuple[str, list[float], list[float]]] = []  # a node's seconds spread evenly over its positions
         offset = 0.0
         for curve in curves:
-            keep = thin(curve.positions)
+            keep, (begun, ended) = thin(curve.positions), curve.span
             shift = offset if curve.positions[0] <= offset else 0.0  # a round may count from its own start
-            lines.append((curve.node, [curve.positions[k] + shift for k in keep], [curve.values[k] for k in keep]))
+            values = [curve.values[k] for k in keep]
+            lines.append((curve.node, [curve.positions[k] + shift for k in keep], values))
+            timed.append((curve.node, [begun + (ended - begun) * (k + 1) / len(curve.positions) for k in keep], values))
             offset = lines[-1][1][-1]
         charts.setdefault(node, []).append(line_chart(lines, title=name, x_label=curves[0].axis))
         if name == "psnr" and curves[-1].span[1] > curves[0].span[0]:
-            timed = [
-                (curve.node, _seconds_of(curve), [curve.values[k] for k in thin(curve.positions)]) for curve in curves
-            ]
             charts[node].append(line_chart(timed, title=name, x_label="seconds spent, even within a node"))
     return list(charts.items())
-
-
-def _seconds_of(curve: Curve) -> list[float]:
-    """When each kept position was reached, the node's seconds spread evenly over its positions."""
-    begun, ended = curve.span
-    keep = thin(curve.positions)
-    return [begun + (ended - begun) * (k + 1) / len(curve.positions) for k in keep]
-
-
-def _galleries(report: Report) -> list[tuple[str, list[Any]]]:
-    groups: dict[str, list[Any]] = {}
-    for picture in report.pictures:
-        groups.setdefault(picture.node, []).append(picture)
-    return list(reversed(groups.items()))  # the finished asset before its stages
 
 
 def metric_rows(values: Any, prefix: str = "") -> Any:

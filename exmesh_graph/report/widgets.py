@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from html import escape
 from importlib import resources
 
-from exmesh_graph.report.contents import GalleryModel, GalleryPicture
+from exmesh_graph.report.contents import GalleryItem
 from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
 from exmesh_graph.report.text import size
 
@@ -23,7 +23,7 @@ GAP = 6
 """White columns between the panels of a strip (gallery.pictures.strip)."""
 
 
-def comparison(picture: GalleryPicture) -> str:
+def comparison(picture: GalleryItem) -> str:
     """HTML of a picture whose `panels` are of one size, the first two ours and the truth; "" for other pictures."""
     shape = panel_size(picture)
     if shape is None:
@@ -48,7 +48,7 @@ def comparison(picture: GalleryPicture) -> str:
     )
 
 
-def panel_size(picture: GalleryPicture) -> tuple[int, int] | None:
+def panel_size(picture: GalleryItem) -> tuple[int, int] | None:
     """(width, height) of a panel where the picture is a comparison, from the PNG's header."""
     count = picture.panels
     if count < 2 or picture.data[:4] != b"\x89PNG":
@@ -58,7 +58,7 @@ def panel_size(picture: GalleryPicture) -> tuple[int, int] | None:
     return (panel, height) if panel >= 1 and rest == 0 else None
 
 
-def viewer_section(models: Sequence[tuple[str, GalleryModel]]) -> str:
+def viewer_section(models: Sequence[tuple[str, GalleryItem]]) -> str:
     """HTML of one viewer with a choice among (label, model); "" without models. Once per page."""
     if not models:
         return ""

@@ -5,8 +5,9 @@ import pytest
 from usd_example import example_asset
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.export.settings import ComposeSettings
 from exmesh_graph.export.usd import ExportSettings, validate_usd, write_usd
-from exmesh_graph.export.usd.compose import TableSettings, compose_on_table
+from exmesh_graph.export.usd.compose import compose_on_table
 from exmesh_graph.types import Frame
 
 SKY = np.ones((8, 16, 3), np.float32)
@@ -26,7 +27,7 @@ def pieces(tmp_path_factory):
 def test_pieces_stand_side_by_side_under_one_light(pieces, tmp_path):
     from pxr import Usd, UsdGeom, UsdLux
 
-    settings = TableSettings(height=0.4, gap=0.2, turn=(0.5, 0.0))
+    settings = ComposeSettings(height=0.4, gap=0.2, turn=(0.5, 0.0))
     compose_on_table(tmp_path / "scene", pieces, SKY, settings)
     file = tmp_path / "scene" / "scene.usda"
     assert [p for p in validate_usd(file) if p.level == "error"] == []

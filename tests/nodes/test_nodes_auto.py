@@ -12,7 +12,7 @@ from exmesh_graph.evaluate.metrics import rephotography
 from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.settings import BlenderOptions
-from exmesh_graph.report.decisions import decision_tables
+from exmesh_graph.report.page import decision_tables
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, PointCloud
 
@@ -64,9 +64,9 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
     assert out.mesh.facets()["closed"]
     assert len(out.mesh.faces) <= 400
     (table,) = decision_tables({"coarse.decisions": out.decisions.values}).values()
-    assert [(row.name, row.value) for row in table] == [("start", "hull")]
-    assert "fewer than 500" in table[0].reason
-    assert table[0].reason in context.lines[0]
+    assert [(row["name"], row["value"]) for row in table] == [("start", "hull")]
+    assert "fewer than 500" in table[0]["reason"]
+    assert table[0]["reason"] in context.lines[0]
     monkeypatch.undo()
     monkeypatch.setattr(init, "visual_hull", refuse)
     other = auto.auto(context, views, p=auto.AutoParams(seconds=5, method="sphere", faces=400))
@@ -99,7 +99,7 @@ def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foret
         assert not kept
         assert (row["value"], row["gain"], row["error"]) == ("gaussians", 0.8, 0.2)
     assert row["reason"] in context.lines[2]
-    assert [r.name for r in decision_tables({"d": out.decisions.values})["d"]] == ["start", "iterations", "surface"]
+    assert [r["name"] for r in decision_tables({"d": out.decisions.values})["d"]] == ["start", "iterations", "surface"]
 
 
 @pytest.mark.slow

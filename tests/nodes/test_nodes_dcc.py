@@ -19,7 +19,7 @@ def test_a_package_from_disk_and_our_own_asset_on_one_table(scene, context, tmp_
     other = dcc.usd_file(other_context, p=dcc.UsdFileParams(path=package)).files
     assert other_context.warnings == []
     light = EnvMap(np.ones((4, 8, 3), np.float32))
-    table = dcc.compose(context, light, ours, other, p=dcc.ComposeParams(turn=(0.2, 0.4))).files
+    table = dcc.compose(context, light, ours, other, p=dcc.ComposeSettings(turn=(0.2, 0.4))).files
     assert [p for p in validate_usd(table.root / table.main) if p.level == "error"] == []
     assert (table.root / "first" / "ours.usda").is_file()  # the component, without its light
     assert (table.root / "second" / "scene.usda").is_file()  # unpacked

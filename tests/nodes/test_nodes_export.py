@@ -69,7 +69,7 @@ def test_levels_of_detail_are_wired_in(scene, context):
 
 
 def test_a_validation_error_fails_the_node(scene, context, monkeypatch):
-    problem = Problem("error", "colorSpace", "/scene", "wrong")
+    problem = Problem("colorSpace", "/scene", "wrong")
     monkeypatch.setattr(write, "validate_usd", lambda path, pictures: [problem])
     with pytest.raises(DataError, match="colorSpace at /scene: wrong"):
         export.usd(context, scene.asset, p=export.ExportSettings())
@@ -77,7 +77,7 @@ def test_a_validation_error_fails_the_node(scene, context, monkeypatch):
 
 
 def test_a_validation_warning_is_passed_on_once(scene, context, monkeypatch):
-    problem = Problem("warning", "stMirrored", "/scene", "3 faces")
+    problem = Problem("stMirrored", "/scene", "3 faces", "warning")
     monkeypatch.setattr(write, "validate_usd", lambda path, pictures: [problem])
     export.usd(context, scene.asset, p=export.ExportSettings())
     assert sum("stMirrored" in warning for warning in context.warnings) == 1

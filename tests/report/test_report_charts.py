@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exmesh_graph.report import text
-from exmesh_graph.report.charts import bar_chart, line_chart, thin
+from exmesh_graph.report.charts import Mark, bar_chart, line_chart, thin
 from exmesh_graph.report.collect import cumulative_seconds
 from exmesh_graph.report.drawing.svg import fold_edges, fold_name
 
@@ -60,7 +60,7 @@ def test_on_log_axes_equal_ratios_are_equal_lengths_and_points_stay_inside(point
 
 
 def test_bars_are_proportional():
-    chart = bar_chart([("a", 10.0, "done"), ("b", 5.0, "hit"), ("c", 0.0, "done")])
+    chart = bar_chart([Mark("a", 10.0), Mark("b", 5.0, kind="hit"), Mark("c", 0.0)], text.seconds, name="seconds")
     long, half, none = (float(w) for w in re.findall(r'<rect[^>]*width="([\d.]+)"', chart))
     assert long == pytest.approx(2 * half, rel=0.01)
     assert none < 2

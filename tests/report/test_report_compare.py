@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from exmesh_graph.gallery.pictures import GalleryWriter
-from exmesh_graph.report.contents import GalleryPicture, ReportNode, stage_costs
+from exmesh_graph.report.contents import GalleryItem, stage_costs
 from exmesh_graph.report.widgets import comparison
 from tests.report.chromium import screenshot
 
@@ -16,7 +16,7 @@ def picture(tmp_path):
     writer = GalleryWriter(tmp_path / "gallery")
     writer.add("held_out", 'A "view"', "Ours, photograph, error.", panels, compare=True)
     root = writer.finish().root
-    return GalleryPicture("score", "held_out.png", 'A "view"', "", (root / "held_out.png").read_bytes(), 3)
+    return GalleryItem("score", "held_out.png", 'A "view"', "", (root / "held_out.png").read_bytes(), 3)
 
 
 def test_the_picture_is_there_once_with_a_slider(picture):
@@ -26,8 +26,8 @@ def test_the_picture_is_there_once_with_a_slider(picture):
     assert "--shape:30/20" in html
     assert "A &quot;view&quot;" in html
     assert "<script" not in html
-    assert comparison(GalleryPicture("n", "a.png", "t", "", picture.data, 0)) == ""
-    assert comparison(GalleryPicture("n", "a.png", "t", "", picture.data, 5)) == ""  # panels of another width
+    assert comparison(GalleryItem("n", "a.png", "t", "", picture.data, 0)) == ""
+    assert comparison(GalleryItem("n", "a.png", "t", "", picture.data, 5)) == ""  # panels of another width
 
 
 def test_only_panels_of_one_size_are_marked(tmp_path):
@@ -58,7 +58,7 @@ def test_chromium_shows_ours_left_of_the_line_and_the_truth_right_of_it(picture,
 
 def test_seconds_are_summed_and_memory_is_the_largest():
     def node(kind, seconds, peak):
-        return ReportNode(kind, kind, "done", seconds, peak, 0, ())
+        return {"type": kind, "seconds": seconds, "peak_memory": peak}
 
     nodes = [node("data.blender", 1, 5), node("stage1.refine", 2, 9), node("uv.unwrap", 3, 7), node("mine.step", 4, 1)]
     rows = {row["stage"]: row for row in stage_costs(nodes)}

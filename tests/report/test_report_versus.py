@@ -11,7 +11,7 @@ from PIL import Image
 
 from exmesh_graph.gallery.pictures import GalleryWriter
 from exmesh_graph.report.sweep import pictures as module
-from exmesh_graph.report.sweep.page import best_of
+from exmesh_graph.report.sweep.files import best_of
 from exmesh_graph.report.sweep.pictures import SweepPictures, sweep_pictures, versus_section
 from tests.report.chromium import screenshot
 

@@ -10,43 +10,28 @@ import math
 import shutil
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdShade, Vt
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.export.content import CameraContent
+from exmesh_graph.export.content import CameraContent, MeshContent
 from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.inputs import check_name
 from exmesh_graph.export.maps import write_environment
+from exmesh_graph.export.settings import ComposeSettings
 from exmesh_graph.export.usd.gate import validate_usd
+from exmesh_graph.export.usd.layers import define_camera, define_dome, define_mesh
 from exmesh_graph.export.usd.read import open_usd
-from exmesh_graph.export.usd.scene import define_camera, define_dome
 
 _THICKNESS = 0.06  # of the table, in heights of the pieces
-
-
-@dataclass(frozen=True)
-class TableSettings:
-    """height  of every piece, metres; turn: of each piece about the vertical, radians; gap: between them, in heights
-    color, roughness  of the table, linear
-    width, elevation  of the camera's picture [px] and of the camera above the horizon [rad]
-    """
-
-    height: float = 0.3
-    turn: tuple[float, ...] = ()
-    gap: float = 0.15
-    color: tuple[float, float, float] = (0.30, 0.19, 0.11)
-    roughness: float = 0.35
-    width: int = 640
-    elevation: float = 0.3
+_ELEVATION = 0.3  # of the camera above the horizon, radians
 
 
 def compose_on_table(
-    folder: Path, pieces: Mapping[str, Path], environment: np.ndarray, settings: TableSettings | None = None
+    folder: Path, pieces: Mapping[str, Path], environment: np.ndarray, settings: ComposeSettings | None = None
 ) -> dict[str, Any]:
     """Write scene.usda into the new `folder`; return where the pieces stand.
 
@@ -54,7 +39,7 @@ def compose_on_table(
     environment  float32 [H, W, 3], canonical lat-long
     Raises DataError for files without a default prim or a surface, and when the gate finds an error.
     """
-    settings = settings or TableSettings()
+    settings = settings or ComposeSettings()
     with new_folder(folder) as partial:
         write_environment(partial / "env.exr", environment)
         stage = Usd.Stage.CreateNew(str(partial / "scene.usda"))
@@ -171,7 +156,7 @@ def _unpack(package: Path, target: Path) -> str:
         return archive.namelist()[0]
 
 
-def _define_table(stage: Usd.Stage, box: np.ndarray, settings: TableSettings) -> None:
+def _define_table(stage: Usd.Stage, box: np.ndarray, settings: ComposeSettings) -> None:
     """A slab with flat faces, one chart a face."""
     sides = [(axis, end) for axis in range(3) for end in (0, 1)]
     points, st = [], []
@@ -188,39 +173,27 @@ def _define_table(stage: Usd.Stage, box: np.ndarray, settings: TableSettings) ->
     positions = np.array(points, np.float32)
     first, second, third = (positions[faces[:6, k]] for k in range(3))
     normals = np.cross(second - first, third - first)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    mesh = UsdGeom.Mesh.Define(stage, "/scene/table")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(positions))
-    mesh.CreateFaceVertexCountsAttr([3] * len(faces))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.reshape(-1)))
-    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(np.repeat(normals, 4, axis=0).astype(np.float32)))
-    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(box.astype(np.float32)))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
-    mesh.CreateDoubleSidedAttr(False)
-    kind = Sdf.ValueTypeNames.TexCoord2fArray
-    coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.faceVarying)
-    coordinates.Set(Vt.Vec2fArray.FromNumpy(np.array(st, np.float32)))
-    coordinates.SetIndices(Vt.IntArray.FromNumpy(faces.reshape(-1)))
+    normals = np.repeat(normals / np.linalg.norm(normals, axis=1, keepdims=True), 4, axis=0).astype(np.float32)
+    content = MeshContent(positions, normals, faces, np.array(st, np.float32), faces)
+    mesh = define_mesh(stage, Sdf.Path("/scene/table"), content)
     material = UsdShade.Material.Define(stage, "/scene/table_material")
     surface = UsdShade.Shader.Define(stage, "/scene/table_material/preview")
     surface.CreateIdAttr("UsdPreviewSurface")
-    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*settings.color))
-    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(settings.roughness)
+    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*settings.table_color))
+    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(settings.table_roughness)
     surface.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(0.0)
     material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
 
 
-def _camera(length: float, depth: float, settings: TableSettings) -> CameraContent:
+def _camera(length: float, depth: float, settings: ComposeSettings) -> CameraContent:
     """Sees the whole row from the front, somewhat from above."""
     width, height = settings.width, round(settings.width * 0.6)
     focal = 1.6 * width
     middle = np.array([length / 2, 0.42 * settings.height, 0.0])
     reach = max(length + 0.5 * settings.height, 1.4 * settings.height / 0.6)
     distance = reach * focal / width + depth / 2
-    back = np.array([0.0, math.sin(settings.elevation), math.cos(settings.elevation)])
+    back = np.array([0.0, math.sin(_ELEVATION), math.cos(_ELEVATION)])
     matrix = np.eye(4)
     matrix[:3, :3] = np.stack([[1.0, 0, 0], np.cross(back, [1.0, 0, 0]), back], axis=1)
     matrix[:3, 3] = middle + distance * back

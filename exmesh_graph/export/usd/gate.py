@@ -8,14 +8,14 @@ some DCC tool. The rules here find them (docs/usd.md lists all).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.usd.package import package_rules
-from exmesh_graph.export.usd.problem import Pictures, Problem
 from exmesh_graph.export.usd.read import open_usd, select_variant
-from exmesh_graph.export.usd.rules import dome_rules, material_rules, path_rules, stage_rules
+from exmesh_graph.export.usd.rules import Pictures, Problem, dome_rules, material_rules, path_rules, stage_rules
 from exmesh_graph.export.usd.rules_mesh import mesh_rules
 
 
@@ -30,7 +30,7 @@ def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
     try:
         stage = open_usd(path)
     except DataError as error:
-        return [*problems, Problem("error", "open", path.name, ": ".join(filter(None, (error.what, error.fix))))]
+        return [*problems, Problem("open", path.name, ": ".join(filter(None, (error.what, error.fix))))]
     pictures = pictures or Pictures()
     problems += [*_openusd_findings(stage), *stage_rules(stage), *path_rules(stage)]
     problems += _prim_rules(stage, pictures, ("Mesh", "Material", "DomeLight"))
@@ -40,9 +40,7 @@ def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
         kinds = ("Mesh", "Material") if name == "lod" else ("Material",)
         for problem in _prim_rules(varied, pictures, kinds):
             if problem not in problems:
-                problems.append(
-                    Problem(problem.level, problem.rule, f"{problem.where} {{{name}={choice}}}", problem.what)
-                )
+                problems.append(replace(problem, where=f"{problem.where} {{{name}={choice}}}"))
     return problems
 
 
@@ -77,4 +75,4 @@ def _openusd_findings(stage: Any) -> Iterator[Problem]:
             continue  # the wheel has no UsdMtlx, so it knows no node of MaterialX
         level = "error" if error.GetType() == UsdValidation.ValidationErrorType.Error else "warning"
         sites = [str(site.GetPrim().GetPath()) for site in error.GetSites() if site.IsPrim()]
-        yield Problem(level, str(error.GetIdentifier()), ", ".join(sites) or "stage", error.GetMessage())
+        yield Problem(str(error.GetIdentifier()), ", ".join(sites) or "stage", error.GetMessage(), level)

@@ -67,24 +67,20 @@ def connect_maps(
     """Connect the surfaces' inputs to the textures that the variant `shading` reads; constants for the others."""
     kept = {"full": set(maps), "no_normal": set(maps) - {"normal"}, "base_only": {"base_color"}}[shading]
     constants = {"roughness": PLAIN_ROUGHNESS, "metallic": 0.0}
+    inputs = [("preview", name, target, kind, name, output) for name, (target, kind, output, _) in _PREVIEW.items()]
+    if mtlx:
+        nodes = {name: f"mtlx_{name}" for name in _OPENPBR} | {"normal": "mtlx_normal_frame"}
+        inputs += [("openpbr", name, of[0], of[1], nodes[name], "out") for name, of in _OPENPBR.items()]
     path = material.GetPath()
-    for name, (target, kind, output, _) in _PREVIEW.items():
-        surface = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild("preview")))
+    for surface, name, target, kind, source, output in inputs:
+        if name not in kept and name not in constants:
+            continue
+        shader_input = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild(surface))).CreateInput(target, kind)
         if name in kept:
-            texture = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild(name)))
-            surface.CreateInput(target, kind).ConnectToSource(texture.ConnectableAPI(), output)
-        elif name in constants:
-            surface.CreateInput(target, kind).Set(constants[name])
-    if not mtlx:
-        return
-    for name, (target, kind, _, _) in _OPENPBR.items():
-        surface = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild("openpbr")))
-        if name in kept:
-            source = "mtlx_normal_frame" if name == "normal" else f"mtlx_{name}"
             node = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild(source)))
-            surface.CreateInput(target, kind).ConnectToSource(node.ConnectableAPI(), "out")
-        elif name in constants:
-            surface.CreateInput(target, kind).Set(constants[name])
+            shader_input.ConnectToSource(node.ConnectableAPI(), output)
+        else:
+            shader_input.Set(constants[name])
 
 
 def _preview_texture(stage: Usd.Stage, path: Sdf.Path, name: str, file: str, st: UsdShade.Output) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from exmesh_graph.export.usd.problem import Problem
+from exmesh_graph.export.usd.rules import Problem
 
 _ALIGNMENT = 64  # bytes; usdz specification, "Layout"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
@@ -37,20 +37,20 @@ def package_rules(path: Path) -> Iterator[Problem]:
     try:
         archive = zipfile.ZipFile(path)
     except zipfile.BadZipFile as error:
-        yield Problem("error", "package", path.name, f"not a whole zip archive ({error})")
+        yield Problem("package", path.name, f"not a whole zip archive ({error})")
         return
     with archive, path.open("rb") as file:
         members = archive.infolist()
         if not members or Path(members[0].filename).suffix not in (".usda", ".usdc", ".usd"):
-            yield Problem("error", "package", path.name, "the first member is not a USD layer")
+            yield Problem("package", path.name, "the first member is not a USD layer")
         for member in members:
             if member.header_offset < 0:
-                yield Problem("error", "package", path.name, "the archive's beginning is missing")
+                yield Problem("package", path.name, "the archive's beginning is missing")
             elif member.compress_type != zipfile.ZIP_STORED:
-                yield Problem("error", "package", f"{path.name}[{member.filename}]", "the member is compressed")
+                yield Problem("package", f"{path.name}[{member.filename}]", "the member is compressed")
             elif _data_offset(file, member) % _ALIGNMENT:
                 what = f"the member's data does not start at a multiple of {_ALIGNMENT} bytes"
-                yield Problem("error", "package", f"{path.name}[{member.filename}]", what)
+                yield Problem("package", f"{path.name}[{member.filename}]", what)
 
 
 def _data_offset(file: BinaryIO, member: zipfile.ZipInfo) -> int:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.export.content import MeshContent
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.images import read_raw
 from exmesh_graph.types import Asset
@@ -35,21 +37,15 @@ class UsdCamera:
 
 
 @dataclass(frozen=True, eq=False)
-class UsdContents:
+class UsdContents(MeshContent):
     """The one mesh of a USD file with its maps.
 
-    points, normals float32 [V, 3];  faces int32 [F, 3];  st float32 [T, 2], v up;  st_faces int32 [F, 3]
     textures        name of each map that the material reads -> pixels as stored, [H, W, C]
     constants       name -> value of inputs that no map feeds
     environment     float32 [H, W, 3], or None without a dome light
     rotation        float64 [3, 3], the dome's: light from d is E(rotation^T d)
     """
 
-    points: np.ndarray
-    normals: np.ndarray
-    faces: np.ndarray
-    st: np.ndarray
-    st_faces: np.ndarray
     textures: dict[str, np.ndarray]
     environment: np.ndarray | None
     up_axis: str
@@ -66,24 +62,18 @@ class UsdContents:
         Raises DataError without a dome light or a base colour map.
         """
         if self.environment is None or "base_color" not in self.textures:
-            raise DataError(
-                "no dome light with a picture, or no base colour map",
-                where=self.default_prim,
-                expected="a scene.usda or its package",
-            )
-        base = _unit(self.textures["base_color"])[..., :3]
+            raise DataError("no dome light with a picture, or no base colour map", where=self.default_prim,
+                            expected="a scene.usda or its package")  # fmt: skip
+        maps = {name: _unit(codes) for name, codes in self.textures.items()}
+        base = maps["base_color"][..., :3]
         shape = base.shape[:2]
-
-        def grey(name: str) -> np.ndarray:
-            if name in self.textures:
-                return _unit(self.textures[name])[..., 0]
-            return np.full(shape, float(self.constants.get(name, 0.0)), np.float32)
-
+        for name in ("roughness", "metallic"):
+            if name not in maps and (name == "roughness" or self.constants.get(name)):
+                maps[name] = np.full((*shape, 1), float(self.constants.get(name, 0.0)), np.float32)
         normal = None
-        if "normal" in self.textures:
-            normal = _unit(self.textures["normal"])[..., :3] * 2 - 1
+        if "normal" in maps:
+            normal = maps["normal"][..., :3] * 2 - 1
             normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        metallic = grey("metallic") if "metallic" in self.textures or self.constants.get("metallic") else None
         return Asset(
             vertices=self.normalised(self.points).astype(np.float32),
             faces=self.faces,
@@ -91,11 +81,11 @@ class UsdContents:
             uv_faces=self.st_faces,
             texture=base,
             base_color=srgb_to_linear(base),
-            roughness=grey("roughness"),
+            roughness=maps["roughness"][..., 0],
             seen=np.ones(shape, bool),
             environment=self.environment,
             normal=normal,
-            metallic=metallic,
+            metallic=maps["metallic"][..., 0] if "metallic" in maps else None,
         )
 
     def normalised(self, points: np.ndarray) -> np.ndarray:
@@ -163,10 +153,7 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
     if domes and (file := domes[0].GetTextureFileAttr().Get()):
         environment = read_asset_pixels(file.resolvedPath or file.path).astype(np.float32)[..., :3]
         rotation = _matrix(domes[0])[:3, :3]
-    recon: dict[str, Any] = {}
-    for prim in stage.Traverse():
-        if not prim.IsA(UsdGeom.Camera):
-            recon = recon or dict(prim.GetCustomDataByKey("recon") or {})
+    noted = (prim.GetCustomDataByKey("recon") for prim in stage.Traverse() if not prim.IsA(UsdGeom.Camera))
     textures, constants = _maps(mesh)
     return UsdContents(
         points=_array(mesh.GetPointsAttr(), np.float32, 3),
@@ -182,7 +169,7 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
         metres_per_unit=float(UsdGeom.GetStageMetersPerUnit(stage)),
         default_prim=str(stage.GetDefaultPrim().GetName()),
         cameras=tuple(read_camera(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)),
-        custom_data=recon,
+        custom_data=dict(next(filter(None, noted), {})),
     )
 
 
@@ -193,8 +180,11 @@ def up_axis(path: Path) -> str:
     return str(UsdGeom.GetStageUpAxis(open_usd(path))).lower()
 
 
-def select_variant(stage: Any, name: str, choice: str) -> None:
-    """Choose `choice` of the variant set `name` wherever it is; DataError where there is no such choice."""
+def select_variant(stage: Any, name: str, choice: str, layer: Any = None) -> None:
+    """Choose `choice` of the variant set `name` wherever it is, in `layer` (None: for this session alone).
+
+    Raises DataError where there is no such choice.
+    """
     prims = [prim for prim in stage.Traverse() if name in prim.GetVariantSets().GetNames()]
     offered = sorted({c for prim in prims for c in prim.GetVariantSets().GetVariantSet(name).GetVariantNames()})
     if choice not in offered:
@@ -205,7 +195,7 @@ def select_variant(stage: Any, name: str, choice: str) -> None:
         )
     from pxr import Usd
 
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
+    with Usd.EditContext(stage, layer or stage.GetSessionLayer()):
         for prim in prims:
             prim.GetVariantSets().GetVariantSet(name).SetVariantSelection(choice)
 
@@ -217,15 +207,21 @@ def read_asset_pixels(resolved: str) -> np.ndarray:
     """
     if not resolved.endswith("]"):
         return read_raw(Path(resolved))
-    package, member = resolved[:-1].split("[", 1)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, open_member(resolved) as (archive, member):
         copy = Path(folder) / Path(member).name
-        try:
-            with zipfile.ZipFile(package) as archive:
-                copy.write_bytes(archive.read(member))
-        except (zipfile.BadZipFile, KeyError) as error:
-            raise DataError(f"the package does not give the picture ({error})", where=resolved) from error
+        copy.write_bytes(archive.read(member))
         return read_raw(copy)
+
+
+@contextmanager
+def open_member(resolved: str) -> Iterator[tuple[zipfile.ZipFile, str]]:
+    """The archive and the member of `package.usdz[member]`; DataError where reading it fails."""
+    package, member = resolved[:-1].split("[", 1)
+    try:
+        with zipfile.ZipFile(package) as archive:
+            yield archive, member
+    except (zipfile.BadZipFile, KeyError) as error:
+        raise DataError(f"the package does not give the picture ({error})", where=resolved) from error
 
 
 def _texture_coordinates(mesh: Any, faces: int, where: str) -> tuple[np.ndarray, np.ndarray]:

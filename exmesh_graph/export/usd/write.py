@@ -26,18 +26,10 @@ from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.inputs import check_asset, check_name, check_views, clipped
 from exmesh_graph.export.maps import prepare_maps, to_codes, write_environment, write_map
 from exmesh_graph.export.settings import ExportSettings
+from exmesh_graph.export.usd import layers
 from exmesh_graph.export.usd.gate import validate_usd
-from exmesh_graph.export.usd.layers import (
-    author_flat,
-    author_geometry,
-    author_materials,
-    author_payload,
-    author_root,
-    save_layer,
-)
 from exmesh_graph.export.usd.package import write_usdz
-from exmesh_graph.export.usd.problem import Pictures, Problem
-from exmesh_graph.export.usd.scene import author_scene
+from exmesh_graph.export.usd.rules import Pictures
 from exmesh_graph.types import Asset, Frame, Views
 from exmesh_graph.version import __version__
 
@@ -90,19 +82,13 @@ def write_usd(
         report["environment_size"] = [int(n) for n in asset.environment.shape[:2]]
         report["environment_rounding"] = float(f"{error:.3g}")
         report["gate"] = "passed" if settings.gate else "skipped"
-        plain = {
-            key: int(value) if isinstance(value, bool) else value
-            for key, value in report.items()
-            if isinstance(value, str | int | float)
-        }
+        plain = {key: int(value) if isinstance(value, bool) else value
+                 for key, value in report.items() if isinstance(value, str | int | float)}  # fmt: skip
         report["provenance"] = {"tool": "exmesh-graph", "version": __version__, **(provenance or {})}
         content = replace(content, provenance={**plain, **report["provenance"]})
         _write_layers(partial, content, sorted(files))
-        report["bytes"] = {
-            str(path.relative_to(partial)): path.stat().st_size
-            for path in sorted(partial.rglob("*"))
-            if path.is_file()
-        }  # fmt: skip
+        written = sorted(path for path in partial.rglob("*") if path.is_file())
+        report["bytes"] = {str(path.relative_to(partial)): path.stat().st_size for path in written}
         if settings.gate:
             report["problems"] = _judge(partial, settings.name)
         text = json.dumps(report, sort_keys=True, indent=1, allow_nan=False)
@@ -144,13 +130,10 @@ def _content(
     names: dict[str, dict[str, str]] = {}
     files: dict[str, np.ndarray] = {}
     for lod, own in codes.items():
-        names[lod] = {}
         for name, pixels in own.items():
-            shared = lod != "high" and name in names["high"] and pixels is codes["high"][name]
-            names[lod][name] = (
-                names["high"][name] if shared else f"{name}.png" if lod == "high" else f"{name}_{lod}.png"
-            )
-            files[names[lod][name]] = pixels
+            file = f"{name}.png" if pixels is codes["high"].get(name) else f"{name}_{lod}.png"
+            names.setdefault(lod, {})[name] = file
+            files[file] = pixels
     reach = float(np.linalg.norm(meshes["high"].points - placement.offset, axis=1).max())
     content = AssetContent(
         name=settings.name,
@@ -197,37 +180,32 @@ def _flat_normal(bits: int) -> np.ndarray:
 def _write_layers(folder: Path, content: AssetContent, textures: list[str]) -> None:
     name = content.name
     # what a layer refers to is there before it: composing it would warn otherwise
-    save_layer(folder / "geo.usdc", author_geometry, content)
-    layers = {"mtl.usda": author_materials, "payload.usda": author_payload, f"{name}.usda": author_root}
-    for file, author in {**layers, "scene.usda": author_scene}.items():
-        save_layer(folder / file, author, content)
-    pictures = [(f"textures/{file}", folder / "textures" / file) for file in textures]
-    members = [
-        (file, folder / file)
-        for file in ("scene.usda", f"{name}.usda", "payload.usda", "mtl.usda", "geo.usdc", "env.exr")
-    ]
-    write_usdz(folder / f"{name}.usdz", [*members, *pictures])
+    authors = {"geo.usdc": layers.author_geometry, "mtl.usda": layers.author_materials,
+               "payload.usda": layers.author_payload, f"{name}.usda": layers.author_root,
+               "scene.usda": layers.author_scene}  # fmt: skip
+    for file, author in authors.items():
+        layers.save_layer(folder / file, author, content)
+    members = [*reversed(authors), "env.exr", *(f"textures/{file}" for file in textures)]
+    write_usdz(folder / f"{name}.usdz", [(member, folder / member) for member in members])
     flat = folder / "flat.usdc"
-    save_layer(flat, author_flat, content)
-    own = [picture for picture in pictures if picture[0].removeprefix("textures/") in content.files["high"].values()]
-    write_usdz(folder / f"{name}_ar.usdz", [(f"{name}.usdc", flat), *own])
+    layers.save_layer(flat, layers.author_flat, content)
+    own = [f"textures/{file}" for file in textures if file in content.files["high"].values()]
+    write_usdz(folder / f"{name}_ar.usdz", [(f"{name}.usdc", flat), *((member, folder / member) for member in own)])
     flat.unlink()
 
 
 def _judge(folder: Path, name: str) -> list[str]:
     """Warnings of the gate; DataError for any error. The package holds what scene.usda holds, and is its layout."""
-    errors: list[tuple[str, Problem]] = []
-    warnings: list[tuple[str, Problem]] = []
     pictures = Pictures()
-    for file in (f"{name}.usda", "scene.usda", f"{name}.usdz", f"{name}_ar.usdz"):
-        for problem in validate_usd(folder / file, pictures):
-            (errors if problem.level == "error" else warnings).append((file, problem))
+    found = [
+        (file, problem)
+        for file in (f"{name}.usda", "scene.usda", f"{name}.usdz", f"{name}_ar.usdz")
+        for problem in validate_usd(folder / file, pictures)
+    ]
+    errors = [f"\n    {file}: {problem}" for file, problem in found if problem.level == "error"]
     if errors:
         raise DataError(
-            "the export does not pass its gate:\n    "
-            + "\n    ".join(f"{file}: {problem}" for file, problem in errors),
-            where="export.usd",
-            expected="no error",
+            f"the export does not pass its gate:{''.join(errors)}", where="export.usd", expected="no error",
             fix="mend what the rule names (docs/usd.md); nothing was published",
-        )
-    return sorted({f"{problem.rule}: {problem.what}" for _, problem in warnings})
+        )  # fmt: skip
+    return sorted({f"{problem.rule}: {problem.what}" for _, problem in found})

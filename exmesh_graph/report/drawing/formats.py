@@ -57,14 +57,14 @@ def _mermaid_scope(
     indent: str,
 ) -> None:
     for box in inside.get(scope, ()):
-        words = [f"<b>{_plain(box.short)}</b>", _plain(box.type), _plain(box.third)]
+        words = [f"<b>{escape(box.short)}</b>", escape(box.type), escape(box.third)]
         lines.append(f'{indent}{ids[box.name]}["{"<br>".join(word for word in words if word)}"]')
     for deeper in dict.fromkeys(path[: len(scope) + 1] for path in inside if len(path) > len(scope)):
         if deeper[:-1] != scope:
             continue
         count = max((box.count for path, boxes in inside.items() if path[: len(deeper)] == deeper for box in boxes))
         title = f"{deeper[-1]} ×{count}" if count > 1 else deeper[-1]
-        lines.append(f'{indent}subgraph {re.sub(r"[^0-9A-Za-z]", "_", "_".join(deeper))}_block ["{_plain(title)}"]')
+        lines.append(f'{indent}subgraph {re.sub(r"[^0-9A-Za-z]", "_", "_".join(deeper))}_block ["{escape(title)}"]')
         _mermaid_scope(deeper, inside, ids, lines, indent + "  ")
         lines.append(f"{indent}end")
 
@@ -73,10 +73,6 @@ def _id(name: str) -> str:
     """A name that Mermaid takes; `end` and the like are words of its own."""
     plain = re.sub(r"\W", "_", name)
     return f"{plain}_" if plain in ("end", "graph", "subgraph", "class", "style", "click", "default") else plain
-
-
-def _plain(text: str) -> str:
-    return escape(text, quote=True)
 
 
 def page(svg: str, title: str) -> str:

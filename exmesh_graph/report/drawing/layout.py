@@ -189,9 +189,7 @@ class _Scope:
         for upper, lower, _ in self.links:
             by_layer.setdefault(upper[2], []).append((place[upper], place[lower]))
         for pairs in by_layer.values():
-            total += sum(
-                (a - c) * (b - d) < 0 for index, (a, b) in enumerate(pairs) for c, d in pairs[index + 1 :]
-            )  # fmt: skip
+            total += sum((a - c) * (b - d) < 0 for (a, b), (c, d) in itertools.combinations(pairs, 2))
         return total
 
     def _width(self, key: Key) -> float:

@@ -74,11 +74,11 @@ class GraphPicture:
     title: str = ""
 
 
-def graph_picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]], loops: Sequence[tuple[str, str]] = ()) -> str:
-    """SVG of boxes and wires; an empty string when there is nothing to draw, a sentence where nobody could read it."""
+def graph_picture(boxes: Sequence[Box], edges: Sequence[tuple[str, str]]) -> str:
+    """SVG of folded boxes and the wires of all rounds; "" for no boxes, a sentence where nobody could read it."""
     if len(boxes) > _MOST:
         return f"<p>{len(boxes)} boxes are not drawn here; <code>exmesh show</code> draws them.</p>"
-    return draw(GraphPicture(boxes, edges, loops)) if boxes else ""
+    return draw(GraphPicture(boxes, fold_edges(edges), fold_loops(edges))) if boxes else ""
 
 
 def draw(picture: GraphPicture) -> str:
@@ -87,7 +87,8 @@ def draw(picture: GraphPicture) -> str:
     third = any(box.third for box in picture.boxes)
     sizes = {name: _size(box, third) for name, box in boxes.items()}
     layout = arrange(sizes, picture.edges, {name: box.scopes for name, box in boxes.items()})
-    legend = _legend(picture)
+    states = {*(box.state for box in picture.boxes), *picture.edge_states.values()}
+    legend = [(state, words) for state, words in _STATES.items() if state in states]
     top = (30 if picture.title else 0) + (24 if legend else 0)
     width = max(layout.width, 30 + 8 * len(picture.title), 420 if legend else 0)
     name = escape(picture.title or "graph", quote=True)
@@ -122,24 +123,18 @@ def fold_name(name: str) -> str:
 
 def fold_edges(edges: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
     """Edges between folded nodes, without those that carry state from one round to the next."""
-    folded: dict[tuple[str, str], None] = {}
-    for producer, consumer in edges:
-        a, b = _ROUND.match(producer), _ROUND.match(consumer)
-        next_round = a and b and a["block"] == b["block"] and a["round"] != b["round"]
-        pair = (fold_name(producer), fold_name(consumer))
-        if not next_round and pair[0] != pair[1]:
-            folded[pair] = None
-    return list(folded)
+    pairs = [(fold_name(a), fold_name(b)) for a, b in edges if not _to_next_round(a, b)]
+    return [pair for pair in dict.fromkeys(pairs) if pair[0] != pair[1]]
 
 
 def fold_loops(edges: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
     """The folded edges that carry state from one round to the next."""
-    folded: dict[tuple[str, str], None] = {}
-    for producer, consumer in edges:
-        a, b = _ROUND.match(producer), _ROUND.match(consumer)
-        if a and b and a["block"] == b["block"] and a["round"] != b["round"]:
-            folded[fold_name(producer), fold_name(consumer)] = None
-    return list(folded)
+    return list(dict.fromkeys((fold_name(a), fold_name(b)) for a, b in edges if _to_next_round(a, b)))
+
+
+def _to_next_round(producer: str, consumer: str) -> bool:
+    a, b = _ROUND.match(producer), _ROUND.match(consumer)
+    return bool(a and b and a["block"] == b["block"] and a["round"] != b["round"])
 
 
 @functools.cache
@@ -231,11 +226,6 @@ def _loop(a: str, b: str, layout: Layout, sizes: Mapping[str, tuple[float, float
     path = f"M{start:.1f} {y0:.1f}H{right - 6:.1f}q6 0 6 -6V{y1 + 6:.1f}q0 -6 -6 -6H{end + 6:.1f}"
     head = f'<path class="gp-head" d="M{end + 6:.1f} {y1 - 3.5:.1f}v7l-6 -3.5z"/>'
     return f'<g class="gp-wire gp-loop"><title>to the next round</title><path d="{path}"/>{head}</g>'
-
-
-def _legend(picture: GraphPicture) -> list[tuple[str, str]]:
-    states = {*(box.state for box in picture.boxes), *picture.edge_states.values()}
-    return [(state, _STATES[state]) for state in _STATES if state in states]
 
 
 def _legend_items(items: Sequence[tuple[str, str]], x: float, y: float) -> list[str]:

@@ -7,14 +7,13 @@ variants stays one page; what is equal in several variants is there once.
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from exmesh_graph.report.collect import gallery_of
-from exmesh_graph.report.contents import GalleryModel, GalleryPicture
+from exmesh_graph.report.contents import GalleryItem
 from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
 from exmesh_graph.report.widgets import GAP, panel_size
 
@@ -43,7 +42,7 @@ class SweepPictures:
 
     comparisons: list[Comparison] = field(default_factory=list)
     strips: list[bytes] = field(default_factory=list)
-    models: list[tuple[list[Key], GalleryModel]] = field(default_factory=list)
+    models: list[tuple[list[Key], GalleryItem]] = field(default_factory=list)
     pictures_left_out: int = 0
     models_left_out: int = 0
 
@@ -60,9 +59,9 @@ def sweep_pictures(
     first: dict[Key, Mapping[str, Any]] = {}
     for member in members:
         first.setdefault((member["file"], member["variant"]), member)
-    galleries: dict[str, list[GalleryPicture | GalleryModel]] = {}
-    compared: dict[tuple[Any, ...], dict[Key, GalleryPicture]] = {}
-    models: dict[bytes, tuple[list[Key], GalleryModel]] = {}
+    galleries: dict[str, list[GalleryItem]] = {}
+    compared: dict[tuple[Any, ...], dict[Key, GalleryItem]] = {}
+    models: dict[bytes, tuple[list[Key], GalleryItem]] = {}
     for key, member in first.items():
         last = None
         for own, name in reversed(member["nodes"].items()):
@@ -73,7 +72,7 @@ def sweep_pictures(
                 if digest not in galleries:
                     galleries[digest] = gallery_of(Path(load_artifact(digest).root), own)
                 for one in galleries[digest]:
-                    if isinstance(one, GalleryModel):
+                    if one.is_model:
                         last = last or one
                     elif size := panel_size(one):  # the title names the view: other scenes are not compared
                         compared.setdefault((own, one.file, one.title, one.panels, size), {})[key] = one
@@ -119,7 +118,9 @@ def versus_section(shown: SweepPictures, labels: Mapping[Key, str], best: tuple[
     return marked_text(__package__, "versus.html", parts)
 
 
-def _add_comparisons(shown: SweepPictures, compared: Mapping[tuple[Any, ...], Mapping[Key, GalleryPicture]]) -> None:
+def _add_comparisons(shown: SweepPictures, compared: Mapping[tuple[Any, ...], Mapping[Key, GalleryItem]]) -> None:
+    from exmesh_graph.export.gltf_compact import as_webp
+
     kinds: dict[tuple[str, str], int] = {}
     ranked = []
     for place, (node, _, title, *_) in enumerate(compared):
@@ -135,18 +136,10 @@ def _add_comparisons(shown: SweepPictures, compared: Mapping[tuple[Any, ...], Ma
         for key, picture in compared[name].items():
             if picture.data not in at:
                 at[picture.data] = len(shown.strips)
-                shown.strips.append(_webp(picture.data))
+                shown.strips.append(as_webp(picture.data, quality=90))
                 room -= len(shown.strips[-1])
             comparison.strips[key], comparison.captions[key] = at[picture.data], picture.caption
         shown.comparisons.append(comparison)
         if room < 0:
             shown.pictures_left_out = len(order) - number - 1
             return
-
-
-def _webp(png: bytes) -> bytes:
-    from PIL import Image
-
-    out = io.BytesIO()
-    Image.open(io.BytesIO(png)).save(out, "WEBP", quality=90, method=2)
-    return out.getvalue()
