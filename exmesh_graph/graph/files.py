@@ -151,16 +151,17 @@ class SourceDigests(Memo):
 @contextlib.contextmanager
 def own_folder(parent: Path) -> Iterator[Path]:
     """A fresh folder below `parent`, locked while this process lives, and removed in the end."""
-    lock = None
-    while lock is None:  # taken only if a sweep came between making and locking the folder
+    handle = None
+    while handle is None:  # taken only if a sweep came between making and locking the folder
         folder = parent / f"{os.getpid()}-{time.time_ns()}"
         folder.mkdir(parents=True)
-        lock = _locked(folder / "lock")
+        with contextlib.suppress(FileNotFoundError):
+            handle = lock(folder / "lock")
     try:
         yield folder
     finally:
         remove_tree(folder)
-        os.close(lock)
+        os.close(handle)
 
 
 def sweep_abandoned(parent: Path) -> None:
@@ -170,33 +171,46 @@ def sweep_abandoned(parent: Path) -> None:
             age = time.time() - entry.stat().st_mtime
             if age < 5 and not (entry / "lock").exists():
                 continue  # being made right now
-            lock = _locked(entry / "lock")
-            if lock is not None:
+            handle = lock(entry / "lock")
+            if handle is not None:
                 remove_tree(entry)
-                os.close(lock)
+                os.close(handle)
+
+
+def lock(path: Path, make: bool = True) -> int | None:
+    """A handle of the file, locked until it is closed or the process ends; None where another one holds the lock.
+
+    Raises OSError where the file is not there and not to be made, or where there are no locks.
+    """
+    handle = os.open(path, os.O_RDWR | (os.O_CREAT if make else 0), 0o644)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.stat(path), os.fstat(handle)):  # else removed between open and lock
+            return handle
+    except (BlockingIOError, FileNotFoundError):
+        pass
+    except OSError:
+        os.close(handle)
+        raise
+    os.close(handle)
+    return None
+
+
+def unlock(path: Path, handle: int) -> None:
+    """Remove a file that `lock` locked, and let go of it."""
+    with contextlib.suppress(OSError):
+        path.unlink()
+    os.close(handle)
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a living process holds the lock of an `own_folder`."""
-    handle = _locked(path)
-    if handle is not None:
+    """Whether a living process holds the lock of a file."""
+    with contextlib.suppress(OSError):
+        handle = lock(path, make=False)
+        if handle is None:
+            return True
         os.close(handle)
-    return handle is None
-
-
-def _locked(path: Path) -> int | None:
-    try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.stat(path), os.fstat(handle)):  # else swept away between open and lock
-            return handle
-    except OSError:
-        pass
-    os.close(handle)
-    return None
+    return False
 
 
 def remove_tree(folder: Path) -> None:

@@ -7,7 +7,6 @@ import getpass
 import os
 import platform
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -79,71 +78,3 @@ def peak_memory() -> int:
     import resource
 
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-
-
-@dataclass(frozen=True)
-class Process:
-    """A process that cannot be mistaken for another one: `started` is in clock ticks since boot, 0 if unknown."""
-
-    host: str
-    boot: str
-    space: str
-    pid: int
-    started: int
-
-    @staticmethod
-    def here() -> Process:
-        """This process."""
-        return _process(os.getpid())
-
-    def liveness(self, now: Process) -> str:
-        """`alive`, `gone`, `rebooted`, or `unknown` from where `now` is."""
-        if self.host != now.host or not self.boot or not now.boot:
-            return "unknown"
-        if self.boot != now.boot:
-            return "rebooted"
-        if self.space != now.space:
-            return "unknown"
-        state, started = _state(self.pid)
-        if state in "ZX" or (started and self.started and started != self.started):
-            return "gone"
-        return "unknown" if state == "T" or not self.started else "alive"
-
-
-@functools.lru_cache(maxsize=1)
-def _process(pid: int) -> Process:
-    return Process(platform.node(), _boot(), _space(), pid, _state(pid)[1])
-
-
-def _boot() -> str:
-    """The boot id of the running kernel; empty where there is none."""
-    return _proc("sys/kernel/random/boot_id").strip()
-
-
-def _space() -> str:
-    try:
-        return os.readlink("/proc/self/ns/pid")
-    except OSError:
-        return ""
-
-
-def _state(pid: int) -> tuple[str, int]:
-    """(state letter, start time in ticks since boot) of a process; `X` when there is none, `?` if unknown."""
-    text = _proc(f"{pid}/stat")
-    if text:
-        fields = text.rpartition(")")[2].split()
-        return fields[0], int(fields[19])
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return "X", 0
-    except OSError:
-        return "?", 0
-    return "?", 0
-
-
-def _proc(name: str) -> str:
-    try:
-        return Path("/proc", name).read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""

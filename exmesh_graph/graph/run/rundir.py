@@ -20,7 +20,7 @@ from typing import Any
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.cache.records import Stored
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import walk_files, writing
+from exmesh_graph.graph.files import is_locked, walk_files, writing
 from exmesh_graph.types import Files
 
 OWN_FILES = ("run.json", "graph.yaml", "events.jsonl", "failure.json", "failures", "logs", "report.json", "report.html")
@@ -120,11 +120,4 @@ def past_seconds(run: Path, graph: str) -> dict[str, float]:
 
 def is_alive(run: Path) -> bool:
     """Whether the process that writes this run folder still lives."""
-    try:
-        with (run / "events.jsonl").open("r+", encoding="utf-8") as events:
-            fcntl.flock(events, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
+    return is_locked(run / "events.jsonl")

@@ -119,17 +119,19 @@ class KeyLeases:
         self.notices: set[str] = set()
         self.over = threading.Event()
         self.heart: threading.Thread | None = None
+        self.guard = threading.Lock()  # nothing beats through a handle that was closed
 
     def take(self, name: str, key: str) -> bool:
         """Whether this run may compute a key now; else another process does, and its record will come."""
         lease = self.leases.acquire(key)
         if isinstance(lease, Holder):
-            if name not in self.elsewhere:
+            if name not in self.elsewhere and lease.pid:
                 self.say(name, f"waits for {lease}, which computes the same")
             self.elsewhere[name] = lease
             return False
         self.elsewhere.pop(name, None)
-        self.held[name] = lease
+        with self.guard:
+            self.held[name] = lease
         if lease.notice and lease.notice not in self.notices:
             self.notices.add(lease.notice)
             self.say(name, lease.notice)
@@ -139,7 +141,8 @@ class KeyLeases:
         return True
 
     def give_back(self, name: str) -> None:
-        self.held.pop(name).release()
+        with self.guard:
+            self.held.pop(name).release()
 
     def close(self) -> None:
         self.over.set()
@@ -148,8 +151,9 @@ class KeyLeases:
 
     def _beat(self) -> None:
         while not self.over.wait(BEAT):
-            for lease in list(self.held.values()):
-                lease.beat()
+            with self.guard:
+                for lease in self.held.values():
+                    lease.beat()
 
 
 def remaining_seconds(nodes: Mapping[str, Bound], past: Mapping[str, float]) -> dict[str, float]:

@@ -128,7 +128,7 @@ def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
 
 def _needed_again(store: Store, records: list[tuple[Item, Path]]) -> set[Path]:
     """The paths of trashed records that were used since, and of all objects that these and the others refer to."""
-    held = {holder.key for holder in Leases(store.root).holders()}
+    held = set(Leases(store.root).holders())
     again = [item for item, aside in records if _used(aside) != item.used or item.name in held]
     digests = {digest for item in (*again, *_records(store)) for digest in item.objects}
     return {item.path for item in again} | {store.data(digest).parent for digest in digests}

@@ -105,15 +105,6 @@ def _syncs(place: Path) -> str:
     return f"a small file is on the disk after {1000 * (time.perf_counter() - began):.1f} ms"
 
 
-def _links(place: Path) -> str:
-    (place / "source").touch()
-    os.link(place / "source", place / "link")
-    with contextlib.suppress(FileExistsError):
-        os.link(place / "source", place / "link")
-        raise AssertionError("a name can be taken twice")
-    return "hard links take a name once"
-
-
 def _locks(place: Path) -> str:
     with (place / "lock").open("w") as one, (place / "lock").open("w") as two:
         fcntl.flock(one, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -136,7 +127,6 @@ def _times(place: Path) -> str:
 TRIALS: tuple[tuple[str, Callable[[Path], str], str, str], ...] = (
     ("rename", _renames, FAIL, "put the store on another file system with --store"),
     ("fsync", _syncs, FAIL, "put the store on another file system with --store"),
-    ("hard links", _links, WARN, "leases then rely on exclusive creation; fine on one machine"),
     ("locks", _locks, WARN, "do not let two processes use this store at once, or put it on another file system"),
     ("file times", _times, WARN, "wait a second between an edit and a run"),
 )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import platform
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,6 @@ from pathlib import Path
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.cache.lease import Leases
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.machine import Process
 from exmesh_graph.graph.upkeep.pins import pins
 
 
@@ -34,9 +34,9 @@ def find_roots(store: Store, runs: Iterable[Path]) -> Roots:
     roots = Roots()
     for entry in pins(store):
         roots.pinned.update(entry.keys)
-    roots.leased.update(holder.key for holder in Leases(store.root).holders())
+    roots.leased.update(Leases(store.root).holders())
     folders = {path.resolve() for path in runs}
-    here = Process.here().host
+    here = platform.node()
     for note in sorted((store.root / "roots").glob("*")):
         told = store.folder_of_runs(note)
         if told is None:
