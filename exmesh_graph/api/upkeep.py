@@ -6,12 +6,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from exmesh_graph.api import doctor
+from exmesh_graph.api.doctor import FAIL, WARN
 from exmesh_graph.api.opening import Folder, open_store, packs
 from exmesh_graph.api.results import read_run
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.upkeep import collect, doctor, pins
+from exmesh_graph.graph.upkeep import collect, pins
 from exmesh_graph.graph.upkeep import verify as verifying
-from exmesh_graph.graph.upkeep.doctor import FAIL, WARN
 from exmesh_graph.graph.upkeep.units import shown_bytes, to_bytes, to_seconds
 
 if TYPE_CHECKING:

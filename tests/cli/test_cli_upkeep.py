@@ -89,7 +89,7 @@ def test_pin_gc_verify(exmesh: Exmesh, tmp_path: Path) -> None:
 
 
 def test_doctor(exmesh: Exmesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph.upkeep import doctor
+    from exmesh_graph.api import doctor
 
     monkeypatch.setattr(doctor, "_gpu", lambda: doctor.Finding("fail", "torch", "cannot be imported", "pip install"))
     shown = exmesh("doctor", code=1).stdout

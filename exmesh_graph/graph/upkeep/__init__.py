@@ -1,1 +1,1 @@
-"""Upkeep of a store and of the machine: pin, gc, verify, doctor. Nothing here is needed to run a graph."""
+"""Upkeep of a store: pin, gc, verify. Nothing here is needed to run a graph."""

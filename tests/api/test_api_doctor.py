@@ -9,10 +9,15 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph.api import doctor
+from exmesh_graph.api.doctor import FAIL, OK, WARN, Finding, examine
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.upkeep import doctor
-from exmesh_graph.graph.upkeep.doctor import FAIL, OK, WARN, Finding, examine
+from exmesh_graph.graph.declare.packs import Packs, load_packs
+
+
+@pytest.fixture
+def packs(folder: Path) -> Packs:
+    return load_packs()
 
 
 @pytest.fixture(autouse=True)

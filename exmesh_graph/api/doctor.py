@@ -5,9 +5,7 @@ A finding is (state, what, found, fix): `ok`; `warn` for what costs speed or sin
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
-import fcntl
 import importlib.metadata
 import importlib.util
 import json
@@ -25,7 +23,7 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.fingerprint import outside_imports
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.files import sync
+from exmesh_graph.graph.files import lock, sync
 from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.upkeep.units import shown_bytes
 
@@ -73,19 +71,15 @@ def _store(store: Store) -> Iterator[Finding]:
     fix = "" if state == OK else "make room (exmesh gc), or put the store elsewhere with --store or $EXMESH_STORE"
     yield Finding(state, "free space", f"{shown_bytes(free)} at {store.root}", fix)
     try:
-        place = Path(tempfile.mkdtemp(prefix=".doctor-", dir=home))
+        with tempfile.TemporaryDirectory(prefix=".doctor-", dir=home, ignore_cleanup_errors=True) as place:
+            for what, attempt, state, fix in TRIALS:
+                try:
+                    yield Finding(OK, f"store, {what}", attempt(Path(place)))
+                except (OSError, AssertionError) as error:
+                    yield Finding(state, f"store, {what}", f"does not work at {home} ({error})", fix)
     except OSError as error:
         found = f"{home} cannot be written ({error.strerror}): hits are served, nothing new is kept"
         yield Finding(FAIL, "store", found, "allow writing, or name another folder with --store")
-        return
-    try:
-        for what, attempt, state, fix in TRIALS:
-            try:
-                yield Finding(OK, f"store, {what}", attempt(place))
-            except (OSError, AssertionError) as error:
-                yield Finding(state, f"store, {what}", f"does not work at {home} ({error})", fix)
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
 
 
 def _renames(place: Path) -> str:
@@ -106,11 +100,12 @@ def _syncs(place: Path) -> str:
 
 
 def _locks(place: Path) -> str:
-    with (place / "lock").open("w") as one, (place / "lock").open("w") as two:
-        fcntl.flock(one, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        with contextlib.suppress(BlockingIOError):
-            fcntl.flock(two, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            raise AssertionError("a lock can be taken twice")
+    held = lock(place / "lock")
+    assert held is not None
+    again = lock(place / "lock")
+    for handle in filter(None, (held, again)):
+        os.close(handle)
+    assert again is None, "a lock can be taken twice"
     return "locks exclude each other"
 
 
