@@ -6,6 +6,7 @@ outcomes, never data. Whoever executes also writes the record, after the objects
 
 from __future__ import annotations
 
+import contextlib
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -18,7 +19,7 @@ from exmesh_graph.graph.cache.records import NOTHING, Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.components import rebuild, validated_otherwise
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.declare.ports import signature
+from exmesh_graph.graph.declare.ports import artifact_types, signature
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.problems import Where
@@ -80,6 +81,15 @@ class Job:
             raise validated_otherwise(self.type, params.model_dump(mode="json"), self.params, place)
         plugs = {port: rebuild(port, told, place) for port, told in self.components.items()}
         return Bound(self.name, definition, kind, params, links, paths, self.seed, place, plugs)
+
+    def is_of_main(self) -> bool:
+        """Whether its code or an input is of `__main__`, a script or a notebook: no other process has it."""
+        homes: list[str] = []
+        with contextlib.suppress(ExmeshError):  # told of where it runs
+            kinds = artifact_types()
+            homes += [definition.function.__module__ for definition in self.bound().definitions()]
+            homes += [kinds[name].__module__ for name, _ in self.inputs.values() if name in kinds]
+        return "__main__" in homes
 
     def to_json(self) -> dict[str, Any]:
         return dict(vars(self))

@@ -20,7 +20,7 @@ from exmesh_graph.graph.cache.records import NOTHING, Action, Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.run.backends import Backend
-from exmesh_graph.graph.run.backends.inline import BesideMain, Inline
+from exmesh_graph.graph.run.backends.inline import Inline
 from exmesh_graph.graph.run.dataflow import Dataflow
 from exmesh_graph.graph.run.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
 from exmesh_graph.graph.run.plan import preimage_for
@@ -67,7 +67,8 @@ class Runner:
         self.force, self.keep_going, self.tokens = set(force or ()), keep_going, tokens or {}
         self.checkpoint_every = checkpoint_every
         self.alone = alone or command  # the command without --node, for the replay of one node
-        self.backend: Backend = Inline(store) if backend is None else BesideMain(backend, store)
+        self.here = Inline(store)  # for jobs that only this process can do
+        self.backend: Backend = backend or self.here
         self.nodes = {n: b for n, b in graph.nodes.items() if targets is None or n in targets}
         self.flow = Dataflow(self.nodes)
         self.log = RunRecord(graph, self.nodes, store, folder, listener, command, overrides)
@@ -107,6 +108,7 @@ class Runner:
             self._stop()
             raise
         finally:
+            self.here.close()
             self.backend.close()
             for name in self.running:
                 self.rows[name]["state"] = INTERRUPTED
@@ -134,20 +136,32 @@ class Runner:
                 continue
             if not self.running and not (self.leases.elsewhere and self._going()):
                 return
-            for outcome in self.backend.poll(_ASK if self.leases.elsewhere else 1.0, self.log.forward):
-                self._take(outcome)
+            self._poll(_ASK if self.leases.elsewhere else 1.0)
+
+    def _poll(self, timeout: float) -> None:
+        """Take what ended. A job of a script or a notebook runs in here."""
+        beside = self.backend is not self.here and self.here.waiting
+        done = self.backend.poll(0.0 if beside else timeout, self.log.forward)
+        if beside:
+            if not self.stopping:
+                why = "runs in the calling process: what a script or a notebook defines cannot go to another one"
+                self.log.emit("log", node=beside[0].name, message=why)
+            done += self.here.poll(0.0, self.log.forward)
+        for outcome in done:
+            self._take(outcome)
 
     def _stop(self) -> None:
         """Let running nodes write a checkpoint and end; those that do not are killed."""
         self.stopping = True
+        self.here.stop()
         self.backend.stop()
         self.log.emit("stopping", nodes=list(self.running))
         began = time.monotonic()
         while self.running:
-            for outcome in self.backend.poll(0.2, self.log.forward):
-                self._take(outcome)
+            self._poll(0.2)
             for name in list(self.running):
                 if time.monotonic() - began > _GRACE[self.nodes[name].definition.resumable]:
+                    self.here.cancel(name)
                     self.backend.cancel(name)
                     self._take(Outcome(name, STOPPED))
         self.store.sweep()
@@ -232,7 +246,7 @@ class Runner:
         self.running[name] = job, time.perf_counter()
         self.log.emit("node_started", node=name)
         self.log.save()
-        self.backend.submit(job)
+        (self.here if job.is_of_main() else self.backend).submit(job)
 
     def _take(self, outcome: Outcome) -> None:
         """Note how a job ended."""
@@ -263,7 +277,9 @@ class Runner:
         except ExmeshError as error:
             self._fail(name, failure(name, error), None, spent)
             return
-        self.backend.forget(self.flow.settle(name, outputs))
+        unread = self.flow.settle(name, outputs)
+        self.here.forget(unread)
+        self.backend.forget(unread)
         self.log.emit("node_finished", node=name, state=state, seconds=row["seconds"], spent=spent)
         self.log.save()
 

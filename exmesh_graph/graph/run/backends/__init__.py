@@ -20,6 +20,7 @@ class Backend(Protocol):
 
     def largest(self) -> Mapping[str, float]:
         """What one job can have at most, where `capacity` is that of several machines; empty for a single one."""
+        return {}
 
     def submit(self, job: Job) -> None:
         """Begin a job. Its name is unique among those that run."""
@@ -31,7 +32,7 @@ class Backend(Protocol):
         """
 
     def forget(self, digests: Iterable[str]) -> None:
-        """No job to come reads these artifacts: they need not be kept in memory."""
+        """No job to come reads these artifacts: they need not be kept in memory. (Else the least used go first.)"""
 
     def stop(self) -> None:
         """Ask all running jobs to write a checkpoint where they can and end; they become `stopped` outcomes."""

@@ -20,6 +20,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.graph.run.backends import Backend
 from exmesh_graph.graph.run.job import FAILED, Emit, Job, Outcome
 from exmesh_graph.graph.run.schedule import machine_tokens
 
@@ -32,7 +33,7 @@ _TAIL = 12  # lines of a dead worker's output that are shown,
 _OWN_FRAME = str(Path("run", "execute.py"))  # up to where the traceback of a fault leaves the node
 
 
-class Local:
+class Local(Backend):
     """The backend of worker processes."""
 
     def __init__(self, workers: int | None = None) -> None:
@@ -45,9 +46,6 @@ class Local:
 
     def capacity(self) -> Mapping[str, float]:
         return {**machine_tokens(), "jobs": self.count}
-
-    def largest(self) -> Mapping[str, float]:
-        return {}
 
     def submit(self, job: Job) -> None:
         idle = [w for w in self.workers if w.job is None]

@@ -16,7 +16,7 @@ import logging
 import os
 import platform
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -25,6 +25,7 @@ from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.node import wanted_of
 from exmesh_graph.graph.declare.packs import current
+from exmesh_graph.graph.run.backends import Backend
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.job import STOPPED, Emit, Job, Outcome, failure
 
@@ -35,7 +36,7 @@ _NAMES = {"cpu": "CPU", "gpu": "GPU", "ram_gb": "memory"}  # ours: Ray's; all ot
 _GB = 1e9
 
 
-class RayCluster:
+class RayCluster(Backend):
     """The backend of a Ray cluster: the one at `address`, or a new one on this machine that ends with the run."""
 
     def __init__(self, store: Store, address: str | None = None) -> None:
@@ -96,9 +97,6 @@ class RayCluster:
                     done.append(outcome)
             if done or not self.running or time.monotonic() >= end:
                 return done
-
-    def forget(self, digests: Iterable[str]) -> None:
-        """Workers let go of artifacts by themselves, the least recently used first."""
 
     def stop(self) -> None:
         for placed in self.running.values():
