@@ -19,13 +19,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from exmesh_graph.api.opening import Folder, open_store, packs
+from exmesh_graph.api.upkeep import shown_bytes
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.fingerprint import outside_imports
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.files import lock, sync
 from exmesh_graph.graph.machine import machine_facts
-from exmesh_graph.graph.upkeep.units import shown_bytes
 
 OK, WARN, FAIL = "ok", "warn", "fail"
 LOW, EMPTY = 5 * 10**9, 5 * 10**8
@@ -49,6 +50,11 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.state:<5} {self.what}: {self.found}" + (f"\n      fix: {self.fix}" if self.fix else "")
+
+
+def findings(store: Folder = None, shared: str | None = None) -> Iterator[Finding]:
+    """What `exmesh doctor` finds: the state of the store's file system, of libraries and of the GPU."""
+    return examine(open_store(store, shared), packs())
 
 
 def examine(store: Store, packs: Packs) -> Iterator[Finding]:

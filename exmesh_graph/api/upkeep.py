@@ -1,24 +1,24 @@
-"""Care of a store and of the machine from Python and for the command line: verify, pins, gc, doctor."""
+"""Care of a store from Python and for the command line: verify, pins, gc; sizes and times as people write them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from exmesh_graph.api import doctor
-from exmesh_graph.api.doctor import FAIL, WARN
-from exmesh_graph.api.opening import Folder, open_store, packs
+from pydantic import ByteSize, TypeAdapter, ValidationError
+
+from exmesh_graph.api.opening import Folder, open_store
 from exmesh_graph.api.results import read_run
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.upkeep import collect, pins
 from exmesh_graph.graph.upkeep import verify as verifying
-from exmesh_graph.graph.upkeep.units import shown_bytes, to_bytes, to_seconds
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
 
-__all__ = ["FAIL", "WARN", "existing", "findings", "gc", "pin", "pinned", "shown_bytes", "unpin", "verify"]
+_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 7 * 86400.0}
 
 
 def existing(store: Folder = None) -> Store:
@@ -67,6 +67,23 @@ def gc(
     return gone, survey
 
 
-def findings(store: Folder = None, shared: str | None = None) -> Iterator[doctor.Finding]:
-    """What `exmesh doctor` finds: the state of the store's file system, of libraries and of the GPU."""
-    return doctor.examine(open_store(store, shared), packs())
+def to_bytes(text: str) -> int:
+    """`5GB` -> 5000000000; kB, MB, GB, TB are decimal, KiB to TiB binary."""
+    try:
+        return TypeAdapter(ByteSize).validate_python(text.strip())
+    except ValidationError:
+        expected = "a number with B, kB, MB, GB, TB, MiB or GiB"
+        raise ExmeshError(f"{text!r} is no size", expected=expected) from None
+
+
+def to_seconds(text: str) -> float:
+    """`30d` -> 2592000.0; s, min, h, d or w."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([a-z]+)\s*", text)
+    if match is None or match[2] not in _SECONDS:
+        raise ExmeshError(f"{text!r} is no span of time", expected="a number with s, min, h, d or w")
+    return float(match[1]) * _SECONDS[match[2]]
+
+
+def shown_bytes(size: int) -> str:
+    """`12.3 MB`."""
+    return ByteSize(size).human_readable(decimal=True, separator=" ").replace("K", "k")

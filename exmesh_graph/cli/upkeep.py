@@ -85,18 +85,18 @@ def gc(
     words = "removed" if delete else "would be removed (with --delete)"
     size = sum(item.bytes for item in gone)
     typer.echo(f"{kinds or 'nothing'} {words}, {shown_bytes(size)}; {shown_bytes(survey.kept_bytes)} stay, "
-               f"needed by {survey.roots.runs} runs and {len(survey.roots.pinned)} pinned results")  # fmt: skip
+               f"needed by {survey.runs} runs and {survey.pinned} pinned results")  # fmt: skip
     show_notes(opened)
 
 
 def doctor(store: StoreFolder = None, shared: SharedUrl = None) -> None:
     """Try what runs need: the store's file system, libraries, the GPU. Exits with 1 if runs would fail."""
-    from exmesh_graph.api import upkeep
+    from exmesh_graph.api.doctor import FAIL, WARN, findings
 
     counts: Counter[str] = Counter()
-    for finding in upkeep.findings(store, shared):
+    for finding in findings(store, shared):
         typer.echo(str(finding))
         counts[finding.state] += 1
-    mend, know = counts[upkeep.FAIL], counts[upkeep.WARN]
+    mend, know = counts[FAIL], counts[WARN]
     typer.echo(f"{mend} to mend, {know} to know" if mend + know else "all is well")
     raise typer.Exit(1 if mend else 0)

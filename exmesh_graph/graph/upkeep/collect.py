@@ -1,6 +1,7 @@
 """`gc`: what a store holds that nothing needs any more.
 
-A record stays when a run shows it, a pin names it, its key is leased, or it was made or used a short while ago. An
+A record stays when a run shows it, a pin names it, its key is leased, or it was made or used a short while ago. Each
+run noted its folder of runs in the store: roots/<id>, sealed {host, path}. An
 object stays as long as a record that stays refers to it, or when it is new. With a budget, the records used longest ago
 go first, those of runs included; never pinned, leased or new ones.
 
@@ -11,18 +12,21 @@ needed since the survey is put back, and only then is the trash removed.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import platform
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.lease import Leases
 from exmesh_graph.graph.cache.records import NOTHING
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.upkeep.roots import Roots, find_roots
+from exmesh_graph.graph.upkeep.pins import pins
 
 HOUR, DAY = 3600.0, 86400.0
 CHECKPOINT_AGE, QUARANTINE_AGE = 30 * DAY, 7 * DAY
@@ -44,12 +48,13 @@ class Item:
 
 @dataclass
 class Survey:
-    """What may go (`items`) and what stays, in bytes."""
+    """What may go (`items`) and what stays, in bytes; how many runs and pinned results need it; what to know before."""
 
-    roots: Roots
     items: list[Item] = field(default_factory=list)
     kept: Counter[str] = field(default_factory=Counter)
     kept_bytes: int = 0
+    runs: int = 0
+    pinned: int = 0
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -63,11 +68,12 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
     runs: folders of runs beside those that noted themselves in the store. age: seconds for which what was used stays.
     Raises StoreError when a pin or a run cannot be read.
     """
-    roots = find_roots(store, runs)
-    result = Survey(roots, notes=list(roots.notes))
+    pinned, leased = {key for entry in pins(store) for key in entry.keys}, set(Leases(store.root).holders())
+    result = Survey(pinned=len(pinned))
+    fixed = pinned | leased
+    held = fixed | _shown(store, runs, result)
     recent = min([_now(store) - age, *_starts_of_work(store)])
     objects = {item.name: item for item in _items(store, "object", "objects/*/*")}
-    held, fixed = roots.pinned | roots.shown | roots.leased, roots.pinned | roots.leased
     kept: list[Item] = []
     going: list[Item] = []
     for item in _records(store):
@@ -75,7 +81,7 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
             kept.append(item)
         else:
             going.append(replace(item, why="no run or pin shows it"))
-    others = [*_checkpoints(store, roots, age), *_quarantine(store), *_drafts(store)]
+    others = [*_checkpoints(store, leased, age), *_quarantine(store), *_drafts(store)]
     needed = Counter(digest for item in kept for digest in item.objects)
     size = sum(item.bytes for item in kept) + sum(i.bytes for d, i in objects.items() if d in needed or i.used > recent)
     if budget is not None:
@@ -100,6 +106,37 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
     result.kept = Counter(result=len(kept), object=len(objects) - len(loose))
     result.kept_bytes = size
     return result
+
+
+def _shown(store: Store, runs: Iterable[Path], survey: Survey) -> set[str]:
+    """The keys that runs show, in `runs` and in all folders that noted themselves; those out of sight are told."""
+    folders = {path.resolve() for path in runs}
+    for note in sorted((store.root / "roots").glob("*")):
+        told = store.folder_of_runs(note)
+        if told is None:
+            what = store.notes[-1] if store.notes else f"{note} was moved away while it was read"
+            raise StoreError(what, fix="name the folders of runs that are needed with --runs and go on")
+        host, path = told
+        if path.is_dir():
+            folders.add(path.resolve())
+        elif host != platform.node():
+            survey.notes.append(f"the runs in {path} of {host} cannot be seen from here: their results count as unused")
+    listed: list[Path] = []
+    for folder in sorted(folders):
+        with contextlib.suppress(FileNotFoundError):  # it may be removed while it is listed
+            listed += sorted(run for run in folder.glob("*/run.json") if not run.parent.is_symlink())
+    keys: set[str] = set()
+    for run in listed:
+        try:
+            rows = json.loads(run.read_text(encoding="utf-8"))["nodes"]
+            keys |= {row["key"] for row in rows if row.get("key")}
+        except FileNotFoundError:
+            continue  # removed since it was listed: it needs nothing any more
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            what = f"a run cannot be read ({type(error).__name__}), so that what it needs is not known"
+            raise StoreError(what, where=str(run), fix="remove that run's folder if it is of no use") from error
+        survey.runs += 1
+    return keys
 
 
 def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
@@ -151,10 +188,10 @@ def _records(store: Store) -> Iterator[Item]:
             yield replace(item, objects=digests)
 
 
-def _checkpoints(store: Store, roots: Roots, age: float) -> Iterator[Item]:
+def _checkpoints(store: Store, leased: set[str], age: float) -> Iterator[Item]:
     now, oldest = _now(store), max(age, CHECKPOINT_AGE)
     for item in _items(store, "checkpoint", "checkpoints/*"):
-        if item.name in roots.leased:
+        if item.name in leased:
             continue
         if store.look_up(item.name, use=False) is not None:
             yield replace(item, why="its result is recorded")

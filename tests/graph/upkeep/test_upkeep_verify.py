@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from exmesh_graph.api.upkeep import shown_bytes, to_bytes, to_seconds
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.lease import Lease, Leases
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.upkeep.pins import pin
-from exmesh_graph.graph.upkeep.units import shown_bytes, to_bytes, to_seconds
 from exmesh_graph.graph.upkeep.verify import verify
 from exmesh_graph.types import Metrics
 
