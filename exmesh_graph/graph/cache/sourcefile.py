@@ -13,7 +13,7 @@ from importlib.util import MAGIC_NUMBER
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.cache.moduletext import ModuleText, sha
+from exmesh_graph.graph.cache.moduletext import ModuleText
 from exmesh_graph.graph.cache.syntax import normalised
 
 
@@ -60,9 +60,9 @@ def is_edited(module: ModuleText) -> bool:
         return False
     try:
         data = module.path.read_bytes()
-        return data != module.data and sha(normalised(ast.parse(data))) != module.digest
-    except (OSError, SyntaxError):
+    except OSError:
         return True
+    return data != module.data and text_of(data) != text_of(module.data)
 
 
 def drop_stale_bytecode(path: Path, data: bytes) -> bool:

@@ -8,7 +8,6 @@ from typing import Any
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.ports import Port
 from exmesh_graph.graph.language.check import Bound
-from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.run.memory import mark_of
 from exmesh_graph.types import Artifact
 
@@ -63,8 +62,3 @@ def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mappin
             what = f"{bound.definition.type} changed its input {port} in place"
             fix = "copy before changing: np.array, torch.tensor, shutil.copytree into ctx.scratch"
             raise GraphError(what, where=bound.wire(port), fix=fix)
-
-
-def promised_by(link: Link, nodes: Mapping[str, Bound]) -> Mapping[str, Any]:
-    """The facets that the output at the far end of a wire promises."""
-    return nodes[link.node].signature.outputs[link.port].promises

@@ -23,7 +23,6 @@ from exmesh_graph.graph.declare.ports import artifact_types, signature
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.problems import Where
-from exmesh_graph.graph.run import contracts
 from exmesh_graph.graph.run.plan import preimage_for
 
 Emit = Callable[[Mapping[str, Any]], None]
@@ -109,7 +108,7 @@ def job_of(
     return Job(
         bound.name, bound.definition.type, bound.params.model_dump(mode="json"), bound.seed, preimage["inputs"],
         wires={port: f"{link.node}.{link.port}" for port, link in links},
-        promised={port: dict(contracts.promised_by(link, nodes)) for port, link in links},
+        promised={port: dict(nodes[link.node].signature.outputs[link.port].promises) for port, link in links},
         sources={name: str(path) for name, path in bound.sources.items()},
         preimage=preimage, store=str(store.root), where=(None if file is None else str(file), bound.where.line),
         components={port: plug.describe() for port, plug in bound.components.items()},

@@ -39,7 +39,7 @@ class Memory:
     def put(self, digest: str, value: Artifact) -> int:
         """Keep a value; its arrays become read-only, since others will read them. Returns its mark."""
         self.forget(digest)
-        size, mark = array_bytes(value), mark_of(value)
+        size, mark = sum(int(array.nbytes) for array in _arrays(value)), mark_of(value)
         self.values[digest] = frozen(value), mark, size
         self.bytes += size
         while self.budget is not None and self.bytes > self.budget:
@@ -56,11 +56,6 @@ def frozen(value: Any) -> Any:
     for array in _arrays(value):
         array.flags.writeable = False
     return value
-
-
-def array_bytes(value: Any) -> int:
-    """Bytes that the arrays of a dataclass take in memory."""
-    return sum(int(array.nbytes) for array in _arrays(value))
 
 
 def mark_of(value: Artifact) -> int:

@@ -56,9 +56,11 @@ def _steps(graph: Checked, store: Store, targets: set[str] | None, reasons: bool
         action = store.find(preimage, key, fetch=False)
         if action is not None and set(action.outputs) == set(bound.signature.outputs):
             outputs[name] = action.outputs
-            steps.append(Step(name, HIT, _remark(action, store), key, preimage, action))
+            far = store.remote is not None and store.look_up(key) is None
+            steps.append(Step(name, HIT, "in the shared store" if far else "", key, preimage, action))
         else:
-            steps.append(Step(name, RUN, _reason(bound, preimage, store) if reasons else "", key, preimage))
+            words = explain(bound, preimage, store) if reasons else []
+            steps.append(Step(name, RUN, "; ".join([*words[:3], *(["..."] if words[3:] else [])]), key, preimage))
     return steps
 
 
@@ -76,12 +78,3 @@ def preimage_for(bound: Bound, store: Store, output: Callable[[str, str], Stored
         what = f"{bound.name}: a source file cannot be read: {error.strerror}"
         raise GraphError(what, where=str(error.filename), fix="it was there when the graph was checked") from error
     return preimage_of(bound, fingerprint(bound.definition).digest, sources, inputs)
-
-
-def _remark(action: Action, store: Store) -> str:
-    return "in the shared store" if store.remote is not None and store.look_up(action.key) is None else ""
-
-
-def _reason(bound: Bound, preimage: Mapping[str, Any], store: Store) -> str:
-    words = explain(bound, preimage, store)
-    return "; ".join(words[:3]) + ("; ..." if len(words) > 3 else "")

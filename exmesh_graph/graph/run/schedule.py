@@ -20,15 +20,13 @@ _ROUNDING = 1e-9
 
 def machine_tokens() -> dict[str, float]:
     """cpu (those this process may use), gpu (NVIDIA devices that are visible), ram_gb (physical)."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    cpus = len(affinity(0)) if affinity else os.cpu_count() or 1
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")
     if visible is None:
         gpus = len(list(Path("/proc/driver/nvidia/gpus").glob("*")))
     else:
         gpus = len([word for word in visible.split(",") if word.strip() not in ("", "-1")])
     ram = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    return {"cpu": cpus, "gpu": gpus, "ram_gb": ram}
+    return {"cpu": len(os.sched_getaffinity(0)), "gpu": gpus, "ram_gb": ram}
 
 
 def gpu_memory() -> float:
@@ -115,7 +113,7 @@ class KeyLeases:
     def __init__(self, root: Path, say: Callable[[str, str], None]) -> None:
         self.leases, self.say = Leases(root), say
         self.held: dict[str, Lease] = {}
-        self.elsewhere: dict[str, Holder] = {}
+        self.elsewhere: set[str] = set()
         self.notices: set[str] = set()
         self.over = threading.Event()
         self.heart: threading.Thread | None = None
@@ -127,9 +125,9 @@ class KeyLeases:
         if isinstance(lease, Holder):
             if name not in self.elsewhere and lease.pid:
                 self.say(name, f"waits for {lease}, which computes the same")
-            self.elsewhere[name] = lease
+            self.elsewhere.add(name)
             return False
-        self.elsewhere.pop(name, None)
+        self.elsewhere.discard(name)
         with self.guard:
             self.held[name] = lease
         if lease.notice and lease.notice not in self.notices:

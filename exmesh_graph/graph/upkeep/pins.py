@@ -77,12 +77,12 @@ def read_pin(path: Path) -> Pin:
     try:
         raw: dict[str, Any] = files.read_sealed(path)
         entry = Pin(raw["name"], raw["of"], tuple(raw["keys"]), raw["who"], raw["when"])
+        if entry.name != path.stem:
+            raise ValueError(f"it says that its name is {entry.name}")
+        return entry
     except (OSError, ValueError, KeyError, TypeError) as error:
         what = f"the pin {path.stem} cannot be read: {error}"
         raise StoreError(what, where=str(path), fix="remove it and pin again") from error
-    if entry.name != path.stem:
-        raise StoreError(f"the pin {path.stem} says that its name is {entry.name}", where=str(path))
-    return entry
 
 
 def key_of_prefix(store: Store, prefix: str) -> str | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.cache.lease import Leases
@@ -22,16 +21,13 @@ def verify(store: Store) -> Iterator[tuple[str, str]]:
             store.quarantine(folder, str(error))
             yield f"checkpoint {folder.parent.name}/{folder.name}", store.notes[-1]
     for path in sorted((store.root / "pins").glob("*.json")):
-        yield from _pin(store, path)
+        try:
+            lost = [key for key in read_pin(path).keys if store.look_up(key, use=False) is None]
+        except StoreError as error:
+            yield f"pin {path.stem}", str(error)
+        else:
+            if lost:
+                why = f"{len(lost)} of its results are gone, {lost[0]} first; run the graph again"
+                yield f"pin {path.stem}", why
     for why in Leases(store.root).sweep():
         yield "lease", f"{why}; removed"
-
-
-def _pin(store: Store, path: Path) -> Iterator[tuple[str, str]]:
-    try:
-        lost = [key for key in read_pin(path).keys if store.look_up(key, use=False) is None]
-    except StoreError as error:
-        yield f"pin {path.stem}", str(error)
-        return
-    if lost:
-        yield f"pin {path.stem}", f"{len(lost)} of its results are gone, {lost[0]} first; run the graph again"

@@ -65,7 +65,7 @@ class Local(Backend):
         end = time.monotonic() + timeout
         done: list[Outcome] = []
         for worker in self.workers:
-            worker.forget()
+            worker.send()
         while not done:
             wait = min(max(0.0, end - time.monotonic()), _LOOK)
             heard: list[_Worker] = [key.data for key, _ in self.selector.select(wait)]
@@ -150,20 +150,16 @@ class _Worker:
 
     def begin(self, job: Job) -> None:
         self.job = job
-        self.send({"forget": sorted(self.gone), "job": job.to_json()})
-        self.gone.clear()
+        self.send(job=job.to_json())
 
-    def forget(self) -> None:
-        """Pass on what it need not keep, where that did not go out with a job."""
-        if self.gone:
-            self.send({"forget": sorted(self.gone)})
-            self.gone.clear()
-
-    def send(self, message: Mapping[str, Any]) -> None:
+    def send(self, **message: Any) -> None:
+        """A message, and what it need not keep; nothing where there is neither."""
         assert self.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # its death is noticed on the other pipe
-            self.process.stdin.write(json.dumps(message).encode() + b"\n")
-            self.process.stdin.flush()
+        if message or self.gone:
+            with contextlib.suppress(BrokenPipeError):  # its death is noticed on the other pipe
+                self.process.stdin.write(json.dumps({**message, "forget": sorted(self.gone)}).encode() + b"\n")
+                self.process.stdin.flush()
+            self.gone.clear()
 
     def messages(self) -> list[dict[str, Any]]:
         """What has come in. A line that was cut off by an interrupt is left out."""

@@ -69,11 +69,8 @@ class RayCluster(Backend):
         return {**total, "jobs": max(1.0, total.get("cpu", 1.0))}
 
     def largest(self) -> Mapping[str, float]:
-        most: dict[str, float] = {}
-        for machine in self._machines():
-            for name, count in machine.items():
-                most[name] = max(count, most.get(name, 0.0))
-        return most
+        machines = self._machines()
+        return {name: max(m.get(name, 0.0) for m in machines) for name in {name for m in machines for name in m}}
 
     def submit(self, job: Job) -> None:
         self.count += 1
@@ -119,8 +116,7 @@ class RayCluster(Backend):
         """Hand a job to Ray; one that no machine can take is a failed one."""
         job = placed.job
         machines = self._machines()
-        most = {name: max(m.get(name, 0.0) for m in machines) for name in {name for m in machines for name in m}}
-        wanted = wanted_of(current().types[job.type], most)
+        wanted = wanted_of(current().types[job.type], self.largest())
         known = {name: count for name, count in wanted.items() if name in _NAMES or any(name in m for m in machines)}
         if not any(all(machine.get(n, 0.0) >= c for n, c in known.items()) for machine in machines):
             words = ", ".join(f"{name}={count:g}" for name, count in known.items())
