@@ -88,11 +88,14 @@ class Sources:
 
     def fingerprint(self, definition: NodeDef) -> Fingerprint:
         """That of a node or component type. Raises GraphError where its source cannot be found."""
-        if definition.function.__module__ == MAIN:
-            return self._live(definition)
-        key = definition.function.__module__, definition.function.__name__, definition.code
+        module, function = definition.function.__module__, definition.function.__name__
+        if module == MAIN:
+            live = Live(definition.function)
+            return self._with_modules(live.parts, live.imports, definition)
+        key = module, function, definition.code
         if key not in self.fingerprints:
-            self.fingerprints[key] = self._fingerprint(*key)
+            part, imports = self.module(module).slice(function)
+            self.fingerprints[key] = self._with_modules({f"{module}:{function}": part}, imports, definition)
         return self.fingerprints[key]
 
     def module(self, name: str) -> ModuleText:
@@ -134,21 +137,13 @@ class Sources:
                 self.memo.put(module.key, facts)
         return facts[name]
 
-    def _fingerprint(self, module: str, function: str, code: tuple[str, ...]) -> Fingerprint:
-        part, imports = self.module(module).slice(function)
-        return self._with_modules({f"{module}:{function}": part}, imports, module, function, code)
-
-    def _live(self, definition: NodeDef) -> Fingerprint:
-        """That of what a script or a notebook defines, as it is now."""
-        live = Live(definition.function)
-        return self._with_modules(live.parts, live.imports, MAIN, definition.function.__qualname__, definition.code)
-
-    def _with_modules(
-        self, parts: dict[str, str], imports: list[Import], module: str, function: str, code: tuple[str, ...]
-    ) -> Fingerprint:
+    def _with_modules(self, parts: dict[str, str], imports: list[Import], definition: NodeDef) -> Fingerprint:
+        """The fingerprint of a definition of these parts, with the project modules that they import."""
+        code, module = definition.code, definition.function.__module__
         for name in code:
             if self.find(name) is None:
-                raise GraphError(f"code={name!r} of the node {function} in {module} is no module")
+                what = f"code={name!r} of the node {definition.function.__qualname__} in {module} is no module"
+                raise GraphError(what)
         tops = {OWN, module.partition(".")[0], *(name.partition(".")[0] for name in code)}
         modules = list(self._closure([*imports, *((name, None) for name in code)], frozenset(tops)))
         parts = dict(sorted({**parts, **{name: self.module(name).digest for name in modules}}.items()))
@@ -178,7 +173,8 @@ class Sources:
                 continue
             if attribute and self.find(f"{name}.{attribute}") is not None:
                 todo.append((f"{name}.{attribute}", None))
-                todo += [(name, ""), *self._same_name(name, attribute)]
+                exports = self.module(name).exports if self.find(name) else None
+                todo += [(name, ""), *([exports[attribute]] if exports and attribute in exports else [])]
                 continue
             if name == OWN or (attribute == "" and self.find(name) is None):
                 continue  # the front door, which no room below uses; a package without a file of its own
@@ -194,11 +190,6 @@ class Sources:
                 done.add(name)
                 yield name
                 todo += module.imports
-
-    def _same_name(self, package: str, attribute: str) -> list[Import]:
-        """Where a package takes a name from that is the name of one of its modules as well."""
-        exports = self.module(package).exports if self.find(package) else None
-        return [exports[attribute]] if exports and attribute in exports else []
 
     def _read(self, name: str) -> ModuleText:
         path = self.find(name)

@@ -33,6 +33,7 @@ class Backend(Protocol):
 
     def forget(self, digests: Iterable[str]) -> None:
         """No job to come reads these artifacts: they need not be kept in memory. (Else the least used go first.)"""
+        return
 
     def stop(self) -> None:
         """Ask all running jobs to write a checkpoint where they can and end; they become `stopped` outcomes."""
