@@ -6,7 +6,6 @@ A finding is (state, what, found, fix): `ok`; `warn` for what costs speed or sin
 from __future__ import annotations
 
 import ctypes
-import importlib.metadata
 import importlib.util
 import json
 import os
@@ -15,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -176,9 +175,8 @@ def _there(module: str) -> bool:
 
 
 def _distribution(module: str) -> str:
-    known: Mapping[str, list[str]] = importlib.metadata.packages_distributions()
     names = {"skimage": "scikit-image", "pxr": "usd-core", "warp": "warp-lang", "ruamel": "ruamel.yaml"}
-    return known.get(module, [names.get(module, module)])[0]
+    return names.get(module, module)
 
 
 def _system() -> Iterator[Finding]:

@@ -27,10 +27,8 @@ def explain(bound: Bound, preimage: Mapping[str, Any], store: Store) -> list[str
 def differences(preimage: Mapping[str, Any], action: Action, bound: Bound) -> list[str]:
     """The differences between a pre-image and a record's, one sentence each."""
     old = action.preimage
-    words = _values(preimage, old, {"epoch": "format epoch", "version": "version", "seed": "seed"})
-    if preimage["code"] != old["code"]:
-        words.append("code changed: " + (", ".join(changed_code(action, bound)) or "unknown part"))
-    words += _settings(preimage, old, ":")
+    parts = changed_code(action, bound) if preimage["code"] != old["code"] else []
+    words = _definition(preimage, old, f"code changed: {', '.join(parts) or 'unknown part'}", ":")
     words += _changed_sources(preimage["sources"], old["sources"])
     for port in sorted({*preimage["inputs"], *old["inputs"]}):
         new_input, old_input = preimage["inputs"].get(port), old["inputs"].get(port)
@@ -46,9 +44,7 @@ def component_differences(label: str, new: Any, old: Any) -> list[str]:
         return [f"component {label} ({(new or old)['type']}) is {state}"]
     if new["type"] != old["type"]:
         return [f"component {label} is {new['type']}, was {old['type']}"]
-    words = _values(new, old, {"version": "version"})
-    words += ["code changed"] if new["code"] != old["code"] else []
-    words += _settings(new, old, "")
+    words = _definition(new, old, "code changed", "")
     return [f"component {label}: {word}" for word in words] + _components(f"{label}.", new, old)
 
 
@@ -65,13 +61,11 @@ def record_time(action: Action) -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(float(action.info.get("finished", 0))))
 
 
-def _values(new: Mapping[str, Any], old: Mapping[str, Any], labels: Mapping[str, str]) -> list[str]:
-    return [f"{label} {old[name]} -> {new[name]}" for name, label in labels.items() if new[name] != old[name]]
-
-
-def _settings(new: Mapping[str, Any], old: Mapping[str, Any], colon: str) -> list[str]:
-    """Parameters and libraries."""
-    words = []
+def _definition(new: Mapping[str, Any], old: Mapping[str, Any], code: str, colon: str) -> list[str]:
+    """What differs in version, code, parameters and libraries; of a node in format and seed as well."""
+    labels = {"epoch": "format epoch", "version": "version", "seed": "seed"}.items()
+    words = [f"{label} {old[name]} -> {new[name]}" for name, label in labels if new.get(name) != old.get(name)]
+    words += [code] if new["code"] != old["code"] else []
     for field, label in (("params", "parameter"), ("libraries", "library")):
         for name in sorted({*new[field], *old[field]}):
             before, after = old[field].get(name), new[field].get(name)
