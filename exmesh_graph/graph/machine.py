@@ -60,11 +60,8 @@ def reset_peak_memory() -> None:
 
 
 def memory_in_use() -> int:
-    """Resident bytes of this process now (its peak where the system does not say)."""
-    try:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, AttributeError):
-        return peak_memory()
+    """Resident bytes of this process now."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def peak_memory() -> int:

@@ -37,6 +37,7 @@ _DUNDER = re.compile(r"__\w+__\Z|_abc_impl\Z")
 _SUNDER = re.compile(r"_\w+_\Z")  # of an Enum, made by Python
 _TUPLE = ("_fields", "_field_defaults", "_replace", "_make", "_asdict")
 _FUTURE = sum({getattr(__future__, name).compiler_flag for name in __future__.all_feature_names})
+_COLLECTIONS = (list, tuple, set, frozenset, dict, types.MappingProxyType)
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...), type(NotImplemented))
 
 
@@ -62,8 +63,7 @@ class Live:
             return "again", len(self._open) - self._open.index(id(value))
         self._open.append(id(value))
         tell = next((tell for kinds, tell in _TELLERS if isinstance(value, kinds)), Live._instance)
-        tell = _COLLECTIONS.get(type(value), tell)
-        shape = tell(self, value, place)
+        shape = (Live._collection if type(value) in _COLLECTIONS else tell)(self, value, place)
         self._open.pop()
         return shape
 
@@ -159,15 +159,14 @@ class Live:
 
     # --- values
 
-    def _items(self, value: Any, place: str) -> Any:
-        return type(value).__name__, [self._shape(item, place) for item in value]
-
-    def _unordered(self, value: Any, place: str) -> Any:
-        return type(value).__name__, sorted(repr(self._shape(item, place)) for item in value)
-
-    def _pairs(self, value: Mapping[Any, Any], place: str) -> Any:
-        items = [(self._shape(k, place), self._shape(v, f"{place}[{k!r}]"[:60])) for k, v in value.items()]
-        return type(value).__name__, items
+    def _collection(self, value: Any, place: str) -> Any:
+        """Sets in an order of their own; what is in a mapping has its key in its place."""
+        items: list[Any] = []
+        if isinstance(value, Mapping):
+            items = [(self._shape(k, place), self._shape(v, f"{place}[{k!r}]"[:60])) for k, v in value.items()]
+        else:
+            items = [self._shape(item, place) for item in value]
+        return type(value).__name__, sorted(map(repr, items)) if isinstance(value, set | frozenset) else items
 
     def _field(self, value: Any, place: str) -> Any:
         return "field"  # a limit of a parameter, whose validated value is in the key
@@ -207,14 +206,6 @@ _TELLERS: tuple[tuple[Any, Callable[[Live, Any, str], Any]], ...] = (
     (typing.ForwardRef, Live._annotation),
     (FieldInfo, Live._field),
 )
-_COLLECTIONS: dict[type, Callable[[Live, Any, str], Any]] = {
-    list: Live._items,
-    tuple: Live._items,
-    set: Live._unordered,
-    frozenset: Live._unordered,
-    dict: Live._pairs,
-    types.MappingProxyType: Live._pairs,
-}
 
 
 def _attributes(cls: type) -> Iterator[tuple[str, Any]]:
