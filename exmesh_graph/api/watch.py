@@ -17,6 +17,7 @@ from exmesh_graph.api.results import read_run
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.files import Tail
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.run.execute import execute
 from exmesh_graph.graph.run.job import BROKEN, Job, Outcome, rekeyed
@@ -98,7 +99,7 @@ def follow(run: Folder = "runs/latest", node: str | None = None, wait: bool = Fa
     if not (folder / "events.jsonl").is_file():
         raise ExmeshError(f"{folder} is no run folder", fix="exmesh status lists the runs")
     folder = folder.resolve()
-    events, printed = _Tail(folder / "events.jsonl"), _Tail(log_file(folder, node)) if node else None
+    events, printed = Tail(folder / "events.jsonl"), Tail(log_file(folder, node)) if node else None
     known = list(json.loads((folder / "run.json").read_text(encoding="utf-8"))["resolved"]["nodes"])
     if node is not None and node not in known:
         near = ", ".join(nearest(node, known) or sorted(known)[:8])
@@ -112,22 +113,6 @@ def follow(run: Folder = "runs/latest", node: str | None = None, wait: bool = Fa
         if not alive:
             return
         time.sleep(0.3)
-
-
-class _Tail:
-    """The whole lines that a growing file has gained since the last look."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.place, self.rest = path, 0, b""
-
-    def lines(self) -> list[str]:
-        with contextlib.suppress(FileNotFoundError), self.path.open("rb") as file:
-            file.seek(self.place)
-            data = file.read()
-            self.place += len(data)
-            *whole, self.rest = (self.rest + data).split(b"\n")
-            return [line.decode(errors="replace") for line in whole]
-        return []
 
 
 def replay(file: Path, store: Folder = None, view: Callable[[Job], Callable[[Any], None]] | None = None) -> Outcome:

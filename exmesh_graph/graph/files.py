@@ -106,6 +106,22 @@ def sizes(folder: str | Path, prefix: str = "") -> dict[str, int]:
     return listed
 
 
+class Tail:
+    """The whole lines that a growing file has gained since the last look."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.place, self.rest = path, 0, b""
+
+    def lines(self) -> list[str]:
+        with contextlib.suppress(FileNotFoundError), self.path.open("rb") as file:
+            file.seek(self.place)
+            data = file.read()
+            self.place += len(data)
+            *whole, self.rest = (self.rest + data).split(b"\n")
+            return [line.decode(errors="replace") for line in whole]
+        return []
+
+
 class Memo:
     """A sealed JSON table that only saves work: where it is missing or broken it starts empty, and no text in it is
     believed for anything but the bytes that it is keyed by."""

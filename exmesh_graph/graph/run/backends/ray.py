@@ -18,7 +18,7 @@ import platform
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from exmesh_graph.errors import ExmeshError, GraphError, MissingLibraryError
 from exmesh_graph.graph import files
@@ -90,7 +90,7 @@ class RayCluster(Backend):
             for placed in [by_task[task] for task in ready]:
                 outcome = self._outcome(placed, emit)
                 if outcome is not None:
-                    self.running.pop(placed.job.name).close()
+                    del self.running[placed.job.name]
                     done.append(outcome)
             if done or not self.running or time.monotonic() >= end:
                 return done
@@ -103,7 +103,6 @@ class RayCluster(Backend):
         placed = self.running.pop(name, None)
         if placed is not None:
             self.ray.cancel(placed.task, force=True)
-            placed.close()
 
     def close(self) -> None:
         for name in list(self.running):
@@ -162,18 +161,14 @@ class _Placed:
         self.job, self.events, self.restarts = job, events, 0
         self.stop_mark = _stop_mark(events)
         self.task: Any = None
-        self.file: TextIO = events.open("a+", encoding="utf-8")
-        self.rest = ""
+        self.events.touch()
+        self.tail = files.Tail(events)
 
     def forward(self, emit: Emit) -> None:
         """Emit what has come in since. A line that a lost worker cut off is left out."""
-        *lines, self.rest = (self.rest + self.file.read()).split("\n")
-        for line in filter(None, lines):
+        for line in filter(None, self.tail.lines()):
             with contextlib.suppress(ValueError):
                 emit(json.loads(line))
-
-    def close(self) -> None:
-        self.file.close()
 
 
 _LOCAL: dict[tuple[str, str], Local] = {}  # of the one run that this Ray worker works for: {(store, run): backend}
