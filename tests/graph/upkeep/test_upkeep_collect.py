@@ -309,7 +309,7 @@ def test_a_run_removed_while_gc_lists_it_needs_nothing(
 
     monkeypatch.setattr(Path, "read_text", removed_first)
     surveyed = survey(store, [tmp_path / "runs"])
-    assert surveyed.roots.runs == 1
+    assert surveyed.runs == 1
     assert surveyed.roots.shown == {kept}
     assert lost in names(surveyed)
 
