@@ -9,7 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from exmesh_graph.export.inputs import check_frame
+from exmesh_graph.export.inputs import check_asset, check_frame, check_name
+from exmesh_graph.export.maps import prepare_maps
+from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.types import Asset, Frame, Views
 
 UpAxis = Literal["Y", "Z"]
@@ -56,30 +58,6 @@ class CameraContent:
 
 
 @dataclass(frozen=True, eq=False)
-class AssetContent:
-    """Everything that the layers need.
-
-    meshes    by level of detail, finest first; the first is "high"
-    files     level of detail -> map name (base_color, roughness, normal, metallic) -> file below textures/
-    rotation  float64 [3, 3], the stage's world against the environment's: light from d is E(rotation^T d)
-    """
-
-    name: str
-    meshes: Mapping[str, MeshContent]
-    files: Mapping[str, Mapping[str, str]]
-    metres_per_unit: float
-    up_axis: str
-    rotation: np.ndarray
-    cameras: tuple[CameraContent, ...] = ()
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def maps(self) -> tuple[str, ...]:
-        """Names of the maps; all levels of detail have the same ones."""
-        return tuple(sorted(self.files["high"]))
-
-
-@dataclass(frozen=True, eq=False)
 class Placement:
     """The similarity x -> scale rotation x + offset from the normalised Y-up world to the stage."""
 
@@ -87,11 +65,34 @@ class Placement:
     scale: float
     offset: np.ndarray
     metres_per_unit: float
+    up_axis: UpAxis
     report: dict[str, Any]
 
     def points(self, points: np.ndarray) -> np.ndarray:
         """float64 [N, 3] on the stage."""
         return np.asarray(points, np.float64) @ (self.scale * self.rotation).T + self.offset
+
+
+@dataclass(frozen=True, eq=False)
+class AssetContent:
+    """Everything that the layers need.
+
+    meshes    by level of detail, finest first; the first is "high"
+    files     level of detail -> map name (base_color, roughness, normal, metallic) -> file below textures/
+    placement where it lies on the stage; light from d is E(rotation^T d)
+    """
+
+    name: str
+    meshes: Mapping[str, MeshContent]
+    files: Mapping[str, Mapping[str, str]]
+    placement: Placement
+    cameras: tuple[CameraContent, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def maps(self) -> tuple[str, ...]:
+        """Names of the maps; all levels of detail have the same ones."""
+        return tuple(sorted(self.files["high"]))
 
 
 def place(frame: Frame | None, up_axis: UpAxis = "Y", *, recentre: bool = False) -> Placement:
@@ -102,7 +103,7 @@ def place(frame: Frame | None, up_axis: UpAxis = "Y", *, recentre: bool = False)
     upright = _Z_FROM_Y if up_axis == "Z" else np.eye(3)
     if frame is None:
         report: dict[str, Any] = {"metres_per_unit": 1.0, "scale": "normalised", "scene_units_per_normalised": 1.0}
-        return Placement(upright, 1.0, np.zeros(3), 1.0, report)
+        return Placement(upright, 1.0, np.zeros(3), 1.0, up_axis, report)
     rotation, size = check_frame(frame)
     matrix = np.asarray(frame.scene_from_normalised, np.float64)
     known = frame.metres_per_unit > 0
@@ -118,7 +119,7 @@ def place(frame: Frame | None, up_axis: UpAxis = "Y", *, recentre: bool = False)
         report |= {f"recentred_by_{axis}": float(value) for axis, value in zip("xyz", offset, strict=True)}
         offset = np.zeros(3)
     report |= {f"origin_{axis}": float(value) for axis, value in zip("xyz", offset, strict=True)}  # on the stage
-    return Placement(upright @ rotation, size, offset, metres, report)
+    return Placement(upright @ rotation, size, offset, metres, up_axis, report)
 
 
 def mesh_content(asset: Asset, placement: Placement) -> MeshContent:
@@ -135,6 +136,17 @@ def mesh_content(asset: Asset, placement: Placement) -> MeshContent:
         st=used,
         st_faces=places,
     )
+
+
+def file_content(
+    asset: Asset, frame: Frame | None, settings: FileSettings
+) -> tuple[dict[str, np.ndarray], Placement, MeshContent, dict[str, Any]]:
+    """(maps as `export.maps.prepare_maps`, placement, mesh, what was measured) of an asset that goes into one file."""
+    check_name(settings.name)
+    check_asset(asset)
+    maps, report = prepare_maps(asset, settings)
+    placement = place(frame, recentre=settings.recentre)
+    return maps, placement, mesh_content(asset, placement), report | mesh_report(asset, placement) | placement.report
 
 
 def camera_contents(views: Views, placement: Placement, reach: float) -> tuple[CameraContent, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import struct
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,9 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.export.content import MeshContent, Placement, mesh_content, mesh_report, place
+from exmesh_graph.export.content import MeshContent, Placement, file_content
 from exmesh_graph.export.folder import new_folder
-from exmesh_graph.export.inputs import check_asset, check_name
-from exmesh_graph.export.maps import prepare_maps, write_map
+from exmesh_graph.export.maps import write_map
 from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.types import Asset, Frame
 from exmesh_graph.version import __version__
@@ -45,42 +45,50 @@ def write_gltf(
     file's `asset.extras`. Equal inputs give equal bytes. Raises DataError, GeometryError or NumericsError.
     """
     settings = settings or FileSettings()
-    name = settings.name
-    check_name(name)
-    check_asset(asset)
-    prepared, report = prepare_maps(asset, settings)
-    placement = place(frame, recentre=settings.recentre)
-    report |= mesh_report(asset, placement) | placement.report
-    moved = {name: value for name, value in report.items() if name.startswith("recentred_by_")}
+    document, binary, report = gltf_document(asset, frame, settings, provenance)
     with new_folder(folder) as partial:
-        blob = Blob()
-        primitive = _primitive(blob, asset, mesh_content(asset, placement), placement)
-        pictures = {"base_color": prepared["base_color"], "orm": _packed(prepared)}
-        if "normal" in prepared:
-            pictures["normal"] = prepared["normal"]
-        images = {key: blob.add(_png(partial, key, codes)) for key, codes in pictures.items()}
-        document = {
-            "asset": {
-                "version": "2.0",
-                "generator": f"exmesh-graph {__version__}",
-                "extras": {"scale": report["scale"], **moved, **(provenance or {})},
-            },
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0, "name": name}],
-            "meshes": [{"name": name, "primitives": [primitive]}],
-            "materials": [_material(list(images), metallic="metallic" in prepared)],
-            "textures": [{"source": number, "sampler": 0, "name": key} for number, key in enumerate(images)],
-            "images": [{"bufferView": view, "mimeType": "image/png", "name": key} for key, view in images.items()],
-            "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPPED, "wrapS": _CLAMP, "wrapT": _CLAMP}],
-            "accessors": blob.accessors,
-            "bufferViews": blob.views,
-            "buffers": [{"byteLength": len(blob.data)}],
-        }
-        (partial / f"{name}.glb").write_bytes(glb_bytes(document, bytes(blob.data)))
-    report["vertices_split"] = blob.accessors[0]["count"]
-    report["bytes"] = (folder / f"{name}.glb").stat().st_size
+        file = partial / f"{settings.name}.glb"
+        file.write_bytes(glb_bytes(document, binary))
+        report["bytes"] = file.stat().st_size
     return report
+
+
+def gltf_document(
+    asset: Asset,
+    frame: Frame | None = None,
+    settings: FileSettings | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> tuple[dict[str, Any], bytes, dict[str, Any]]:
+    """(JSON document, binary chunk, what was measured) of an asset; as `write_gltf`, which writes them."""
+    settings = settings or FileSettings()
+    prepared, placement, mesh, report = file_content(asset, frame, settings)
+    moved = {name: value for name, value in report.items() if name.startswith("recentred_by_")}
+    blob = Blob()
+    primitive = _primitive(blob, asset, mesh, placement)
+    pictures = {"base_color": prepared["base_color"], "orm": _packed(prepared)}
+    if "normal" in prepared:
+        pictures["normal"] = prepared["normal"]
+    images = {key: blob.add(_png(codes, srgb=key == "base_color")) for key, codes in pictures.items()}
+    report["vertices_split"] = blob.accessors[0]["count"]
+    document = {
+        "asset": {
+            "version": "2.0",
+            "generator": f"exmesh-graph {__version__}",
+            "extras": {"scale": report["scale"], **moved, **(provenance or {})},
+        },
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": settings.name}],
+        "meshes": [{"name": settings.name, "primitives": [primitive]}],
+        "materials": [_material(list(images), metallic="metallic" in prepared)],
+        "textures": [{"source": number, "sampler": 0, "name": key} for number, key in enumerate(images)],
+        "images": [{"bufferView": view, "mimeType": "image/png", "name": key} for key, view in images.items()],
+        "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPPED, "wrapS": _CLAMP, "wrapT": _CLAMP}],
+        "accessors": blob.accessors,
+        "bufferViews": blob.views,
+        "buffers": [{"byteLength": len(blob.data)}],
+    }
+    return document, bytes(blob.data), report
 
 
 def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -172,13 +180,12 @@ def _packed(maps: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.stack([np.full_like(roughness, 255), roughness, metallic], axis=-1)
 
 
-def _png(folder: Path, name: str, codes: np.ndarray) -> bytes:
+def _png(codes: np.ndarray, *, srgb: bool) -> bytes:
     """The bytes of a PNG file, read back and compared."""
-    file = folder / f"{name}.png"
-    write_map(file, codes, srgb=name == "base_color")
-    data = file.read_bytes()
-    file.unlink()
-    return data
+    with tempfile.TemporaryDirectory(prefix="exmesh-gltf-") as folder:
+        file = Path(folder) / "map.png"
+        write_map(file, codes, srgb=srgb)
+        return file.read_bytes()
 
 
 def _material(names: list[str], *, metallic: bool) -> dict[str, Any]:

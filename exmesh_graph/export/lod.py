@@ -110,18 +110,13 @@ def footprint_size(asset: Asset, views: Views, percentile: float = 95.0) -> int:
     return int(min(2 ** int(np.ceil(np.log2(max(needed, 1)))), max(asset.base_color.shape[:2])))
 
 
-def _rasterized(asset: Asset, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(face [N], barycentrics [N, 3], inside bool [R, R]) of the texels that charts reach."""
-    from exmesh_graph.uv.raster import rasterize_atlas
-
-    face, bary = rasterize_atlas(asset.uvs, asset.uv_faces, size, margin=_MARGIN)
-    inside = face >= 0
-    return face[inside], bary[inside].astype(np.float64), inside
-
-
 def _frames(asset: Asset, size: int) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     """((T, B, N) float64 [R, R, 3] each, inside): interpolated over the faces, not normalised."""
-    face, bary, inside = _rasterized(asset, size)
+    from exmesh_graph.uv.raster import rasterize_atlas
+
+    faces, weights = rasterize_atlas(asset.uvs, asset.uv_faces, size, margin=_MARGIN)
+    inside = faces >= 0
+    face, bary = faces[inside], weights[inside].astype(np.float64)
     tangents, sign = corner_tangents(asset.vertices, asset.faces, asset.uvs, asset.uv_faces)
     normals = angle_weighted_normals(asset.vertices, asset.faces)[asset.faces]
     tangent = np.einsum("nk,nkx->nx", bary, tangents[face].astype(np.float64))
@@ -135,12 +130,8 @@ def _frames(asset: Asset, size: int) -> tuple[tuple[np.ndarray, np.ndarray, np.n
 
 def _fine_normals(asset: Asset, size: int) -> tuple[np.ndarray, np.ndarray]:
     """(world normals float64 [R, R, 3], inside) of the mesh bent by its normal map."""
-    if asset.normal is None:
-        face, bary, inside = _rasterized(asset, size)
-        normals = angle_weighted_normals(asset.vertices, asset.faces)[asset.faces]
-        world = np.zeros((size, size, 3))
-        world[inside] = np.einsum("nk,nkx->nx", bary, normals[face].astype(np.float64))
-        return world, inside
     (tangent, bitangent, normal), inside = _frames(asset, size)
+    if asset.normal is None:
+        return normal, inside
     bent = asset.normal.astype(np.float64)
     return bent[..., :1] * tangent + bent[..., 1:2] * bitangent + bent[..., 2:] * normal, inside

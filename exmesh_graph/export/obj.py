@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph.export.content import mesh_content, mesh_report, place
+from exmesh_graph.export.content import file_content
 from exmesh_graph.export.folder import new_folder
-from exmesh_graph.export.inputs import check_asset, check_name
-from exmesh_graph.export.maps import prepare_maps, write_map
+from exmesh_graph.export.maps import write_map
 from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.types import Asset, Frame
 
@@ -35,11 +34,7 @@ def write_textured_obj(
     """
     settings = settings or FileSettings()
     name = settings.name
-    check_name(name)
-    check_asset(asset)
-    prepared, report = prepare_maps(asset, settings)
-    placement = place(frame, recentre=settings.recentre)
-    mesh = mesh_content(asset, placement)
+    prepared, placement, mesh, report = file_content(asset, frame, settings)
     with new_folder(folder) as partial:
         material = ["newmtl surface", "Kd 1 1 1", "Ks 0.04 0.04 0.04", "Ni 1.5", "illum 2", "Pr 1", "Pm 0"]
         for key, codes in prepared.items():
@@ -57,4 +52,4 @@ def write_textured_obj(
         lines += ["usemtl surface", "s 1"]
         lines += ["f " + " ".join(f"{v}/{t}/{v}" for v, t in face) for face in corners.tolist()]
         (partial / f"{name}.obj").write_text("\n".join(lines) + "\n", encoding="ascii")
-    return report | mesh_report(asset, placement) | placement.report
+    return report

@@ -41,10 +41,9 @@ def _add_pairs(writer: GalleryWriter, scored: ScoredViews, held_out: str, ours: 
     """A strip for each pair: ours, the truth, their error; `held_out` and `ours` are words for titles and captions."""
     for what, (first, second) in zip(scored.pairs, scored.images.astype(np.float32), strict=True):
         file, title, caption = _words(what, held_out, ours)
-        if what["kind"] == "indirect":
-            writer.add(file, title, caption, [first, second])
-        else:
-            writer.add(file, title, caption, [first, second, error_map(first, second)], compare=True)
+        compare = what["kind"] != "indirect"
+        panels = [first, second, error_map(first, second)] if compare else [first, second]
+        writer.add(file, title, caption, panels, compare=compare)
 
 
 def _words(what: Mapping[str, Any], held_out: str, ours: str) -> tuple[str, str, str]:

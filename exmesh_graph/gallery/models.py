@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from exmesh_graph.errors import DataError, ExmeshError
-from exmesh_graph.export.gltf import read_glb, write_gltf
+from exmesh_graph.export.gltf import gltf_document
 from exmesh_graph.export.gltf_compact import compact_glb
 from exmesh_graph.export.inputs import clipped
 from exmesh_graph.export.lod import resized
@@ -85,7 +82,5 @@ def _small(asset: Asset) -> Asset:
 
 
 def _model(asset: Asset, eye: np.ndarray | None, light: np.ndarray | None) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="exmesh-model-") as folder:
-        write_gltf(Path(folder) / "gltf", asset)
-        document, binary = read_glb(Path(folder) / "gltf" / "asset.glb")
+    document, binary, _ = gltf_document(asset)
     return compact_glb(document, binary, unlit=light is None, light=light, eye=eye)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.edit.cameras import orbit
-from exmesh_graph.gallery.pictures import GalleryWriter, resize, stack, strip
+from exmesh_graph.gallery.pictures import GalleryWriter, resize, shrink, stack, strip
 from exmesh_graph.gallery.shaded import shaded_geometry
 from exmesh_graph.geometry.adjacency import components, face_areas
 from exmesh_graph.types import Carrier, Gallery
@@ -78,10 +78,8 @@ def _panel(columns: int) -> int:
 
 def _turntable(carrier: Carrier) -> list[np.ndarray]:
     side = _panel(DIRECTIONS)
-    intrinsics, poses = orbit(DIRECTIONS, side, side, radius=_reach(carrier))
-    return [
-        _half(shaded_geometry(carrier, k, pose, side, side, 2.0)[0]) for k, pose in zip(intrinsics, poses, strict=True)
-    ]
+    shots = zip(*orbit(DIRECTIONS, side, side, radius=_reach(carrier)), strict=True)
+    return [shrink(shaded_geometry(carrier, k, pose, side, side, 2.0)[0], side) for k, pose in shots]
 
 
 def _wires(carrier: Carrier) -> list[np.ndarray]:
@@ -92,7 +90,7 @@ def _wires(carrier: Carrier) -> list[np.ndarray]:
     close[:2] *= _ZOOM
     close[:2, 2] = side / 2 + _ZOOM * (intrinsics[0][:2, 2] - (x, y))
     shots = [(intrinsics[0], poses[0]), (intrinsics[1], poses[1]), (close, poses[0])]
-    return [_half(shaded_geometry(carrier, k, pose, side, side, 2.0)[2]) for k, pose in shots]
+    return [shrink(shaded_geometry(carrier, k, pose, side, side, 2.0)[2], side) for k, pose in shots]
 
 
 def _densest(carrier: Carrier, intrinsics: np.ndarray, pose: np.ndarray) -> tuple[float, float]:
@@ -112,11 +110,6 @@ def _densest(carrier: Carrier, intrinsics: np.ndarray, pose: np.ndarray) -> tupl
 def _reach(carrier: Carrier) -> float:
     """Radius of the ball around the origin that holds the mesh."""
     return float(np.sqrt((carrier.vertices.astype(np.float64) ** 2).sum(axis=1).max(initial=1e-12)))
-
-
-def _half(picture: np.ndarray) -> np.ndarray:
-    height, width = picture.shape[0] // 2, picture.shape[1] // 2
-    return picture[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
 
 
 def _singular_values(carrier: Carrier) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import metadata
@@ -39,7 +40,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
             elif output["type"] == "Gallery":
                 shown += gallery_of(Path(load_artifact(output["digest"]).root), entry["name"])
     total = sum(node["seconds"] for node in nodes)
-    headline = _unique_labels(figures)
+    (headline,) = unique_labels([figures])
     headline.append(ReportFigure("Seconds, total", round(total, 1), "s", better="lower", node="all nodes"))
     stages += [figure for figure in figures if figure.series]
     data = {
@@ -62,7 +63,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         "machine": {str(key): str(value) for key, value in (record.get("machine") or {}).items()},
         "versions": library_versions(),
     }
-    return Report(data, headline, stages, curves, shown)
+    return Report(data, figures, headline, stages, curves, shown)
 
 
 def _node(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -81,26 +82,18 @@ def _node(entry: Mapping[str, Any]) -> dict[str, Any]:
 def _figures(entries: Any, node: str, after: float) -> Iterator[ReportFigure]:
     """Entries {label, value, unit?, floor?, goal?, better?, series?, over?} of a headline or of stages."""
     for entry in entries or ():
-        yield ReportFigure(
-            label=str(entry["label"]),
-            value=entry["value"],
-            unit=str(entry.get("unit") or ""),
-            floor=number_of(entry.get("floor")),
-            goal=number_of(entry.get("goal")),
-            better=str(entry.get("better") or ""),
-            node=node,
-            series=str(entry.get("series") or ""),
-            after_seconds=after,
-            over={str(name): float(x) for name, x in (entry.get("over") or {}).items()},
-        )
+        given: dict[str, Any] = {name: str(entry.get(name) or "") for name in ("label", "unit", "better", "series")}
+        given |= {name: number_of(entry.get(name)) for name in ("floor", "goal")}
+        over = {str(name): float(x) for name, x in (entry.get("over") or {}).items()}
+        yield ReportFigure(value=entry["value"], node=node, after_seconds=after, over=over, **given)
 
 
-def _unique_labels(figures: list[ReportFigure]) -> list[ReportFigure]:
-    """Two nodes may report one measure: the label then names the node."""
-    labels = [figure.label for figure in figures]
+def unique_labels(runs: Sequence[Sequence[ReportFigure]]) -> list[list[ReportFigure]]:
+    """Where two nodes of one run report a measure, its label names the node, in all of the runs."""
+    counts = [Counter(figure.label for figure in figures) for figures in runs]
+    twofold = {label for count in counts for label, times in count.items() if times > 1}
     return [
-        replace(figure, label=f"{figure.label} ({figure.node})") if labels.count(figure.label) > 1 else figure
-        for figure in figures
+        [replace(f, label=f"{f.label} ({f.node})") if f.label in twofold else f for f in figures] for figures in runs
     ]
 
 
@@ -152,15 +145,17 @@ def edges_between(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     Inputs are wires "@node.port", with each node's entry or under `resolved.nodes`.
     """
     resolved = (record.get("resolved") or {}).get("nodes") or {}
-    known = {entry["name"] for entry in record["nodes"]}
-    edges: dict[tuple[str, str], None] = {}
-    for entry in record["nodes"]:
-        inputs = entry.get("inputs") or resolved.get(entry["name"], {}).get("inputs") or {}
-        for wire in inputs.values():
-            producer = str(wire).removeprefix("@").rpartition(".")[0]
-            if producer in known:
-                edges[producer, entry["name"]] = None
-    return list(edges)
+    own = {entry["name"]: entry.get("inputs") for entry in record["nodes"]}
+    inputs = {name: given or resolved.get(name, {}).get("inputs") or {} for name, given in own.items()}
+    return [wire for wire in wires_of(inputs) if wire[0] in own]
+
+
+def wires_of(inputs: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """(producer, consumer) of the wires {node: {port: "@node.port"}}, each once."""
+    pairs = (
+        (str(link).removeprefix("@").rpartition(".")[0], name) for name in inputs for link in inputs[name].values()
+    )
+    return list(dict.fromkeys(pairs))
 
 
 def cumulative_seconds(nodes: Sequence[tuple[str, float]], edges: Sequence[tuple[str, str]]) -> dict[str, float]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from exmesh_graph.report.templates import data_uri
 
 #: Stage of a node by the family of its type; families of other packs form stages of their own.
 _STAGES = {
@@ -54,8 +55,7 @@ class GalleryItem:
     @property
     def data_uri(self) -> str:
         """The picture as it stands in the page."""
-        kind = Path(self.file).suffix.removeprefix(".")
-        return f"data:image/{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
+        return data_uri(f"image/{Path(self.file).suffix.removeprefix('.')}", self.data)
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,13 @@ class Curve:
 
 @dataclass(frozen=True)
 class Report:
-    """`data` is what report.json holds (docs/report.md); beside it the figures again, and what the page alone shows."""
+    """`data` is what report.json holds (docs/report.md); beside it the figures again, and what the page alone shows.
+
+    `figures` are as the nodes name them; in `headline` labels are unique, and the total of the seconds is there too.
+    """
 
     data: dict[str, Any]
+    figures: list[ReportFigure]
     headline: list[ReportFigure]
     stages: list[ReportFigure]
     curves: list[Curve]

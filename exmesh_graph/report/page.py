@@ -15,7 +15,7 @@ from exmesh_graph.report.collect import collect, number_of
 from exmesh_graph.report.contents import Curve, Report, ReportFigure
 from exmesh_graph.report.drawing.states import fold_boxes
 from exmesh_graph.report.drawing.svg import Box, fold_name, graph_picture
-from exmesh_graph.report.templates import asset_text, page_of, replace_text
+from exmesh_graph.report.templates import page_of, replace_text
 from exmesh_graph.report.text import number, seconds
 from exmesh_graph.report.widgets import comparison, viewer_section
 
@@ -56,7 +56,6 @@ def render_page(report: Report) -> str:
         "report.html",
         report=report.data,
         headline=report.headline,
-        style=Markup(asset_text(__package__, "style.css")),
         tiles=[_tile(figure) for figure in _last_stages(report.headline)],
         bars=Markup(bar_chart(bars, seconds, name="seconds per node")),
         error_charts=[Markup(chart) for chart in error_charts(report.stages)],

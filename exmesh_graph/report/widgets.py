@@ -15,10 +15,10 @@ from html import escape
 from importlib import resources
 
 from exmesh_graph.report.contents import GalleryItem
-from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
+from exmesh_graph.report.templates import page_of
 from exmesh_graph.report.text import size
 
-_MODULES = {"three": "vendor/three.module.min.js", "orbit": "vendor/OrbitControls.js", "viewer": "viewer.js"}
+MODULES = {"three": "vendor/three.module.min.js", "orbit": "vendor/OrbitControls.js", "viewer": "viewer.js"}
 GAP = 6
 """White columns between the panels of a strip (gallery.pictures.strip)."""
 
@@ -64,16 +64,14 @@ def viewer_section(models: Sequence[tuple[str, GalleryItem]]) -> str:
         return ""
     view = resources.files("exmesh_graph.report.view")
     data = {
-        "modules": {name: _packed((view / file).read_bytes()) for name, file in _MODULES.items()},
+        "modules": {name: _packed((view / file).read_bytes()) for name, file in MODULES.items()},
         "models": [
             {"label": label, "caption": f"{model.caption} {size(len(model.data))}.",
              "glb": _packed(model.data)}
             for label, model in models
         ],
     }  # fmt: skip
-    return marked_text(
-        __package__, "viewer.html", {"@DATA@": json_in_page(data), "@SCRIPT@": asset_text(__package__, "viewer.js")}
-    )  # fmt: skip
+    return page_of(__package__, "viewer.html", data=data)
 
 
 def _packed(data: bytes) -> str:

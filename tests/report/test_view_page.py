@@ -45,7 +45,7 @@ def asset():
 
 def test_the_page_carries_the_asset_and_its_lights_and_no_address(asset, tmp_path):
     page = view_page(asset, "a <b> & c", {"other": 2 * asset.environment})
-    assert "<title>a &lt;b> &amp; c</title>" in page
+    assert "<title>a &lt;b&gt; &amp; c</title>" in page
     data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1].replace("<\\/", "</"))
     assert [light["name"] for light in data["lights"]] == ["recovered", "other", "studio", "overcast"]
     (tmp_path / "a.glb").write_bytes(base64.b64decode(data["glb"]))

@@ -18,6 +18,8 @@ from exmesh_graph.export.usd.read import open_usd, select_variant
 from exmesh_graph.export.usd.rules import Pictures, Problem, dome_rules, material_rules, path_rules, stage_rules
 from exmesh_graph.export.usd.rules_mesh import mesh_rules
 
+_RULES = {"Mesh": mesh_rules, "Material": material_rules, "DomeLight": dome_rules}
+
 
 def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
     """All problems of a `.usda`, `.usdc` or `.usdz` file; an empty list means that none was found.
@@ -33,7 +35,7 @@ def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
         return [*problems, Problem("open", path.name, ": ".join(filter(None, (error.what, error.fix))))]
     pictures = pictures or Pictures()
     problems += [*_openusd_findings(stage), *stage_rules(stage), *path_rules(stage)]
-    problems += _prim_rules(stage, pictures, ("Mesh", "Material", "DomeLight"))
+    problems += _prim_rules(stage, pictures, tuple(_RULES))
     for name, choice in _other_variants(stage):
         varied = Usd.Stage.Open(stage.GetRootLayer(), Usd.Stage.LoadAll)
         select_variant(varied, name, choice)
@@ -46,13 +48,9 @@ def validate_usd(path: Path, pictures: Pictures | None = None) -> list[Problem]:
 
 def _prim_rules(stage: Any, pictures: Pictures, kinds: tuple[str, ...]) -> Iterator[Problem]:
     for prim in stage.Traverse():
-        kind = str(prim.GetTypeName())
-        if kind == "Mesh" and kind in kinds:
-            yield from mesh_rules(prim)
-        elif kind == "Material" and kind in kinds:
-            yield from material_rules(prim, pictures)
-        elif kind.startswith("DomeLight") and "DomeLight" in kinds:
-            yield from dome_rules(prim, stage, pictures)
+        kind = str(prim.GetTypeName()).removesuffix("_1")  # DomeLight_1
+        if kind in kinds:
+            yield from _RULES[kind](prim, pictures)
 
 
 def _other_variants(stage: Any) -> list[tuple[str, str]]:

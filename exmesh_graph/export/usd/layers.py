@@ -113,7 +113,7 @@ def author_scene(layer: Sdf.Layer, content: AssetContent) -> None:
     scene = UsdGeom.Xform.Define(stage, "/scene")
     Usd.ModelAPI(scene.GetPrim()).SetKind(Kind.Tokens.assembly)
     stage.SetDefaultPrim(scene.GetPrim())
-    define_dome(stage, scene.GetPath().AppendChild("environment"), content.rotation)
+    define_dome(stage, scene.GetPath().AppendChild("environment"), content.placement.rotation)
     if content.cameras:
         UsdGeom.Scope.Define(stage, "/scene/cameras")
     for camera in content.cameras:
@@ -161,8 +161,8 @@ def define_camera(stage: Usd.Stage, path: Sdf.Path, content: CameraContent) -> N
 def open_stage(layer: Sdf.Layer, content: AssetContent) -> Usd.Stage:
     """A stage on the new layer with up axis and unit authored."""
     stage = Usd.Stage.Open(layer, Sdf.Layer.CreateAnonymous(".usda"), Usd.Stage.LoadNone)
-    UsdGeom.SetStageUpAxis(stage, content.up_axis)
-    UsdGeom.SetStageMetersPerUnit(stage, content.metres_per_unit)
+    UsdGeom.SetStageUpAxis(stage, content.placement.up_axis)
+    UsdGeom.SetStageMetersPerUnit(stage, content.placement.metres_per_unit)
     return stage
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -146,7 +145,7 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
     where = f"{path}, {mesh.GetPath()}"
     if (np.asarray(mesh.GetFaceVertexCountsAttr().Get() or [0]) != 3).any():
         raise DataError("the mesh has faces that are not triangles", where=where, fix="triangulate it in the DCC tool")
-    faces = _array(mesh.GetFaceVertexIndicesAttr(), np.int32, 3)
+    faces = array_of(mesh.GetFaceVertexIndicesAttr(), np.int32, 3)
     st, st_faces = _texture_coordinates(mesh, len(faces), where)
     domes = [UsdLux.DomeLight(prim) for prim in stage.Traverse() if prim.IsA(UsdLux.DomeLight)]
     environment, rotation = None, np.eye(3)
@@ -156,8 +155,8 @@ def read_usd(path: Path, variants: Mapping[str, str] | None = None) -> UsdConten
     noted = (prim.GetCustomDataByKey("recon") for prim in stage.Traverse() if not prim.IsA(UsdGeom.Camera))
     textures, constants = _maps(mesh)
     return UsdContents(
-        points=_array(mesh.GetPointsAttr(), np.float32, 3),
-        normals=_array(mesh.GetNormalsAttr(), np.float32, 3),
+        points=array_of(mesh.GetPointsAttr(), np.float32, 3),
+        normals=array_of(mesh.GetNormalsAttr(), np.float32, 3),
         faces=faces,
         st=st,
         st_faces=st_faces,
@@ -207,19 +206,20 @@ def read_asset_pixels(resolved: str) -> np.ndarray:
     """
     if not resolved.endswith("]"):
         return read_raw(Path(resolved))
-    with tempfile.TemporaryDirectory() as folder, open_member(resolved) as (archive, member):
-        copy = Path(folder) / Path(member).name
-        copy.write_bytes(archive.read(member))
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / Path(resolved[:-1]).name
+        copy.write_bytes(asset_bytes(resolved))
         return read_raw(copy)
 
 
-@contextmanager
-def open_member(resolved: str) -> Iterator[tuple[zipfile.ZipFile, str]]:
-    """The archive and the member of `package.usdz[member]`; DataError where reading it fails."""
+def asset_bytes(resolved: str) -> bytes:
+    """The file of a resolved asset path, as `read_asset_pixels`."""
+    if not resolved.endswith("]"):
+        return Path(resolved).read_bytes()
     package, member = resolved[:-1].split("[", 1)
     try:
         with zipfile.ZipFile(package) as archive:
-            yield archive, member
+            return archive.read(member)
     except (zipfile.BadZipFile, KeyError) as error:
         raise DataError(f"the package does not give the picture ({error})", where=resolved) from error
 
@@ -248,16 +248,22 @@ def _maps(mesh: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     surface = material.ComputeSurfaceSource()[0] if material else None
     for name, key in _MAPS.items():
         shader_input = surface.GetInput(name) if surface else None
-        sources = shader_input.GetConnectedSources()[0] if shader_input else []
-        if sources:
-            shader = UsdShade.Shader(sources[0].source.GetPrim())
+        for shader in feeding(shader_input)[:1]:
             file = shader.GetInput("file").Get() if shader.GetInput("file") else None
             if file is None:
                 raise DataError(f"{name} is fed by no picture", where=str(shader.GetPath()), expected="a UsdUVTexture")
             textures[key] = read_asset_pixels(file.resolvedPath or file.path)
-        elif shader_input and shader_input.Get() is not None:
+        if key not in textures and shader_input and shader_input.Get() is not None:
             constants[key] = shader_input.Get()
     return textures, constants
+
+
+def feeding(shader_input: Any) -> list[Any]:
+    """The shaders that feed a shader's input; none for an input that is not there."""
+    from pxr import UsdShade
+
+    sources = shader_input.GetConnectedSources()[0] if shader_input else []
+    return [UsdShade.Shader(source.source.GetPrim()) for source in sources]
 
 
 def read_camera(prim: Any) -> UsdCamera:
@@ -289,6 +295,7 @@ def _unit(codes: np.ndarray) -> np.ndarray:
     return codes.astype(np.float32) / np.float32(np.iinfo(codes.dtype).max)
 
 
-def _array(attribute: Any, dtype: type, columns: int) -> np.ndarray:
+def array_of(attribute: Any, dtype: type, columns: int) -> np.ndarray:
+    """[N, columns] of an attribute; empty where it has no value."""
     value = attribute.Get()
     return np.zeros((0, columns), dtype) if value is None else np.array(value, dtype).reshape(-1, columns)

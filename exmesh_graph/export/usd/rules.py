@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.export.usd.read import open_member, read_asset_pixels
+from exmesh_graph.export.usd.read import asset_bytes, feeding, read_asset_pixels
 
 _MAPS = {"diffuseColor": ("sRGB", 3), "roughness": ("raw", 1), "metallic": ("raw", 1), "normal": ("raw", 3)}
 
@@ -42,7 +42,7 @@ class PictureFacts:
 class Pictures:
     """Facts of pictures, decoded once each by content: one asset holds the same ones under several names."""
 
-    known: dict[tuple[int, int], PictureFacts] = field(default_factory=dict)
+    known: dict[tuple[int, int], PictureFacts] = field(default_factory=dict)  # by (CRC-32, bytes)
 
     def facts(self, asset: Any, what: str) -> PictureFacts | str:
         """Facts of an Sdf.AssetPath, or why there are none: `what` is not found, or cannot be decoded."""
@@ -50,7 +50,8 @@ class Pictures:
         if not path:
             return f"{what} {asset} is not found"
         try:
-            key = _content_key(path)
+            data = asset_bytes(path)
+            key = zlib.crc32(data), len(data)
             if key not in self.known:
                 pixels = read_asset_pixels(path)
                 height, width, channels = pixels.shape
@@ -113,10 +114,8 @@ def material_rules(prim: Any, pictures: Pictures) -> Iterator[Problem]:
         yield Problem("surface", str(prim.GetPath()), "no UsdPreviewSurface is connected")
         return
     for name, (color_space, channels) in _MAPS.items():
-        shader_input = surface.GetInput(name)
-        sources = shader_input.GetConnectedSources()[0] if shader_input else []
-        for source in sources:
-            yield from _texture(UsdShade.Shader(source.source.GetPrim()), name, color_space, channels, pictures)
+        for shader in feeding(surface.GetInput(name)):
+            yield from _texture(shader, name, color_space, channels, pictures)
 
 
 def _texture(shader: Any, input_name: str, color_space: str, channels: int, pictures: Pictures) -> Iterator[Problem]:
@@ -144,17 +143,12 @@ def _texture(shader: Any, input_name: str, color_space: str, channels: int, pict
 
 
 def _primvar_reader(shader: Any, where: str) -> Iterator[Problem]:
-    from pxr import UsdShade
-
-    st = shader.GetInput("st")
-    sources = st.GetConnectedSources()[0] if st else []
-    reader = UsdShade.Shader(sources[0].source.GetPrim()) if sources else None
-    varname = reader.GetInput("varname") if reader else None
+    varname = next((reader.GetInput("varname") for reader in feeding(shader.GetInput("st"))), None)
     if varname is None or varname.Get() != "st" or str(varname.GetTypeName()) != "string":
         yield Problem("varname", where, "needs a UsdPrimvarReader_float2 with string varname = 'st'")
 
 
-def dome_rules(prim: Any, stage: Any, pictures: Pictures) -> Iterator[Problem]:
+def dome_rules(prim: Any, pictures: Pictures) -> Iterator[Problem]:
     """All rules on one DomeLight or DomeLight_1 prim."""
     from pxr import Gf, Usd, UsdGeom, UsdLux
 
@@ -168,7 +162,7 @@ def dome_rules(prim: Any, stage: Any, pictures: Pictures) -> Iterator[Problem]:
     if dome.GetExposureAttr().Get():
         yield Problem("domeExposure", where, "Blender ignores exposure; fold it into the pixels")
     turn = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default())
-    up = Gf.Vec3d(0, 0, 1) if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else Gf.Vec3d(0, 1, 0)
+    up = Gf.Vec3d(0, 0, 1) if UsdGeom.GetStageUpAxis(prim.GetStage()) == UsdGeom.Tokens.z else Gf.Vec3d(0, 1, 0)
     if turn.TransformDir(Gf.Vec3d(0, 1, 0)).GetNormalized() * up < 0.5:
         what = "the map's pole is more than 60 degrees off the stage's up axis (a Z-up stage needs RotateX 90)"
         yield Problem("domeUpAxis", where, what)
@@ -179,13 +173,3 @@ def dome_rules(prim: Any, stage: Any, pictures: Pictures) -> Iterator[Problem]:
         yield Problem("domeImage", where, facts)
     elif facts.width != 2 * facts.height or not facts.finite or facts.lowest < 0:
         yield Problem("domeImage", where, "the environment must be 2:1, finite and not negative")
-
-
-def _content_key(path: str) -> tuple[int, int]:
-    """(CRC-32, bytes) of a file, or of a package's member."""
-    if path.endswith("]"):
-        with open_member(path) as (archive, member):
-            info = archive.getinfo(member)
-        return info.CRC, info.file_size
-    data = Path(path).read_bytes()
-    return zlib.crc32(data), len(data)

@@ -7,22 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from exmesh_graph.export.usd.rules import Problem
+from exmesh_graph.export.usd.read import array_of
+from exmesh_graph.export.usd.rules import Pictures, Problem
 from exmesh_graph.geometry.adjacency import area_vectors, signed_areas_2d
 
 _WRONG_WINDING = 0.05  # share of the surface: a few slivers have vertex normals from the other side in any scan
 _DEGENERATE = 1e-3  # share of the faces
 
 
-def mesh_rules(prim: Any) -> Iterator[Problem]:
+def mesh_rules(prim: Any, _: Pictures) -> Iterator[Problem]:
     """All rules on one Mesh prim."""
     from pxr import UsdGeom, UsdShade
 
     where, mesh = str(prim.GetPath()), UsdGeom.Mesh(prim)
 
-    points = _array(mesh.GetPointsAttr(), np.float64).reshape(-1, 3)
-    counts = _array(mesh.GetFaceVertexCountsAttr(), np.int64)
-    corners = _array(mesh.GetFaceVertexIndicesAttr(), np.int64)
+    points = array_of(mesh.GetPointsAttr(), np.float64, 3)
+    counts = array_of(mesh.GetFaceVertexCountsAttr(), np.int64, 1)[:, 0]
+    corners = array_of(mesh.GetFaceVertexIndicesAttr(), np.int64, 1)[:, 0]
     if len(points) == 0 or len(counts) == 0:
         yield Problem("emptyMesh", where, "no points or no faces")
         return
@@ -40,7 +41,7 @@ def mesh_rules(prim: Any) -> Iterator[Problem]:
         yield Problem(
             "vertexIndex", where, f"index {corners[first]} of corner {first} is outside the {len(points)} points"
         )
-    extent = _array(mesh.GetExtentAttr(), np.float64).reshape(-1, 3)
+    extent = array_of(mesh.GetExtentAttr(), np.float64, 3)
     box = np.stack([points.min(0), points.max(0)])
     if extent.shape != (2, 3) or not np.allclose(extent, box, atol=1e-5 * max(1e-12, float(np.ptp(box)))):
         yield Problem("extent", where, "extent is not the bounding box of the points")
@@ -71,7 +72,7 @@ def _normals(mesh: Any) -> tuple[np.ndarray, str]:
     primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("normals")
     if primvar and primvar.HasValue():
         return np.asarray(primvar.ComputeFlattened(), np.float64).reshape(-1, 3), str(primvar.GetInterpolation())
-    return _array(mesh.GetNormalsAttr(), np.float64).reshape(-1, 3), str(mesh.GetNormalsInterpolation())
+    return array_of(mesh.GetNormalsAttr(), np.float64, 3), str(mesh.GetNormalsInterpolation())
 
 
 def _winding(points: np.ndarray, corners: np.ndarray, normals: np.ndarray, where: str) -> Iterator[Problem]:
@@ -114,8 +115,3 @@ def _texture_coordinates(mesh: Any, corners: int, where: str) -> Iterator[Proble
     if (area == 0).mean() > _DEGENERATE:
         what = f"{int((area == 0).sum())} of {len(area)} faces have no area in texture space"
         yield Problem("stDegenerate", where, what)
-
-
-def _array(attribute: Any, dtype: type) -> np.ndarray:
-    value = attribute.Get()
-    return np.zeros(0, dtype) if value is None else np.asarray(value, dtype)

@@ -139,9 +139,7 @@ def _content(
         name=settings.name,
         meshes=meshes,
         files=names,
-        metres_per_unit=placement.metres_per_unit,
-        up_axis=settings.up_axis,
-        rotation=placement.rotation,
+        placement=placement,
         cameras=() if views is None else camera_contents(views, placement, reach),
     )
     return content, files

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from exmesh_graph.graph.variants.compare import CHANGED, REMOVED, Difference, component_words
+from exmesh_graph.report.collect import wires_of
 from exmesh_graph.report.drawing.states import fold_boxes, plugged_components, wire_lines
 from exmesh_graph.report.drawing.svg import Box, GraphPicture, fold_edges, fold_loops
 
@@ -33,7 +34,12 @@ def picture_of_difference(
         boxes.append(Box(name, entry["type"], state, note=note, hover=(*words, *wire_lines(entry, {}))))
     plugs, plugged = plugged_components(new, new["nodes"])
     boxes = [*plugs, *boxes]
-    wires = [wire for graph in (new, old) for wire in _wires(graph, change.renamed)] + plugged
+    named = change.renamed
+    wires = [
+        (named.get(a, a), named.get(b, b))
+        for graph in (new, old)
+        for a, b in wires_of({name: entry["inputs"] for name, entry in graph["nodes"].items()})
+    ] + plugged
     if rounds:
         return GraphPicture(boxes, list(dict.fromkeys(wires)), edge_states=change.wires, title=title)
     states: dict[tuple[str, str], set[str]] = {}
@@ -54,13 +60,3 @@ def _plugged_words(entry: Mapping[str, Any], old: Mapping[str, Any], new: Mappin
             own = [word for _, word in component_words({name: before[name]}, {name: after[name]})]
             lines += [f"{name}: {word}" for word in own or ["a component in it changed"]]
     return lines
-
-
-def _wires(graph: Mapping[str, Any], renamed: Mapping[str, str]) -> list[tuple[str, str]]:
-    """(source, target) of every wire, by the names of the new graph."""
-    wires = []
-    for name, entry in graph["nodes"].items():
-        for link in entry["inputs"].values():
-            source = str(link).removeprefix("@").rpartition(".")[0]
-            wires.append((renamed.get(source, source), renamed.get(name, name)))
-    return wires

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 GAP_X, GAP_Y = 26.0, 34.0
 MARGIN, TITLE = 16.0, 24.0
@@ -290,12 +290,9 @@ class _Scope:
         left, top = x - inside.width / 2, y - inside.height / 2
         layout.frames.append(BlockFrame(item, left, top, inside.width, inside.height))
         layout.boxes.update({name: (bx + left, by + top) for name, (bx, by) in inside.boxes.items()})
-        for frame in inside.frames:
-            layout.frames.append(BlockFrame(frame.name, frame.x + left, frame.y + top, frame.width, frame.height))
+        layout.frames += [replace(f, x=f.x + left, y=f.y + top) for f in inside.frames]
         for p in inside.pieces:
-            layout.pieces.append(
-                Piece(p.source, p.to, p.x0 + left, p.y0 + top, p.x1 + left, p.y1 + top, arrow=p.arrow)
-            )  # fmt: skip
+            layout.pieces.append(replace(p, x0=p.x0 + left, y0=p.y0 + top, x1=p.x1 + left, y1=p.y1 + top))
 
 
 def _pull(key: Key, other: Key) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 from exmesh_graph.report.charts import Mark, bar_chart, scatter_chart
 from exmesh_graph.report.sweep.pictures import SweepPictures, versus_section
 from exmesh_graph.report.sweep.table import label_of, text_of, verdict
-from exmesh_graph.report.templates import asset_text, page_of, replace_text
+from exmesh_graph.report.templates import page_of, replace_text
 from exmesh_graph.report.text import signed
 from exmesh_graph.report.widgets import viewer_section
 
@@ -88,7 +88,6 @@ def render_sweep(table: Mapping[str, Any], shown: SweepPictures | None = None) -
         rows=rows,
         tabs=tabs,
         repeats=max(len(row["repeats"]) for row in rows),
-        style=Markup(asset_text("exmesh_graph.report", "style.css") + asset_text(__package__, "style.css")),
         versus=Markup(versus_section(shown, labels, best_of(table))),
         viewer=Markup(viewer_section(models)),
         models_left_out=shown.models_left_out,

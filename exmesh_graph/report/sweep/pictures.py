@@ -6,7 +6,7 @@ variants stays one page; what is equal in several variants is there once.
 
 from __future__ import annotations
 
-import base64
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 
 from exmesh_graph.report.collect import gallery_of
 from exmesh_graph.report.contents import GalleryItem
-from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
+from exmesh_graph.report.templates import data_uri, page_of
 from exmesh_graph.report.widgets import GAP, panel_size
 
 PICTURE_BYTES, MODEL_BYTES = 12_000_000, 6_000_000
@@ -101,7 +101,7 @@ def versus_section(shown: SweepPictures, labels: Mapping[Key, str], best: tuple[
     data = {
         "gap": GAP,
         "variants": list(names.values()),
-        "strips": [f"data:image/webp;base64,{base64.b64encode(strip).decode('ascii')}" for strip in shown.strips],
+        "strips": [data_uri("image/webp", strip) for strip in shown.strips],
         "pictures": [
             {"title": f"{c.title} ({c.node})", "panels": c.panels, "size": c.size,
              "strips": {order.index(key): index for key, index in c.strips.items()},
@@ -109,25 +109,19 @@ def versus_section(shown: SweepPictures, labels: Mapping[Key, str], best: tuple[
             for c in shown.comparisons
         ],
     }  # fmt: skip
-    left_out = f" {shown.pictures_left_out} further pictures are in the reports of single runs."
-    parts = {
-        "@LEFT_OUT@": left_out if shown.pictures_left_out else "",
-        "@DATA@": json_in_page(data),
-        "@SCRIPT@": asset_text(__package__, "versus.js"),
-    }
-    return marked_text(__package__, "versus.html", parts)
+    return page_of(__package__, "versus.html", data=data, left_out=shown.pictures_left_out)
 
 
 def _add_comparisons(shown: SweepPictures, compared: Mapping[tuple[Any, ...], Mapping[Key, GalleryItem]]) -> None:
     from exmesh_graph.export.gltf_compact import as_webp
 
-    kinds: dict[tuple[str, str], int] = {}
-    ranked = []
-    for place, (node, _, title, *_) in enumerate(compared):
-        kind = node, title.partition(" ")[0]
-        kinds[kind] = kinds.get(kind, -1) + 1
-        ranked.append((kinds[kind], place))
-    order = [list(compared)[place] for _, place in sorted(ranked)]
+    kinds: Counter[tuple[str, str]] = Counter()
+    ranks = {}
+    for name in compared:
+        kind = name[0], name[2].partition(" ")[0]
+        ranks[name] = kinds[kind]
+        kinds[kind] += 1
+    order = sorted(compared, key=ranks.__getitem__)
     at: dict[bytes, int] = {}
     room = PICTURE_BYTES
     for number, name in enumerate(order):

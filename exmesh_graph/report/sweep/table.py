@@ -7,12 +7,12 @@ takes out what a seed does to both alike. With one repeat there is no spread and
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
-from exmesh_graph.report.collect import collect
+from exmesh_graph.report.collect import collect, unique_labels
 from exmesh_graph.report.contents import ReportFigure
 from exmesh_graph.report.text import number
 
@@ -35,15 +35,10 @@ def sweep_table(
     failures  {node of the merged graph: message}
     """
     rows = {row["name"]: row for row in record["nodes"]}
-    loaded: dict[str, Any] = {}
-
-    def load(digest: str) -> Any:
-        if digest not in loaded:
-            loaded[digest] = load_artifact(digest)
-        return loaded[digest]
-
+    load = functools.cache(load_artifact)
     parts = [_part(member, record, rows, load, failures or {}) for member in members]
-    _label_alike(parts)
+    for part, named in zip(parts, unique_labels([part["figures"] for part in parts]), strict=True):
+        part["figures"] = {figure.label: figure for figure in named}
     bases = {(p["file"], p["repeat"]): p for p in parts if p["variant"] == BASE}
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for part in parts:
@@ -59,9 +54,7 @@ def sweep_table(
     return {
         "schema": SCHEMA,
         "run": record.get("id", ""),
-        "graph": record.get("graph", ""),
-        "command": record.get("command", ""),
-        "state": record.get("state", ""),
+        **{key: record.get(key, "") for key in ("graph", "command", "state")},
         "seconds": record.get("seconds"),
         "nodes": {"of_all_variants": sum(len(part["own"]) for part in parts), "after_sharing": len(rows),
                   "from_store": states.count("hit"), "run": states.count("done")},
@@ -135,23 +128,10 @@ def _part(
         nodes.append({**rows[name], "name": own, "outputs": outputs})
         wires = (resolved.get(name) or {}).get("inputs") or {}
         inputs[own] = {"inputs": {port: _renamed(wire, back) for port, wire in wires.items()}}
-    report = collect({"nodes": nodes, "resolved": {"nodes": inputs}}, load)
-    figures = {figure.label: figure for figure in report.headline if figure.after_seconds is not None}
+    figures = collect({"nodes": nodes, "resolved": {"nodes": inputs}}, load).figures
     state, reason = _state(names, rows, failures)
     return {**member, "own": set(names.values()), "figures": figures, "state": state, "reason": reason,
             "seconds": sum(rows[name]["seconds"] for name in names.values())}  # fmt: skip
-
-
-def _label_alike(parts: Sequence[dict[str, Any]]) -> None:
-    """Where a label names its node in one graph, since two nodes report it there, it does so in all of them."""
-    figures = [figure for part in parts for figure in part["figures"].values()]
-    tails = [(figure, f" ({figure.node})") for figure in figures]
-    twofold = {figure.label.removesuffix(tail) for figure, tail in tails if figure.label.endswith(tail)}
-    for part in parts:
-        named = [
-            replace(f, label=f"{f.label} ({f.node})") if f.label in twofold else f for f in part["figures"].values()
-        ]
-        part["figures"] = {figure.label: figure for figure in named}
 
 
 def _result(row: Mapping[str, Any]) -> str:

@@ -7,17 +7,16 @@ pictures: centre at +X and the lowest row first, where ours have +Z and the high
 from __future__ import annotations
 
 import base64
-import tempfile
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from exmesh_graph.export.gltf import write_gltf
+from exmesh_graph.export.gltf import glb_bytes, gltf_document
 from exmesh_graph.gallery.models import equirectangular
 from exmesh_graph.io.envmaps import canonical_directions
-from exmesh_graph.report.templates import asset_text, json_in_page, marked_text
+from exmesh_graph.report.templates import asset_text, data_uri, page_of
+from exmesh_graph.report.widgets import MODULES
 from exmesh_graph.types import Asset
 
 LIGHT_WIDTH = 512
@@ -29,26 +28,19 @@ def view_page(asset: Asset, title: str, lights: Mapping[str, np.ndarray] | None 
 
     Raises DataError or GeometryError for an asset that cannot be exported.
     """
-    with tempfile.TemporaryDirectory(prefix="exmesh-view-") as folder:
-        write_gltf(Path(folder) / "gltf", asset)
-        glb = (Path(folder) / "gltf" / "asset.glb").read_bytes()
+    document, binary, _ = gltf_document(asset)
     named = {"recovered": asset.environment, **(lights or {}), "studio": studio(), "overcast": overcast()}
     data = {
         "title": title,
-        "glb": base64.b64encode(glb).decode(),
+        "glb": base64.b64encode(glb_bytes(document, binary)).decode(),
         "lights": [{"name": name, **_encoded(radiance)} for name, radiance in named.items()],
         "faces": len(asset.faces),
         "maps": list(asset.base_color.shape[:2]),
     }
-    parts = {
-        "@TITLE@": title.replace("&", "&amp;").replace("<", "&lt;"),
-        "@THREE@": _module("vendor/three.module.min.js"),
-        "@ORBIT@": _module("vendor/OrbitControls.js"),
-        "@VIEWER@": _module("viewer.js"),
-        "@PAGE@": asset_text(__package__, "view.js"),
-        "@DATA@": json_in_page(data),
-    }
-    return marked_text(__package__, "view.html", parts)
+    scripts = {name: asset_text(__package__, file).encode() for name, file in MODULES.items()}
+    # addresses of data, since pages opened from a disk may not load modules from files
+    modules = {name: data_uri("text/javascript", text) for name, text in scripts.items()}
+    return page_of(__package__, "view.html", title=title, data=data, modules=modules)
 
 
 def studio(height: int = 64) -> np.ndarray:
@@ -77,8 +69,3 @@ def _encoded(radiance: np.ndarray) -> dict[str, Any]:
     """RGBA half floats, base64, as three.js reads them."""
     rgba = equirectangular(radiance, LIGHT_WIDTH)
     return {"width": rgba.shape[1], "height": rgba.shape[0], "data": base64.b64encode(rgba.tobytes()).decode()}
-
-
-def _module(name: str) -> str:
-    """A data: address, since pages opened from a disk may not load modules from files."""
-    return "data:text/javascript;base64," + base64.b64encode(asset_text(__package__, name).encode()).decode()
