@@ -23,6 +23,7 @@ import numpy as np
 import torch
 
 from benchmarks.coarse_work import Surface, fitted, fused, hull, load_case, monocular, picture, solid
+from benchmarks.register import choosing
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.evaluate.metrics.rephotography import Rephotographs, prediction_psnr, rephotograph
 from exmesh_graph.geometry.clean import clean_mesh
@@ -35,6 +36,7 @@ SAMPLE = Path(__file__).parents[1] / "graphs" / "samples" / "spot"
 
 def main() -> None:
     options = arguments()
+    choosing(options.scene)
     torch.set_num_threads(1)
     case = load_case(options.scene, options.downscale, options.views)
     radius = bounding_radius(case.truth[0]) if case.truth else 1.0

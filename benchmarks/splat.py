@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks.register import choosing
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.settings import BlenderOptions
@@ -102,6 +103,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="the 30 K row alone, three repeats")
     parser.add_argument("--json", type=Path, help="write the table here too")
     options = parser.parse_args()
+    if options.fit:
+        choosing(options.fit)
     cases = [(30_000, 0.008, 256)]
     if not options.quick:
         cases += [(10_000, 0.014, 256), (30_000, 0.03, 256), (100_000, 0.005, 256), (100_000, 0.005, 800)]

@@ -1,9 +1,9 @@
 """Stage I, error against seconds and vertices: hull -> atlas -> rounds of refine, split (and merge, flip), scored after
 every round.
 
-    python benchmarks/stage1.py graphs/samples/spot --json curves.json     # adaptive against uniform, same vertices
-    python benchmarks/stage1.py SCENE --methods score --hull-views 10 --faces 1250 --levels 1 --rounds 4
-    python benchmarks/stage1.py path/to/temple_ring --layout middlebury --downscale 2 --wrong-masks 1 --faces 5000 \
+    python -m benchmarks.stage1 graphs/samples/spot --json curves.json     # adaptive against uniform, same vertices
+    python -m benchmarks.stage1 SCENE --methods score --hull-views 10 --faces 1250 --levels 1 --rounds 4
+    python -m benchmarks.stage1 path/to/temple_ring --layout middlebury --downscale 2 --wrong-masks 1 --faces 5000 \
         --levels 1 --silhouette-weight 1 --smoothness-weight 0.1 --gains --methods score
 
 Every method starts from the same hull, atlas and texture, takes the same iterations and ends at the same faces:
@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from exmesh_nodes import data, init, regulariser, stage1, topology, uv
 
+from benchmarks.register import choosing
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.evaluate.metrics.image import psnr
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, count_self_intersections
@@ -50,6 +51,7 @@ class Quiet:
 
 def main() -> None:
     options = arguments()
+    choosing(options.scene)
     torch.set_num_threads(options.threads)
     ctx = Quiet(options.seed)
     if options.layout == "blender":

@@ -1,10 +1,10 @@
 """Stage II, error against seconds: transport and fit on a scene with known truth, scored on unseen views and lights.
 
-    python benchmarks/stage2.py graphs/samples/spot                          # the true mesh as carrier
-    python benchmarks/stage2.py graphs/samples/spot --carrier FOLDER         # a stored Stage1State or Carrier
-    python benchmarks/stage2.py graphs/samples/spot --set corrections=0 --set ssim_weight=0.2 --iterations 100 400
-    python benchmarks/stage2.py FOLDER/concave --bounces 0 1 3 --iterations 400       # what interreflection is worth
-    python benchmarks/stage2.py path/to/spot --choosing --iterations 500 --set material_rate=0.1    # choose settings
+    python -m benchmarks.stage2 graphs/samples/spot                          # the true mesh as carrier
+    python -m benchmarks.stage2 graphs/samples/spot --carrier FOLDER         # a stored Stage1State or Carrier
+    python -m benchmarks.stage2 graphs/samples/spot --set corrections=0 --set ssim_weight=0.2 --iterations 100 400
+    python -m benchmarks.stage2 FOLDER/concave --bounces 0 1 3 --iterations 400       # what interreflection is worth
+    python -m benchmarks.stage2 path/to/spot --choosing --iterations 500 --set material_rate=0.1    # choose settings
 
 One line per number of bounces in the fit and of iterations: seconds (wall clock and processor) of transport and fit,
 held-out and relit PSNR, albedo PSNR after the median scale, roughness MSE. Scored renders have two bounces. --out
@@ -27,6 +27,7 @@ import numpy as np
 import torch
 from exmesh_nodes import data, stage1, transport, uv
 
+from benchmarks import register
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.geometry.adjacency import angle_weighted_normals
 from exmesh_graph.shading.settings import TransportSettings
@@ -69,6 +70,8 @@ class Quiet:
 
 def main() -> None:
     options = arguments()
+    if options.choosing or options.set:
+        register.choosing(options.scene)
     torch.set_num_threads(options.threads)
     ctx = Quiet(options.seed)
     if options.quick:

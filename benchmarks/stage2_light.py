@@ -20,6 +20,7 @@ from typing import Any
 import torch
 from exmesh_nodes import data, transport
 
+from benchmarks.register import choosing
 from benchmarks.stage2 import QUICK, Quiet, true_carrier
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.optim import Adam
@@ -60,6 +61,8 @@ SWEEP: dict[str, tuple[int, int, dict[str, Any]]] = {
 
 def main() -> None:
     options = arguments()
+    if options.sweep:
+        choosing(options.scene)
     torch.set_num_threads(1)
     ctx = Quiet(options.seed)
     scene = data.blender(ctx, p=data.BlenderParams(path=options.scene, downscale=2 if options.quick else 1))

@@ -1,0 +1,8 @@
+"""All recipes by name."""
+
+from __future__ import annotations
+
+from benchmarks.scenes.kinds import Recipe
+from benchmarks.scenes.objects import mixed, plain, tables, thin, walls
+
+RECIPES: dict[str, Recipe] = thin.SCENES | mixed.SCENES | plain.SCENES | walls.SCENES | tables.SCENES

@@ -1,0 +1,85 @@
+"""Whether a made scene is the one that the register knows: to the byte, or up to another processor's last bits."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.register import Digests, scenes
+from benchmarks.scenes import files
+from benchmarks.scenes.catalogue import RECIPES
+
+#: Largest difference of the mean colour of a 64th of the picture [of 255]; relative difference of the area.
+COLOUR, AREA = 3, 1e-3
+NAMES = ("mesh/mesh.obj", "mesh/albedo.png", "mesh/roughness.png", "mesh/metallic.png")
+
+
+def measured(folder: Path) -> Digests:
+    """The digests of a made scene."""
+    picture = first_picture(folder)
+    model = files.read_model(folder / "mesh")
+    if model is None:
+        raise ValueError(f"{folder}: mesh/model.npz is not there; make the scene first")
+    corners = model.vertices[model.faces].astype(np.float64)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    named = {name: files.digest(folder / name) for name in (*NAMES, str(picture.relative_to(folder)))}
+    return Digests(
+        files=named, faces=len(model.faces), area=round(float(area), 5), first=parts(picture).tobytes().hex()
+    )
+
+
+def first_picture(folder: Path) -> Path:
+    """The picture of test view 000."""
+    masked = folder / "test" / "000_rgba.png"
+    return masked if masked.is_file() else folder / "test" / "000.png"
+
+
+def parts(picture: Path) -> np.ndarray:
+    """Mean colours uint8 [8, 8, 3] of 8 x 8 parts, over black."""
+    pixels = np.asarray(Image.open(picture).convert("RGBA"), float)
+    pixels = pixels[..., :3] * pixels[..., 3:] / 255
+    side = len(pixels) // 8
+    return np.round(pixels[: 8 * side, : 8 * side].reshape(8, side, 8, side, 3).mean((1, 3))).astype(np.uint8)
+
+
+def differences(kept: Digests, now: Digests) -> tuple[list[str], list[str]]:
+    """(what is another scene, what differs by no more than another processor may)."""
+    wrong, slight = [], []
+    if abs(now.area / kept.area - 1) > AREA:
+        wrong.append(f"the mesh has area {now.area:.5f}, not {kept.area:.5f}")
+    colours = [np.frombuffer(bytes.fromhex(d.first), np.uint8).astype(int) for d in (kept, now)]
+    far = np.abs(colours[0] - colours[1]).max()
+    if far > COLOUR:
+        wrong.append(f"the first test picture differs by up to {far} of 255 in the mean of a 64th")
+    slight += [name for name, digest in kept.files.items() if now.files.get(name) != digest]
+    return wrong, slight
+
+
+def check(out: Path, names: list[str]) -> int:
+    """Print how the scenes below `out` compare with the register; 1 where one is another scene."""
+    failed = 0
+    for name in names or [n for n in RECIPES if (out / n / "made.json").is_file()]:
+        kept = scenes()[name].digests
+        if not kept.first:
+            print(f"{name}: the register has no digests of it")
+            continue
+        wrong, slight = differences(kept, measured(out / name))
+        failed += bool(wrong)
+        print(
+            f"{name}: " + ("; ".join(wrong) or ("same but for last bits: " + ", ".join(slight) if slight else "same"))
+        )
+    return int(failed > 0)
+
+
+def show(out: Path, names: list[str]) -> int:
+    """Print the entries for the register."""
+    from ruamel.yaml import YAML
+
+    names = names or [n for n in RECIPES if (out / n / "made.json").is_file()]
+    writer = YAML()
+    writer.width = 200
+    writer.dump({name: measured(out / name).model_dump() for name in names}, sys.stdout)
+    return 0
