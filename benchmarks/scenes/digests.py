@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from benchmarks.register import Digests, scenes
+from benchmarks.register import Digests, find
 from benchmarks.scenes import files
 from benchmarks.scenes.catalogue import RECIPES
 
@@ -20,15 +20,18 @@ NAMES = ("mesh/mesh.obj", "mesh/albedo.png", "mesh/roughness.png", "mesh/metalli
 def measured(folder: Path) -> Digests:
     """The digests of a made scene."""
     picture = first_picture(folder)
-    model = files.read_model(folder / "mesh")
-    if model is None:
-        raise ValueError(f"{folder}: mesh/model.npz is not there; make the scene first")
-    corners = model.vertices[model.faces].astype(np.float64)
+    corners = triangles(folder / "mesh" / "mesh.obj")
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     named = {name: files.digest(folder / name) for name in (*NAMES, str(picture.relative_to(folder)))}
-    return Digests(
-        files=named, faces=len(model.faces), area=round(float(area), 5), first=parts(picture).tobytes().hex()
-    )
+    return Digests(files=named, faces=len(corners), area=round(float(area), 5), first=parts(picture).tobytes().hex())
+
+
+def triangles(path: Path) -> np.ndarray:
+    """Corners [F, 3, 3] of a mesh that `files.write_model` wrote."""
+    lines = path.read_text(encoding="ascii").splitlines()
+    points = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    faces = [[corner.split("/")[0] for corner in line.split()[1:]] for line in lines if line.startswith("f ")]
+    return points[np.array(faces, int) - 1]
 
 
 def first_picture(folder: Path) -> Path:
@@ -61,25 +64,29 @@ def differences(kept: Digests, now: Digests) -> tuple[list[str], list[str]]:
 def check(out: Path, names: list[str]) -> int:
     """Print how the scenes below `out` compare with the register; 1 where one is another scene."""
     failed = 0
-    for name in names or [n for n in RECIPES if (out / n / "made.json").is_file()]:
-        kept = scenes()[name].digests
-        if not kept.first:
-            print(f"{name}: the register has no digests of it")
+    for folder in _folders(out, names):
+        entry = find(folder)
+        if entry is None or not entry.digests.first:
+            print(f"{folder.name}: the register has no digests of it")
             continue
-        wrong, slight = differences(kept, measured(out / name))
+        wrong, slight = differences(entry.digests, measured(folder))
         failed += bool(wrong)
         print(
-            f"{name}: " + ("; ".join(wrong) or ("same but for last bits: " + ", ".join(slight) if slight else "same"))
+            f"{entry.name}: "
+            + ("; ".join(wrong) or ("same but for last bits: " + ", ".join(slight) if slight else "same"))
         )
     return int(failed > 0)
+
+
+def _folders(out: Path, names: list[str]) -> list[Path]:
+    return [out / name for name in names or RECIPES if names or (out / name / "made.json").is_file()]
 
 
 def show(out: Path, names: list[str]) -> int:
     """Print the entries for the register."""
     from ruamel.yaml import YAML
 
-    names = names or [n for n in RECIPES if (out / n / "made.json").is_file()]
     writer = YAML()
     writer.width = 200
-    writer.dump({name: measured(out / name).model_dump() for name in names}, sys.stdout)
+    writer.dump({folder.name: measured(folder).model_dump() for folder in _folders(out, names)}, sys.stdout)
     return 0

@@ -11,7 +11,7 @@ from benchmarks.scenes.cameras import rays
 from benchmarks.scenes.render import Stage, environment_error
 from benchmarks.scenes.truth import Truth
 
-POINTS, PATHS = 48, 4096
+POINTS, PATHS = 24, 4096
 
 
 def verify(
