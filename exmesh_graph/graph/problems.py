@@ -88,7 +88,7 @@ class Problems:
     def add(self, code: str, where: Where, what: str, *, nearest: Iterable[str] = (), **more: Any) -> None:
         """Note one problem; `more` are Problem's wire, expected, found and fix."""
         problem = Problem(code, where, what, nearest=tuple(nearest), **more)
-        key = (code, str(where), _without_rounds(what))
+        key = (code, str(where), without_rounds(what))
         if key in self.noted:
             seen = self.noted[key]
             problem = replace(seen, rounds=seen.rounds + 1)
@@ -117,5 +117,6 @@ def nearest(name: str, candidates: Iterable[str], count: int = 3) -> list[str]:
     return (close + tails)[:count]
 
 
-def _without_rounds(text: str) -> str:
-    return re.sub(r"\[\d+\]", "[]", text)
+def without_rounds(text: str) -> str:
+    """`rounds[3].refine` -> `rounds.refine`."""
+    return re.sub(r"\[\d+\]", "", text)

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.declare.node import Component, Facets, NodeDef, Was
-from exmesh_graph.graph.declare.packs import current
+from exmesh_graph.graph.declare.packs import Packs, current
 from exmesh_graph.params import Auto, Params
 from exmesh_graph.types import Artifact
 
@@ -129,6 +129,14 @@ def signature(definition: NodeDef) -> Signature:
             "the contents of the files it reads would not be part of its key"
         )
     return own
+
+
+def signature_of(packs: Packs, name: Any) -> Signature | None:
+    """The signature of the type of this name, present or old; None where there is none that can be used."""
+    definition = packs.find(name) if isinstance(name, str) else None
+    with contextlib.suppress(TypeError, NameError):
+        return None if definition is None else signature(definition)
+    return None
 
 
 def type_name(kind: type) -> str:

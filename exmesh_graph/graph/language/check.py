@@ -14,15 +14,14 @@ from typing import Any
 from exmesh_graph.graph.declare.components import MAX_NESTING, BoundComponent
 from exmesh_graph.graph.declare.node import Component, NodeDef
 from exmesh_graph.graph.declare.packs import Packs, current
-from exmesh_graph.graph.declare.ports import Signature, signature
-from exmesh_graph.graph.language.expand import NodeSpec, Unrolled, expand
+from exmesh_graph.graph.declare.ports import Signature
+from exmesh_graph.graph.language.expand import Unrolled, expand
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.nodecheck import NodeCheck
 from exmesh_graph.graph.language.params import Declared
-from exmesh_graph.graph.language.renamed import with_present_names
 from exmesh_graph.graph.language.spec import load_tree
 from exmesh_graph.graph.language.wires import Wiring
-from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
+from exmesh_graph.graph.problems import Problems, Where
 from exmesh_graph.params import Params
 
 
@@ -107,10 +106,27 @@ def check_file(path: Path, overrides: Iterable[str], packs: Packs) -> Checked:
 
 def check(graph: Unrolled, packs: Packs, problems: Problems | None = None) -> Checked:
     """Check an expanded graph against the installed node types."""
+    nodes: dict[str, Bound] = {}
+    components: dict[str, BoundComponent] = {}
+    told = Problems() if problems is None else problems
     with packs:
-        told = Problems() if problems is None else problems
-        present, notes = with_present_names(graph, packs, told)
-        return _Check(present, packs, told).run(notes)
+        wiring = Wiring(graph, packs, told)
+        judged = {name: NodeCheck(name, wiring) for name in wiring.signatures}
+        for user, port, link, where in graph.given:
+            wiring.connect(link, where, f"{user}.{port.name}", port, user)
+        outputs = _outputs(wiring)
+        order = wiring.order({name: {link.node for link in node.links.values()} for name, node in judged.items()})
+        for name in dict.fromkeys([*order, *judged]):  # components before what they plug into
+            made = _bound(judged[name], components)
+            if isinstance(made, BoundComponent):
+                components[name] = made
+            elif made is not None:
+                nodes[name] = made
+        told.raise_if_any()
+    return Checked(
+        graph.name, graph.file, nodes, outputs, graph.params, components=components, declared=graph.declared,
+        packs=packs, notes=tuple(wiring.notes),
+    )  # fmt: skip
 
 
 def check_part(graph: Unrolled, name: str, packs: Packs) -> Problems:
@@ -119,91 +135,42 @@ def check_part(graph: Unrolled, name: str, packs: Packs) -> Problems:
     Wires may only lead to nodes of `graph`; what is wired elsewhere is Broken.
     """
     problems = Problems()
-    graph, _ = with_present_names(graph, packs, problems)
-    work = _Check(graph, packs, problems)
-    if name in work.wiring.signatures:
-        NodeCheck(graph.nodes[name], packs.types[graph.nodes[name].type], work.wiring, whole=False).params({})
+    wiring = Wiring(graph, packs, problems)
+    if name in wiring.signatures:
+        NodeCheck(name, wiring, whole=False).params({})
     return problems
 
 
-class _Check:
-    def __init__(self, graph: Unrolled, packs: Packs, problems: Problems) -> None:
-        self.graph, self.packs, self.problems = graph, packs, problems
-        self.nodes: dict[str, Bound] = {}
-        self.components: dict[str, BoundComponent] = {}
-        signatures = {name: self._signature(spec) for name, spec in graph.nodes.items()}
-        self.wiring = Wiring(graph, {name: kind for name, kind in signatures.items() if kind is not None}, problems)
+def _bound(node: NodeCheck, components: Mapping[str, BoundComponent]) -> Bound | BoundComponent | None:
+    """The node or component with validated parameters; None after a problem was noted."""
+    spec, where = node.spec, node.spec.where
+    plugs = {port: components[link.node] for port, link in node.links.items() if link.node in components}
+    node.check_libraries()
+    model = node.params({} if node.kind.component is None else {field: plug.value for field, plug in plugs.items()})
+    if isinstance(model, Component):
+        made = BoundComponent(spec.name, node.definition, model, plugs, where)
+        if made.depth <= MAX_NESTING:
+            return made
+        node.add_problem("link", where, f"components nest deeper than {MAX_NESTING}")
+    elif model is not None:
+        node.check_decided(model, plugs.values())
+        wires = {port: link for port, link in node.links.items() if link.port}
+        return Bound(spec.name, node.definition, node.kind, model, wires, node.sources(model), spec.seed, where, plugs)
+    return None
 
-    def run(self, notes: tuple[str, ...]) -> Checked:
-        graph, wiring = self.graph, self.wiring
-        judged = {}
-        for name in wiring.signatures:
-            judged[name] = NodeCheck(graph.nodes[name], self.packs.types[graph.nodes[name].type], wiring)
-        for user, port, link, where in graph.given:
-            end = f"{user}.{port.name}"
-            source = wiring.source(link, where, end, port, user)
-            if source is not None:
-                wiring.judge(link, source, port, end, where, user)
-        outputs = self._outputs()
-        for name in dict.fromkeys([*wiring.order(), *judged]):  # components before what they plug into
-            if name in judged:
-                self._bind(judged[name])
-        self.problems.raise_if_any()
-        return Checked(
-            graph.name, graph.file, self.nodes, outputs, graph.params, components=self.components,
-            declared=graph.declared, packs=self.packs, notes=notes,
-        )  # fmt: skip
 
-    def _signature(self, spec: NodeSpec) -> Signature | None:
-        """The ports and parameters of a node's type; None after a problem was noted."""
-        definition = self.packs.types.get(spec.type)
-        if definition is None:
-            self.problems.add(
-                "node-type", spec.where, f"{spec.name}: there is no node type {spec.type!r}",
-                nearest=nearest(spec.type, self.packs.types), fix="exmesh nodes lists all types",
-            )  # fmt: skip
-            for module, why in self.packs.broken.items():
-                what = f"the node module {module} cannot be imported: {why}"
-                self.problems.noted["node-module", module] = Problem("node-module", spec.where, what)
-            return None
-        try:
-            return signature(definition)
-        except (TypeError, NameError) as error:
-            self.problems.add("declaration", spec.where, f"{spec.type} is declared wrongly: {error}")
-            return None
-
-    def _bind(self, node: NodeCheck) -> None:
-        """Validate the parameters and make the node or component."""
-        spec, kind = node.spec, node.kind
-        plugged = {port: link.node for port, link in node.links.items() if not link.port}
-        plugs = {port: self.components[name] for port, name in plugged.items() if name in self.components}
-        node.check_libraries()
-        nested = {} if kind.component is None else {field: plug.value for field, plug in plugs.items()}
-        model = node.params(nested)
-        if isinstance(model, Component):
-            made = BoundComponent(spec.name, node.definition, model, plugs, spec.where)
-            if made.depth > MAX_NESTING:
-                node.add_problem("link", spec.where, f"components nest deeper than {MAX_NESTING}")
-            else:
-                self.components[spec.name] = made
-        elif model is not None:
-            node.check_decided(model, plugs.values())
-            wires = {port: link for port, link in node.links.items() if link.port}
-            self.nodes[spec.name] = Bound(
-                spec.name, node.definition, kind, model, wires, node.sources(model), spec.seed, spec.where, plugs
-            )
-
-    def _outputs(self) -> dict[str, Link]:
-        result = {}
-        for name, value in self.graph.outputs.items():
-            if isinstance(value.value, Link):
-                source = self.wiring.source(value.value, value.where, f"outputs.{name}")
-                if source is not None and source.plugged:
-                    what = f"outputs.{name}: {value.value} is a component, which has nothing to publish"
-                    self.problems.add("link", value.where, what, expected='"@node.port"')
-                elif source is not None:
-                    result[name] = value.value
-            elif value.value is not None and not isinstance(value.value, Broken):
-                what = f"outputs.{name} must be a link"
-                self.problems.add("link", value.where, what, expected='"@node.port"', found=repr(value.value))
-        return result
+def _outputs(wiring: Wiring) -> dict[str, Link]:
+    result = {}
+    for name, value in wiring.graph.outputs.items():
+        what, more = "", {}
+        if isinstance(value.value, Link):
+            wire = wiring.connect(value.value, value.where, f"outputs.{name}")
+            if wire is not None and wire[1].plugged:
+                what = f"outputs.{name}: {value.value} is a component, which has nothing to publish"
+            elif wire is not None:
+                result[name] = wire[0]
+        elif value.value is not None and not isinstance(value.value, Broken):
+            what, more = f"outputs.{name} must be a link", {"found": repr(value.value)}
+        if what:
+            wiring.problems.add("link", value.where, what, expected='"@node.port"', **more)
+    return result

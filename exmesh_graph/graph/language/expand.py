@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.parts import PartFiles, input_ports
 from exmesh_graph.graph.language.spec import BLOCK_KEYS, Tree, Value, check_keys, mapping_in, substitute, tree_of
 from exmesh_graph.graph.language.yamlfile import Map, is_whole
-from exmesh_graph.graph.problems import Problems, Where, fail, nearest
+from exmesh_graph.graph.problems import Problems, Where, fail, nearest, without_rounds
 
 MAX_ROUNDS = 1000
 MAX_NODES = 5000
@@ -108,7 +107,7 @@ class _Expansion:
         where = entry.lines["repeat"]
         count = substitute(entry["repeat"], scope.params, where, self.problems).value
         for override in self.tree.overrides:
-            if override.target == f"{_plain(full)}.repeat":
+            if override.target == f"{without_rounds(full)}.repeat":
                 count, override.used, where = override.value, True, Where(None)
         if not is_whole(count, 0, MAX_ROUNDS):
             expected = f"a whole number from 0 to {MAX_ROUNDS}"
@@ -202,7 +201,9 @@ class _Expansion:
         for override in self.tree.overrides:
             if not override.used:
                 node, _, key = override.target.rpartition(".")
-                names = [f"{name}.{key}" for name in nearest(node, [_plain(name) for name, _, _ in self.pending])]
+                names = [
+                    f"{name}.{key}" for name in nearest(node, [without_rounds(name) for name, _, _ in self.pending])
+                ]
                 what = f"--set {override.target}: there is no node {node!r}"
                 self.problems.add("set", Where(None), what, nearest=names)
         return tuple(given)
@@ -271,7 +272,7 @@ class _Expansion:
         """(key, value) of every `--set` that concerns a node or sub-graph."""
         for override in self.tree.overrides:
             target, _, key = override.target.rpartition(".")
-            if target in (full, _plain(full)):
+            if target in (full, without_rounds(full)):
                 override.used = True
                 yield key, override.value
 
@@ -280,8 +281,3 @@ class _Expansion:
             return given.value
         self.problems.add("seed", given.where, f"{full}: seed must be a whole number >= 0")
         return 0
-
-
-def _plain(name: str) -> str:
-    """`rounds[3].refine` without its round: `rounds.refine`."""
-    return re.sub(r"\[\d+\]", "", name)

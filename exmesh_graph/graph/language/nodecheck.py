@@ -9,10 +9,9 @@ from typing import Any
 
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
 from exmesh_graph.graph.declare.components import BoundComponent
-from exmesh_graph.graph.declare.node import Component, NodeDef
+from exmesh_graph.graph.declare.node import Component
 from exmesh_graph.graph.declare.packs import library_version
-from exmesh_graph.graph.declare.ports import RESERVED, link_form, signature
-from exmesh_graph.graph.language.expand import NodeSpec
+from exmesh_graph.graph.declare.ports import RESERVED, Port, link_form, signature
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.language.wires import Wiring
@@ -21,32 +20,66 @@ from exmesh_graph.params import Auto, Params
 
 
 class NodeCheck:
-    """A node or component, its entries sorted into wires (`links`) and parameters (`given`).
+    """A node or component, its entries sorted into wires (`links`) and parameters (`given`), by their present names.
 
     `whole` is False for one that is still being written: what it lacks is no fault yet.
     """
 
-    def __init__(self, spec: NodeSpec, definition: NodeDef, wiring: Wiring, whole: bool = True) -> None:
-        self.spec, self.definition, self.wiring, self.whole = spec, definition, wiring, whole
-        self.kind = kind = wiring.signatures[spec.name]
+    def __init__(self, name: str, wiring: Wiring, whole: bool = True) -> None:
+        self.spec, self.wiring, self.whole = wiring.graph.nodes[name], wiring, whole
+        self.definition, self.kind = wiring.definitions[name], wiring.signatures[name]
         self.links: dict[str, Link] = {}
         self.given: dict[str, Value] = {}
-        if kind.component is not None and spec.seeded is not None:
-            wiring.problems.add("seed", spec.seeded, f"{spec.name} is a component, which has no seed")
-        for key, value in spec.fields.items():
-            if key in kind.inputs:
-                link = wiring.connect(spec, kind.inputs[key], value)
-                self.links |= {} if link is None else {key: link}
-            elif key in kind.params.model_fields:
+        self.fields = self._in_present_names()
+        if self.kind.component is not None and self.spec.seeded is not None:
+            wiring.problems.add("seed", self.spec.seeded, f"{name} is a component, which has no seed")
+        for key, value in self.fields.items():
+            if key in self.kind.inputs:
+                self._connect(self.kind.inputs[key], value)
+            elif key in self.kind.params.model_fields:
                 self.given[key] = value
             elif not value.inherited:
                 self._refuse_unknown(key, value)
-        for name, port in kind.inputs.items():
-            if whole and not port.optional and name not in spec.fields:
+        for key, port in self.kind.inputs.items():
+            if whole and not port.optional and key not in self.fields:
                 self.add_problem(
-                    "missing-port", spec.where, f"the input {name} is not connected", expected=str(port),
-                    nearest=wiring.suitable(port, spec.name), fix=f"{name}: {link_form(port)}",
+                    "missing-port", self.spec.where, f"the input {key} is not connected", expected=str(port),
+                    nearest=wiring.suitable(port, name), fix=f"{key}: {link_form(port)}",
                 )  # fmt: skip
+
+    def _in_present_names(self) -> dict[str, Value]:
+        """The entries by the names that ports and parameters have now.
+
+        Two values for one of them are a problem, unless one stands closer to the run: in the file that extends
+        another, in the settings of a round, on the command line.
+        """
+        fields: dict[str, tuple[str, Value]] = {}
+        for key, value in self.spec.fields.items():
+            present = self.kind.renamed.get(key, key)
+            name = self.wiring.note(value.where, f"{self.definition.type}:", key, present)
+            if name in fields:
+                written, other = fields[name]
+                ranks = [(v.layer, v.where.file == self.wiring.graph.file) for v in (other, value)]
+                if ranks[0] == ranks[1] and other.where.file == value.where.file:
+                    self.add_problem("renamed", value.where, f"{name} is given twice, as {written!r} and as {key!r}",
+                                     found=f"the other one: {other.where}", fix=f"keep {name!r}")  # fmt: skip
+                if ranks[0] > ranks[1]:
+                    continue
+            fields[name] = key, value
+        return {name: value for name, (_, value) in fields.items()}
+
+    def _connect(self, port: Port, value: Value) -> None:
+        """Judge what stands at an input port."""
+        name, link = self.spec.name, value.value
+        if isinstance(link, Link):
+            wire = self.wiring.connect(link, value.where, f"{name}.{port.name}", port, name)
+            self.links |= {} if wire is None else {port.name: wire[0]}
+        elif not isinstance(link, Broken) and not (link is None and port.optional):
+            self.add_problem(
+                "link", value.where, f"{port.name} is an input port, not a parameter",
+                expected=f"a link {link_form(port)} that carries {port}",
+                found="nothing" if link is None else repr(link), nearest=self.wiring.suitable(port, name),
+            )  # fmt: skip
 
     def add_problem(self, code: str, where: Where, what: str, **more: Any) -> None:
         """Note a fault of this node."""
@@ -85,7 +118,7 @@ class NodeCheck:
             try:
                 library_version(library)
             except MissingLibraryError as error:
-                what = f"{self.spec.type} needs the library {library}"
+                what = f"{self.definition.type} needs the library {library}"
                 self.add_problem("missing-library", self.spec.where, what, fix=error.fix)
 
     def check_decided(self, own: Params, plugs: Iterable[BoundComponent]) -> None:
@@ -95,13 +128,13 @@ class NodeCheck:
         asked += [(c.name, signature(c.definition), c.value, c.where) for plug in plugs for c in plug.all()]
         auto = [(*of, name, port) for of in asked for name, port in of[1].decided_by().items()]
         for owner, _, model, where, name, port in auto:
-            if getattr(model, name) != Auto.word or (port in spec.fields and spec.fields[port].value is not None):
+            if getattr(model, name) != Auto.word or (port in self.fields and self.fields[port].value is not None):
                 continue
             judge, end = self.kind.inputs.get(port), port if owner == spec.name else f"{spec.name}.{port}"
             problems.add(
                 "auto", self.given[name].where if owner == spec.name and name in self.given else where,
                 f"{owner}: {name} is auto, but nothing is wired to {end}, which decides it",
-                expected=str(judge or f"{spec.type} has no port {port}"),
+                expected=str(judge or f"{self.definition.type} has no port {port}"),
                 nearest=() if judge is None else self.wiring.suitable(judge, spec.name),
                 fix=f'{f"{end}: {link_form(judge)}, or " if judge else ""}give {name} a value',
             )  # fmt: skip
@@ -123,7 +156,7 @@ class NodeCheck:
             return {}
         for name, path in files.items():
             if PurePath(name).is_absolute():
-                what = f"{self.spec.type}: the source name {name!r} is an absolute path; keys must not hold any"
+                what = f"{self.definition.type}: the source name {name!r} is an absolute path; keys must not hold any"
                 self.wiring.problems.add("declaration", self.spec.where, what)
             elif not path.is_file():
                 self.add_problem("source", where, f"no such file: {path}")
@@ -136,8 +169,8 @@ class NodeCheck:
         reserved = f"; {key!r} is a word of the framework" if key in RESERVED else ""
         self.add_problem(
             "unknown-port" if link else "unknown-parameter", value.where,
-            f"{self.spec.type} has no {'input port' if link else 'parameter'} {key!r}{reserved}",
-            nearest=nearest(key, [*first, *second]) or list(first), fix=f"exmesh nodes {self.spec.type}",
+            f"{self.definition.type} has no {'input port' if link else 'parameter'} {key!r}{reserved}",
+            nearest=nearest(key, [*first, *second]) or list(first), fix=f"exmesh nodes {self.definition.type}",
         )  # fmt: skip
 
     def _refuse_value(self, error: Mapping[str, Any]) -> None:
@@ -147,7 +180,9 @@ class NodeCheck:
         if missing and not self.whole:
             return
         what = (
-            f"the parameter {key} must be given" if missing else f"{'.'.join(path) or self.spec.type}: {error['msg']}"
+            f"the parameter {key} must be given"
+            if missing
+            else f"{'.'.join(path) or self.definition.type}: {error['msg']}"
         )
         expected, given = "", self.given.get(key)
         if key in self.kind.params.model_fields:

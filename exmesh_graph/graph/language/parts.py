@@ -24,7 +24,7 @@ from typing import Any
 from exmesh_graph.graph.declare.ports import Port, types_by_name
 from exmesh_graph.graph.language.extends import load_merged, merge_nodes
 from exmesh_graph.graph.language.spec import Tree, Value
-from exmesh_graph.graph.language.yamlfile import Map, files_like
+from exmesh_graph.graph.language.yamlfile import Map, copied, files_like
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 MAX_DEPTH = 16
@@ -65,25 +65,19 @@ class PartFiles:
         if path not in self.files:
             self.files[path] = load_merged(path, self.problems)
         if (path, where) not in self.copies:
-            self.copies[path, where] = self._used_at(self.files[path], where)
+            self.left -= _size(self.files[path])
+            if self.left < 0:
+                fail("graph", where, f"the sub-graphs of this graph hold more than {MAX_COPIED} values")
+            self.copies[path, where] = copied(self.files[path], lambda here: replace(here, via=where))
         merged = self.copies[path, where].copy()
         if isinstance(merged.get("nodes"), Map) and isinstance(patches, Map):
             merged["nodes"] = merge_nodes(merged["nodes"], patches, self.problems)
         return merged
 
-    def _used_at(self, value: Any, via: Where) -> Any:
-        """A copy of a file's values whose places also tell where the file is used."""
-        self.left -= 1
-        if self.left < 0:
-            fail("graph", via, f"the sub-graphs of this graph hold more than {MAX_COPIED} values")
-        if isinstance(value, list):
-            return [self._used_at(item, via) for item in value]
-        if not isinstance(value, Map):
-            return value
-        result = Map(replace(value.where, via=via))
-        for key, item in value.items():
-            result.put(key, self._used_at(item, via), replace(value.lines[key], via=via))
-        return result
+
+def _size(value: Any) -> int:
+    """How many values a value holds, itself counted."""
+    return 1 + sum(map(_size, value.values() if isinstance(value, Map) else value if isinstance(value, list) else ()))
 
 
 def input_ports(tree: Tree, problems: Problems) -> dict[str, Port]:

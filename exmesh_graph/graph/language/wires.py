@@ -1,6 +1,7 @@
 """Judging the wires of an expanded graph: does the far end exist, is its type taken, do the facets agree; cycles.
 
-Facets that an output does not promise are left to the run (see `contracts`).
+Facets that an output does not promise are left to the run (see `contracts`). Old names of types and outputs, which
+`@node(..., was=("old.type",))` and `Annotated[Mesh, was("old")]` declare, do for one release what the new ones do.
 """
 
 from __future__ import annotations
@@ -8,120 +9,112 @@ from __future__ import annotations
 import contextlib
 import heapq
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
+from typing import Any
 
-from exmesh_graph.graph.declare.ports import Port, Signature, link_form
+from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import Packs
+from exmesh_graph.graph.declare.ports import Port, Signature, signature
 from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
-from exmesh_graph.graph.language.links import Broken, Link
-from exmesh_graph.graph.language.spec import Value
-from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.language.links import Link
+from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
 
 
-@dataclass
 class Wiring:
-    """The wires judged so far: by node and input port, the link and where it was written."""
+    """The ends that wires may have: definition and signature of every node whose type is known.
 
-    graph: Unrolled
-    signatures: Mapping[str, Signature]
-    problems: Problems
-    wires: dict[str, dict[str, tuple[Link, Where]]] = field(default_factory=dict)
+    `notes` tell of old names that the graph uses.
+    """
 
-    def connect(self, spec: NodeSpec, port: Port, value: Value) -> Link | None:
-        """The link of an input port, judged; None where there is none that can be used."""
-        link = value.value
-        if isinstance(link, Broken) or (link is None and port.optional):
-            return None
-        if not isinstance(link, Link):
+    def __init__(self, graph: Unrolled, packs: Packs, problems: Problems) -> None:
+        self.graph, self.packs, self.problems = graph, packs, problems
+        self.notes: dict[str, None] = {}
+        self.definitions: dict[str, NodeDef] = {}
+        self.signatures: dict[str, Signature] = {}
+        for spec in graph.nodes.values():
+            self._find_type(spec)
+
+    def note(self, where: Where, what: str, old: str, new: str) -> str:
+        """The present name of something that is written in one it had before."""
+        if old != new:
+            text = f"{where}: {what} {old!r} is now called {new!r}; the old name goes with the next release"
+            self.notes[text] = None
+        return new
+
+    def _find_type(self, spec: NodeSpec) -> None:
+        definition = self.packs.find(spec.type)
+        if definition is None:
             self.problems.add(
-                "link", value.where, f"{spec.name}: {port.name} is an input port, not a parameter",
-                expected=f"a link {link_form(port)} that carries {port}",
-                found="nothing" if link is None else repr(link), nearest=self.suitable(port, spec.name),
+                "node-type", spec.where, f"{spec.name}: there is no node type {spec.type!r}",
+                nearest=nearest(spec.type, self.packs.types), fix="exmesh nodes lists all types",
             )  # fmt: skip
-            return None
-        source = self.source(link, value.where, f"{spec.name}.{port.name}", port, spec.name)
-        if source is None:
-            return None
-        self.wires.setdefault(spec.name, {})[port.name] = (link, value.where)
-        self.judge(link, source, port, f"{spec.name}.{port.name}", value.where, spec.name)
-        return link
+            for module, why in self.packs.broken.items():
+                what = f"the node module {module} cannot be imported: {why}"
+                self.problems.noted["node-module", module] = Problem("node-module", spec.where, what)
+            return
+        name = self.note(spec.where, "the node type", spec.type, definition.type)
+        try:
+            self.signatures[spec.name], self.definitions[spec.name] = signature(definition), definition
+        except (TypeError, NameError) as error:
+            self.problems.add("declaration", spec.where, f"{name} is declared wrongly: {error}")
 
-    def source(self, link: Link, where: Where, name: str, port: Port | None = None, user: str = "") -> Port | None:
-        """The output that a link points to (for a component: a port of its class); None after a problem was noted.
+    def connect(
+        self, link: Link, where: Where, end: str, port: Port | None = None, user: str = ""
+    ) -> tuple[Link, Port] | None:
+        """A link in its present name, and the output that it leads to (for a component: a port of its class).
 
-        `name` is the near end, `port` what it takes (None: any artifact).
+        `end` is the near end, `port` what it takes (None: any artifact), `user` the node that it feeds. What does not
+        fit is noted; None where the far end does not exist.
         """
-        if link.node not in self.graph.nodes:
-            port_part = f".{link.port}" if link.port else ""
-            names = [f"@{near}{port_part}" for near in nearest(link.node, self.graph.nodes)]
-            self.problems.add(
-                "unknown-node", where, f"{link}: there is no node {link.node!r}",
-                wire=f"{str(link)[1:]} (nowhere) -> {name} ({where})", nearest=names or self.suitable(port, user),
-            )  # fmt: skip
-            return None
-        kind = self.signatures.get(link.node)
-        if kind is None:
-            return None
-        spec, names = self.graph.nodes[link.node], [f"@{link.node}.{output}" for output in kind.outputs]
-        if kind.component is not None:
-            if link.port:
-                self.problems.add(
-                    "link", where, f"{link}: {link.node} is a component ({spec.type}), which has no outputs",
-                    wire=self._wire(link, name, where), nearest=[f"@{link.node}"],
-                    fix=f'link the component itself: "@{link.node}"',
-                )  # fmt: skip
-                return None
-            return Port("", (kind.component,))
-        if not link.port:
-            fits = [n for n, out in kind.outputs.items() if port is None or port.takes(out)]
-            self.problems.add(
-                "link", where, f"{link}: {link.node} is a node ({spec.type}); a link names one of its outputs",
-                wire=self._wire(link, name, where), expected="" if port is None else str(port),
-                nearest=[f"@{link.node}.{near}" for near in fits] or self.suitable(port, user) or names,
-            )  # fmt: skip
-            return None
-        if link.port not in kind.outputs:
-            self.problems.add(
-                "unknown-port", where, f"{link}: {spec.type} has no output {link.port!r}",
-                wire=self._wire(link, name, where),
-                expected=", ".join(f"{key}: {out}" for key, out in kind.outputs.items()),
-                nearest=[f"@{link.node}.{near}" for near in nearest(link.port, kind.outputs)] or names,
-            )  # fmt: skip
-            return None
-        return kind.outputs[link.port]
 
-    def judge(self, link: Link, source: Port, port: Port, name: str, where: Where, user: str) -> None:
-        """Types, presence and facets of one wire; `name` is its near end, `user` the node that it feeds."""
-        if not issubclass(source.type, port.types):
+        def refuse(code: str, what: str, **more: Any) -> None:
+            far = self.graph.nodes.get(link.node)
+            wire = f"{str(link)[1:]} ({far.where if far else 'nowhere'}) -> {end} ({where})"
+            self.problems.add(code, where, what, **{"wire": wire, "expected": str(port or ""), **more})
+
+        if link.node not in self.graph.nodes:
+            names = [str(replace(link, node=near)) for near in nearest(link.node, self.graph.nodes)]
+            what = f"{link}: there is no node {link.node!r}"
+            refuse("unknown-node", what, nearest=names or self.suitable(port, user))
+            return None
+        if link.node not in self.signatures:
+            return None
+        kind = self.signatures[link.node]
+        type, names = self.definitions[link.node].type, [f"@{link.node}.{output}" for output in kind.outputs]
+        if kind.component is not None and link.port:
+            what, own = f"{link}: {link.node} is a component ({type}), which has no outputs", f"@{link.node}"
+            refuse("link", what, nearest=[own], fix=f'link the component itself: "{own}"')
+            return None
+        if kind.component is None and not link.port:
+            fits = [f"@{link.node}.{n}" for n, out in kind.outputs.items() if port is None or port.takes(out)]
+            what = f"{link}: {link.node} is a node ({type}); a link names one of its outputs"
+            refuse("link", what, nearest=fits or self.suitable(port, user) or names)
+            return None
+        new = self.note(where, f"the output of {type}", link.port, kind.renamed_outputs.get(link.port, link.port))
+        link = replace(link, port=new)
+        if kind.component is None and new not in kind.outputs:
+            near = [f"@{link.node}.{near}" for near in nearest(new, kind.outputs)] or names
+            expected = ", ".join(f"{key}: {out}" for key, out in kind.outputs.items())
+            refuse("unknown-port", f"{link}: {type} has no output {new!r}", expected=expected, nearest=near)
+            return None
+        source = kind.outputs[new] if kind.component is None else Port("", (kind.component,))
+        if port is not None and not issubclass(source.type, port.types):
+            what, name = f"{link} does not fit {end}", source.type.__name__
             if source.plugged != port.plugged and not port.mixed:
                 words = ("an artifact", "a component") if port.plugged else ("a component", "an artifact")
-                what = f"{link} is {words[0]}, but {name} takes {words[1]}"
-            else:
-                what = f"{link} does not fit {name}"
-            again = source.type.__name__ in [kind.__name__ for kind in port.types]
-            fix = (
-                f"{source.type.__name__} was defined again: also run again what declares the two nodes" if again else ""
-            )
-            self.problems.add(
-                "wrong-type", where, what, wire=self._wire(link, name, where), expected=str(port), found=str(source),
-                nearest=self.suitable(port, user), fix=fix,
-            )  # fmt: skip
-        elif source.optional and not port.optional:
-            self.problems.add(
-                "maybe-absent", where, f"{link} may be absent, but {name} needs it",
-                wire=self._wire(link, name, where), expected=str(port), found=f"{source} or nothing",
-            )  # fmt: skip
-        else:
+                what = f"{link} is {words[0]}, but {end} takes {words[1]}"
+            again = name in [kind.__name__ for kind in port.types]
+            fix = f"{name} was defined again: also run again what declares the two nodes" if again else ""
+            refuse("wrong-type", what, found=str(source), nearest=self.suitable(port, user), fix=fix)
+        elif port is not None and source.optional and not port.optional:
+            refuse("maybe-absent", f"{link} may be absent, but {end} needs it", found=f"{source} or nothing")
+        elif port is not None:
             for facet, (wanted, promised) in port.clashes(source).items():
-                self.problems.add(
-                    "facet", where, f"{link} has {facet}={promised!r}, but {name} takes {facet}={wanted!r}",
-                    wire=self._wire(link, name, where), expected=str(port), found=f"{source}, {facet}={promised!r}",
-                    nearest=self.suitable(port, user),
-                )  # fmt: skip
-
-    def _wire(self, link: Link, name: str, where: Where) -> str:
-        """Both ends of a wire, for messages."""
-        return f"{str(link)[1:]} ({self.graph.nodes[link.node].where}) -> {name} ({where})"
+                what = f"{link} has {facet}={promised!r}, but {end} takes {facet}={wanted!r}"
+                found, near = f"{source}, {facet}={promised!r}", self.suitable(port, user)
+                refuse("facet", what, found=found, nearest=near)
+        return link, source
 
     def suitable(self, port: Port | None, user: str) -> list[str]:
         """Links that would fit a port: those known to have its facets first, then those of the user's own block."""
@@ -138,11 +131,12 @@ class Wiring:
                     fits[f"@{name}.{output.name}"] = (not port.facets.keys() <= output.promises.keys(), far)
         return sorted(fits, key=fits.__getitem__)[:3]
 
-    def order(self) -> list[str]:
-        """Topological order, ties by the order of the file; nodes in and behind a cycle are left out."""
-        names = list(self.graph.nodes)
+    def order(self, sources: Mapping[str, set[str]]) -> list[str]:
+        """Topological order of the nodes in `sources`, ties by the order of the file; what is in and behind a cycle,
+        which is noted, is left out.
+        """
+        names = list(sources)
         rank = {name: index for index, name in enumerate(names)}
-        sources = {name: {link.node for link, _ in self.wires.get(name, {}).values()} for name in names}
         sorter = TopologicalSorter(sources)
         with contextlib.suppress(CycleError):  # what stands neither in a cycle nor behind one still comes out
             sorter.prepare()

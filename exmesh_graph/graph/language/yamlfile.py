@@ -57,6 +57,16 @@ class Map(dict[Any, Any]):
         return other
 
 
+def copied(value: Any, place: Callable[[Where], Where] = lambda where: where) -> Any:
+    """A deep copy of plain values, each at `place` of where it stood."""
+    if not isinstance(value, Map):
+        return [copied(item, place) for item in value] if isinstance(value, list) else value
+    other = Map(place(value.where))
+    for key, item in value.items():
+        other.put(key, copied(item, place), place(value.lines[key]))
+    return other
+
+
 class Reader:
     """How a session reads texts: with `parse_yaml`, or with what `parsed.remembered` made of it."""
 

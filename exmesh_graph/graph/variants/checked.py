@@ -15,8 +15,7 @@ from exmesh_graph.graph.language.spec import tree_of
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
 from exmesh_graph.graph.variants.declared import BASE, Repeats, Row, repeats_of, rows_of, setting
-from exmesh_graph.graph.variants.draft import Draft
-from exmesh_graph.graph.variants.entries import is_part, refuse
+from exmesh_graph.graph.variants.draft import Draft, refuse
 from exmesh_graph.graph.variants.patches import apply_patches
 
 
@@ -120,11 +119,8 @@ def _built(
 
 def _has_node(top: Map, name: str, packs: Packs) -> bool:
     """Whether a merged file has this node, or a sub-graph that may hold it: a variant may have taken it out."""
-    draft, path = Draft(top, packs), tuple(name.split("."))
-    known = set(draft.paths())
-    return any(
-        path[:n] in known and (n == len(path) or is_part(draft.entry(path[:n]))) for n in range(1, len(path) + 1)
-    )
+    draft = Draft(top, packs)
+    return name in draft.entries or bool(draft.part_around(name))
 
 
 def _attributed(problem: Problem, names: list[str]) -> Problem:

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from exmesh_graph.graph.problems import without_rounds
+
 Resolved = Mapping[str, Any]
 ADDED, REMOVED, CHANGED = "added", "removed", "changed"
 
@@ -37,7 +39,7 @@ class Difference:
         grouped: dict[tuple[str, str], list[tuple[str, str]]] = {}
         for node, words in self.words.items():
             for word in words:
-                key = (folded(node), word if _says_nothing(folded(word)) else folded(word))
+                key = (without_rounds(node), word if _says_nothing(without_rounds(word)) else without_rounds(word))
                 grouped.setdefault(key, []).append((node, word))
         for (node, word), members in grouped.items():
             count, total = len(members), self.rounds[node]
@@ -53,24 +55,24 @@ def compare(old: Resolved, new: Resolved, same: Mapping[str, str] | None = None)
     """The difference between two resolved graphs. `same` maps removed nodes to added ones that do the same."""
     result = Difference()
     before, after = old["nodes"], new["nodes"]
-    result.rounds.update(folded(name) for name in {**before, **after})
+    result.rounds.update(without_rounds(name) for name in {**before, **after})
     rounds = {name: (count, _rounds(after).get(name, 0)) for name, count in _rounds(before).items()}
     rounds = {name: counts for name, counts in rounds.items() if counts[0] != counts[1] and counts[1]}
     result.renamed = {a: b for a, b in (same or {}).items() if a not in after and b not in before}
     back = {b: a for a, b in result.renamed.items()}
     result.graph += _settings("graph parameter", old.get("params", {}), new.get("params", {}))
     result.graph += [f"{name}: {counts[0]} -> {counts[1]} rounds" for name, counts in rounds.items()]
-    kept = {folded(name) for name in before} & {folded(name) for name in after}
+    kept = {without_rounds(name) for name in before} & {without_rounds(name) for name in after}
     for name in before:
         if name not in after and name not in result.renamed:
             result.states[name] = REMOVED
-            if not (_block(name) in rounds and folded(name) in kept):  # said by the number of rounds
+            if not (_block(name) in rounds and without_rounds(name) in kept):  # said by the number of rounds
                 result.words[name] = [f"removed ({before[name]['type']})"]
     for name, entry in after.items():
         if name not in before and name not in back:
             wires = ", ".join(f"{port} from {link}" for port, link in entry["inputs"].items())
             result.states[name] = ADDED
-            if not (_block(name) in rounds and folded(name) in kept):
+            if not (_block(name) in rounds and without_rounds(name) in kept):
                 result.words[name] = [f"added ({entry['type']}{', ' + wires if wires else ''})"]
         else:
             words = list(_changes(before[back.get(name, name)], entry, result.renamed, rounds))
@@ -94,11 +96,6 @@ def wires_of(graph: Resolved) -> dict[tuple[str, str], None]:
     return {(_node(link), name): None for name, entry in graph["nodes"].items() for link in entry["inputs"].values()}
 
 
-def folded(text: str) -> str:
-    """Without round numbers: `rounds[3].refine` -> `rounds.refine`."""
-    return re.sub(r"\[\d+\]", "", text)
-
-
 def rerun(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
     """Nodes of the new graph that no node of the old one stands for; both map names to identities or keys."""
     known = set(old.values())
@@ -109,7 +106,7 @@ def named_in_short(names: Iterable[str], at_most: int = 12) -> str:
     """`hull, rounds.refine (4 rounds), ...`: rounds folded, the rest counted."""
     counts: dict[str, int] = {}
     for name in names:
-        counts[folded(name)] = counts.get(folded(name), 0) + 1
+        counts[without_rounds(name)] = counts.get(without_rounds(name), 0) + 1
     words = [f"{name} ({count} rounds)" if count > 1 else name for name, count in counts.items()]
     return ", ".join(words[:at_most]) + (f" and {len(words) - at_most} more" if len(words) > at_most else "")
 
@@ -133,7 +130,9 @@ def _changes(
         if before is not None:
             node = _node(before)
             before = before.replace(node, renamed.get(node, node), 1)
-        last_round = before and after and folded(before) == folded(after) and _block(_node(after)) in rounds
+        last_round = (
+            before and after and without_rounds(before) == without_rounds(after) and _block(_node(after)) in rounds
+        )
         if before != after and not last_round:
             yield f"{port} from {_shown(before)} -> {_shown(after)}"
 
@@ -169,14 +168,14 @@ def _rounds(nodes: Mapping[str, Any]) -> dict[str, int]:
     counts: dict[str, int] = {}
     for name in nodes:
         for match in re.finditer(r"\[(\d+)\]", name):
-            block = folded(name[: match.start()])
+            block = without_rounds(name[: match.start()])
             counts[block] = max(counts.get(block, 0), int(match.group(1)))
     return counts
 
 
 def _block(name: str) -> str:
     """The innermost block of `rounds[3].refine`: rounds."""
-    return folded(name.rpartition(".")[0]) if "[" in name else ""
+    return without_rounds(name.rpartition(".")[0]) if "[" in name else ""
 
 
 def _node(link: str) -> str:

@@ -26,7 +26,7 @@ from typing import Any
 
 from exmesh_graph.graph.language.yamlfile import Map, is_whole
 from exmesh_graph.graph.problems import GraphErrors, Problem, Where, nearest
-from exmesh_graph.graph.variants.entries import refuse
+from exmesh_graph.graph.variants.draft import refuse
 from exmesh_graph.graph.variants.patches import operation_of
 
 MAX_VARIANTS = 200

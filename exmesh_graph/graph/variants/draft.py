@@ -7,47 +7,87 @@ empty one is the graph itself); links are read in the scope they stand in, inner
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.declare.ports import Port, Signature, signature
+from exmesh_graph.graph.declare.ports import Port, Signature, signature_of
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.spec import Value, resolve_params, substitute
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import Problems, Where, nearest
-from exmesh_graph.graph.variants.entries import is_block, is_link, is_part, layers_of, refuse
+from exmesh_graph.graph.problems import Problems, Where, fail, nearest, without_rounds
 
-Names = tuple[str, ...]
-_PART = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d+)\])?\Z")
-_LINK = re.compile(r"@([^@\s]+)\.([A-Za-z_]\w*)\Z")
+_ADDRESS = re.compile(r"[A-Za-z_][\w-]*(\[\d+\])?(\.[A-Za-z_][\w-]*(\[\d+\])?)*")
+_LINK = re.compile(r"@([^@\s]+)\.([A-Za-z_]\w*)")
+
+
+def refuse(where: Where, what: str, *, near: Iterable[str] = (), **more: Any) -> NoReturn:
+    """A patch whose precondition does not hold; `more` are Problem's expected, found and fix."""
+    fail("patch", where, what, nearest=near, **more)
+
+
+def is_block(entry: Any) -> bool:
+    """Whether an entry is a repeat block with nodes."""
+    return isinstance(entry, Map) and "repeat" in entry and isinstance(entry.get("nodes"), Map)
+
+
+def is_part(entry: Any) -> bool:
+    """Whether an entry uses a graph file as a sub-graph."""
+    return isinstance(entry, Map) and "graph" in entry
+
+
+def is_link(value: Any) -> bool:
+    """Whether a value is a link (`@@` begins a plain string)."""
+    return isinstance(value, str) and value.startswith("@") and not value.startswith("@@")
+
+
+def layers_of(entry: Map) -> Iterator[tuple[Map, str, Any]]:
+    """(settings, `every` or `at`, number) of single rounds of a node."""
+    for key in ("every", "at"):
+        rounds = entry.get(key)
+        for number, layer in rounds.items() if isinstance(rounds, Map) else ():
+            if isinstance(layer, Map):
+                yield layer, key, number
+
+
+def home_of(path: str) -> str:
+    """The scope that a node stands in."""
+    return path.rpartition(".")[0]
+
+
+def within(path: str, scope: str) -> bool:
+    """Whether `path` is `scope` or lies in it."""
+    return not scope or path == scope or path.startswith(scope + ".")
 
 
 @dataclass(frozen=True)
-class Address:
-    """What a patch names: a node or block by its path, one round of its block if given, and a key in it."""
+class Place:
+    """A node or block by its path; none where a link comes from `@carry`."""
 
-    path: Names
+    path: str
+
+    @property
+    def scope(self) -> str:
+        return self.path.rpartition(".")[0]
+
+    @property
+    def name(self) -> str:
+        return self.path.rpartition(".")[2]
+
+
+@dataclass(frozen=True)
+class Address(Place):
+    """What a patch names: a node or block, one round of its block if given, and a key in it."""
+
     round: int | None = None
     key: str = ""
 
-    @property
-    def scope(self) -> Names:
-        return self.path[:-1]
-
-    def __str__(self) -> str:
-        parts = list(self.path)
-        if self.round is not None:
-            parts[-2] += f"[{self.round}]"
-        return ".".join([*parts, self.key] if self.key else parts)
-
 
 @dataclass(frozen=True)
-class Source:
-    """Where a link comes from. `path` is a node, or a block whose carried value is meant; None for `@carry`."""
+class Source(Place):
+    """Where a link comes from: a node, or a block whose carried value is meant."""
 
-    path: Names | None
     port: str
     text: str
     by_round: bool = False
@@ -59,8 +99,8 @@ class LinkPlace:
 
     holder: Map
     key: Any
-    scope: Names
-    owner: Names
+    scope: str
+    owner: str
     label: str
 
     @property
@@ -71,9 +111,6 @@ class LinkPlace:
     def where(self) -> Where:
         return self.holder.lines[self.key]
 
-    def put(self, text: str, where: Where) -> None:
-        self.holder.put(self.key, text, where)
-
 
 @dataclass
 class Draft:
@@ -83,75 +120,72 @@ class Draft:
     packs: Packs
 
     @property
-    def nodes(self) -> Map:
-        nodes = self.top.get("nodes")
-        return nodes if isinstance(nodes, Map) else Map(self.top.where)
+    def entries(self) -> dict[str, Any]:
+        """All nodes and blocks by their paths, in the order of the file."""
+        found: dict[str, Any] = {}
 
-    def inside(self, scope: Names) -> Map:
+        def walk(nodes: Map, prefix: str) -> None:
+            for name, entry in nodes.items():
+                found[f"{prefix}{name}"] = entry
+                if is_block(entry):
+                    walk(entry["nodes"], f"{prefix}{name}.")
+
+        walk(self.inside(""), "")
+        return found
+
+    def inside(self, scope: str) -> Map:
         """The nodes of a scope."""
-        nodes = self.nodes
-        for name in scope:
+        nodes = self.top.get("nodes")
+        nodes = nodes if isinstance(nodes, Map) else Map(self.top.where)
+        for name in filter(None, scope.split(".")):
             nodes = nodes[name]["nodes"]
         return nodes
-
-    def entry(self, path: Names) -> Map:
-        """The entry of a node or block that exists."""
-        entry: Map = self.inside(path[:-1])[path[-1]]
-        return entry
-
-    def paths(self) -> Iterator[Names]:
-        """All nodes and blocks."""
-
-        def walk(nodes: Map, scope: Names) -> Iterator[Names]:
-            for name, entry in nodes.items():
-                yield (*scope, str(name))
-                if is_block(entry):
-                    yield from walk(entry["nodes"], (*scope, str(name)))
-
-        return walk(self.nodes, ())
-
-    def names(self) -> list[str]:
-        return [".".join(path) for path in self.paths()]
 
     # --- what a patch names
 
     def address(self, text: Any, where: Where, *, key: bool) -> Address:
         """Read `rounds.merge` (a node) or, with `key`, `rounds[3].merge.views` (a node and a key of it)."""
-        parts = [_PART.match(part) for part in text.split(".")] if isinstance(text, str) else []
         shown = "node.port or node.parameter" if key else "a node's name, with its block: rounds.merge"
-        if not parts or not all(parts):
+        if not isinstance(text, str) or not _ADDRESS.fullmatch(text):
             refuse(where, f"{text!r} names nothing", expected=shown)
-        read = [(match.group(1), match.group(2)) for match in parts if match]
-        last = read.pop() if key else None
-        if last and (not read or last[1]):
-            refuse(where, f"{text!r} names no key of a node", expected=shown, near=self._keys_like(last[0]))
-        path = tuple(name for name, _ in read)
-        if path not in set(self.paths()):
-            plain = ".".join(path)
-            what = f"there is no node {plain!r}"
-            if key and (*path, last[0] if last else "") in set(self.paths()):
+        node, _, last = text.rpartition(".") if key else (text, "", "")
+        if key and (not node or "[" in last):
+            near = self._keys_like(without_rounds(last))
+            refuse(where, f"{text!r} names no key of a node", expected=shown, near=near)
+        path, entries = without_rounds(node), self.entries
+        if path not in entries:
+            what = f"there is no node {path!r}"
+            if key and f"{path}.{last}" in entries:
                 what = f"{text!r} is a node, not a key of one"
-            near = nearest(plain, self.names()) or self.names()[:5]
             fix = "name a node of a block with its block: rounds.merge"
-            if any(is_part(self.entry(p)) for p in self.paths() if p == path[: len(p)]):
+            if self.part_around(path):
                 fix = "only set and connect reach into sub-graphs; put other patches into a file that extends it"
-            refuse(where, what, near=near, fix=fix)
-        rounds = [(index, number) for index, (_, number) in enumerate(read) if number is not None]
-        if any(index != len(path) - 2 for index, _ in rounds):
+            refuse(where, what, near=nearest(path, entries) or list(entries)[:5], fix=fix)
+        number = re.search(r"\[(\d+)\]\.[^.\[]*\Z", node)
+        if node.count("[") > bool(number):
             refuse(where, f"{text!r}: a round can be named for the innermost block only", expected="rounds[3].merge")
-        return Address(path, int(rounds[0][1]) if rounds else None, last[0] if last else "")
+        return Address(path, int(number[1]) if number else None, last)
+
+    def part_around(self, text: str) -> str:
+        """The path of the sub-graph that something lies in; none where it lies in no one."""
+        plain, entries = without_rounds(text), self.entries.items()
+        return next((path for path, entry in entries if is_part(entry) and path != plain and within(plain, path)), "")
 
     def _keys_like(self, key: str) -> list[str]:
-        holders = [name for name in self.names() if not is_block(entry := self.entry(tuple(name.split("."))))
-                 and isinstance(entry, Map) and (kind := self.kind(entry)) is not None
-                 and (key in kind.inputs or key in kind.params.model_fields)]  # fmt: skip
-        return [f"{name}.{key}" for name in holders[:3]]
+        kinds = {path: self.kind(entry) for path, entry in self.entries.items()
+                 if isinstance(entry, Map) and not is_block(entry)}  # fmt: skip
+        holders = [
+            path
+            for path, kind in kinds.items()
+            if kind is not None and key in {**kind.inputs, **kind.params.model_fields}
+        ]
+        return [f"{path}.{key}" for path in holders[:3]]
 
     # --- types
 
     def kind(self, entry: Map) -> Signature | None:
         """The signature of an entry's type; None where the type is unknown (`check` will say so)."""
-        return self.type_named(self.read(entry, "type"))
+        return signature_of(self.packs, self.read(entry, "type"))
 
     def kinds(self, entry: Map) -> list[Signature]:
         """The signatures a node has over its rounds."""
@@ -167,16 +201,9 @@ class Draft:
         given = {name: Value(param.default, param.where, param.where.base) for name, param in declared.items()}
         return substitute(entry[key], resolve_params(given, Problems()), entry.lines[key], Problems()).value
 
-    def type_named(self, name: Any) -> Signature | None:
-        definition = self.packs.find(name) if isinstance(name, str) else None
-        try:
-            return None if definition is None else signature(definition)
-        except (TypeError, NameError):
-            return None
-
     def known_type(self, name: Any, where: Where) -> Signature:
         """The signature of a type that a patch names."""
-        kind = self.type_named(name)
+        kind = signature_of(self.packs, name)
         if kind is None:
             near = nearest(str(name), self.packs.types)
             refuse(where, f"there is no node type {name!r}", near=near, fix="exmesh nodes lists all types")
@@ -186,65 +213,53 @@ class Draft:
 
     def link_places(self) -> Iterator[LinkPlace]:
         """Every place where a link stands, in the order of the file."""
-        yield from self._places_in(self.nodes, ())
-        outputs = self.top.get("outputs")
-        if isinstance(outputs, Map):
-            yield from _links_of(outputs, (), ("outputs",), "outputs")
-
-    def _places_in(self, nodes: Map, scope: Names) -> Iterator[LinkPlace]:
-        for name, entry in nodes.items():
-            path = (*scope, str(name))
-            label = ".".join(path)
-            if not isinstance(entry, Map):
-                continue
+        holders: list[tuple[Any, str, str, str]] = []
+        for path, entry in self.entries.items():
+            scope = home_of(path)
             if is_block(entry):
-                for key, inner in (("carry", scope), ("next", path)):
-                    if isinstance(entry.get(key), Map):
-                        yield from _links_of(entry[key], inner, path, f"{label}.{key}")
-                yield from self._places_in(entry["nodes"], path)
-                continue
-            yield from _links_of(entry, scope, path, label)
-            for layer, word, number in layers_of(entry):
-                yield from _links_of(layer, scope, path, f"{label} ({word} {number})")
+                holders += [(entry.get("carry"), scope, path, f"{path}.carry")]
+                holders += [(entry.get("next"), path, path, f"{path}.next")]
+            elif isinstance(entry, Map):
+                holders += [(entry, scope, path, path)]
+                holders += [(layer, scope, path, f"{path} ({word} {n})") for layer, word, n in layers_of(entry)]
+        for holder, scope, owner, label in [*holders, (self.top.get("outputs"), "", "outputs", "outputs")]:
+            for key, value in holder.items() if isinstance(holder, Map) else ():
+                if is_link(value) and key != "doc":
+                    yield LinkPlace(holder, key, scope, owner, f"{label}.{key}")
 
-    def source(self, text: str, scope: Names) -> Source | None:
+    def source(self, text: str, scope: str) -> Source | None:
         """What a link means in `scope`; None where it means nothing."""
-        match = _LINK.match(text)
+        match, entries = _LINK.fullmatch(text), self.entries
         node, port = match.groups() if match else (text.removeprefix("@"), "")
         if node == "carry":
-            return Source(None, port, text)
-        for depth in range(len(scope), -1, -1):
-            if node in self.inside(scope[:depth]):
-                return Source((*scope[:depth], node), port, text)
-        parts = [_PART.match(part) for part in node.split(".")]
-        path = tuple(part.group(1) for part in parts if part)
-        if len(path) == len(parts) > 1 and path in set(self.paths()):
-            return Source(path, port, text, by_round=True)
-        return None
+            return Source("", port, text)
+        while "." not in node:
+            path = f"{scope}.{node}".lstrip(".")
+            if path in entries:
+                return Source(path, port, text)
+            if not scope:
+                return None
+            scope = home_of(scope)
+        path = without_rounds(node)
+        return Source(path, port, text, by_round=True) if _ADDRESS.fullmatch(node) and path in entries else None
 
-    def users(self, path: Names, port: str | None = None) -> list[tuple[LinkPlace, Source]]:
-        """The places that link to a node or block (to one of its ports), those inside it left out."""
-        users = []
-        for place in self.link_places():
-            if place.owner[: len(path)] == path:
-                continue
-            source = self.source(place.text, place.scope)
-            if source is None or source.path is None or source.path[: len(path)] != path:
-                continue
-            if port is None or (source.port == port and source.path == path):
-                users.append((place, source))
-        return users
+    def users(self, *paths: str) -> list[tuple[LinkPlace, Source]]:
+        """The places that link to nodes or blocks, those inside them left out."""
 
-    def port_of(self, text: str, scope: Names) -> Port | None:
+        def among(path: str) -> bool:
+            return any(within(path, other) for other in paths)
+
+        ends = [(place, self.source(place.text, place.scope)) for place in self.link_places() if not among(place.owner)]
+        return [(place, source) for place, source in ends if source is not None and among(source.path)]
+
+    def port_of(self, text: str, scope: str) -> Port | None:
         """The output port behind a link, through carried values; None where it cannot be told."""
-        seen: set[tuple[Names, str]] = set()
+        seen: set[tuple[str, str]] = set()
         while True:
             source = self.source(text, scope)
-            if source is None:
-                return None
-            path = scope if source.path is None else source.path
-            entry = self.entry(path) if path else None
-            if not isinstance(entry, Map):
+            path = "" if source is None else source.path or scope
+            entry = self.entries.get(path)
+            if source is None or not isinstance(entry, Map):
                 return None
             if not is_block(entry):
                 kind = self.kind(entry)
@@ -253,34 +268,28 @@ class Draft:
             if (path, source.port) in seen or not isinstance(carry, Map) or source.port not in carry:
                 return None
             seen.add((path, source.port))
-            text, scope = str(carry[source.port]), path[:-1]
+            text, scope = str(carry[source.port]), home_of(path)
 
-    def moved(self, text: str, home: Names, place: LinkPlace, source: Source, where: Where) -> str:
+    def moved(self, text: str, home: str, place: LinkPlace, source: Source, where: Where) -> str:
         """`text`, written in the scope `home`, as it must read at `place`, which links to `source` in that scope."""
         meant = self.source(text, home)
-        if meant is None or (meant.path is not None and self.source(text, place.scope) == meant):
+        if meant is None or (meant.path and self.source(text, place.scope) == meant):
             return text
         if place.scope == home and not source.by_round:
             return text
-        if not source.by_round or meant.path is None or meant.path[:-1] != home:
+        if not source.by_round or meant.scope != home or not meant.path:
             what = f"{place.label} ({place.where}) links here as {source.text!r}, where {text!r} means something else"
             refuse(where, what, fix=f"connect {place.label} first")
-        node = source.text.removeprefix("@").rpartition(".")[0].rpartition(".")[0]
-        return f"@{node}.{meant.path[-1]}.{meant.port}"
+        block, _, _ = source.text.rsplit(".", 2)
+        return f"{block}.{meant.name}.{meant.port}"
 
-    def check_free(self, name: Any, scope: Names, where: Where) -> str:
+    def check_free(self, name: Any, scope: str, where: Where) -> str:
         """Refuse a new node's name that is taken, or that would hide another node from links."""
         if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_][\w-]*", name) or name == "carry":
             refuse(where, f"{name!r} is not a name for a node", expected="letters, digits, _ and -")
-        for path in self.paths():
-            if path[-1] == name and (path[:-1] == scope[: len(path) - 1] or path[: len(scope)] == scope):
-                taken = ".".join(path)
-                what = f"there is a node {taken!r} already" if path[:-1] == scope else f"{name!r} would hide {taken!r}"
-                refuse(where, what, fix=f"choose another name, or change the node: {{replace: {taken}, type: ...}}")
+        for path in self.entries:
+            home, _, other = path.rpartition(".")
+            if other == name and (within(scope, home) or within(home, scope)):
+                what = f"there is a node {path!r} already" if home == scope else f"{name!r} would hide {path!r}"
+                refuse(where, what, fix=f"choose another name, or change the node: {{replace: {path}, type: ...}}")
         return name
-
-
-def _links_of(holder: Map, scope: Names, owner: Names, label: str) -> Iterator[LinkPlace]:
-    for key, value in holder.items():
-        if is_link(value) and key != "doc":
-            yield LinkPlace(holder, key, scope, owner, f"{label}.{key}")

@@ -20,17 +20,16 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.language.yamlfile import Map, copied
 from exmesh_graph.graph.problems import Where, nearest
-from exmesh_graph.graph.variants.draft import Draft
-from exmesh_graph.graph.variants.entries import clone, refuse
+from exmesh_graph.graph.variants.draft import Draft, refuse
 from exmesh_graph.graph.variants.rewire import add, bypass, insert, remove, replace
 from exmesh_graph.graph.variants.values import connect, disconnect, set_values
 
 
 def apply_patches(top: Map, patches: Iterable[Any], packs: Packs) -> Map:
     """The merged file after `patches`, in order; `top` stays as it is. Raises GraphErrors at the first refusal."""
-    draft = Draft(clone(top), packs)
+    draft = Draft(copied(top), packs)
     for patch in patches:
         name = operation_of(patch)
         _, keys = OPERATIONS[name]
@@ -38,6 +37,9 @@ def apply_patches(top: Map, patches: Iterable[Any], packs: Packs) -> Map:
         if extra:
             near = nearest(str(extra[0]), keys or ()) or list(keys or ())
             refuse(patch.lines[extra[0]], f"{name} has no {extra[0]!r}", near=near)
+        needed, expected = NEEDED.get(name, (name, ""))
+        if needed not in patch and not (name == "set" and isinstance(patch[name], Map)):
+            refuse(patch.where, f"{name} needs {needed}:", expected=f"{needed}: {expected}")
         OPERATIONS[name][0](draft, patch)
     return draft.top
 
@@ -66,3 +68,11 @@ OPERATIONS: Mapping[str, tuple[Callable[[Draft, Map], None], tuple[str, ...] | N
     "disconnect": (disconnect, ()),
 }
 """name -> (operation, the keys it takes beside its own; None: parameters of a node)"""
+
+NEEDED = {
+    "set": ("to", "a value"),
+    "replace": ("type", "a node type"),
+    "insert": ("on", 'a port "pbr.carrier" or a link "@settle.state"'),
+    "connect": ("to", 'a link "@node.port"'),
+}
+"""name -> (a key that the operation cannot do without, what stands there)"""

@@ -6,133 +6,120 @@ from collections.abc import Mapping
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Port, Signature, type_name
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.language.yamlfile import Map, copied
 from exmesh_graph.graph.problems import Where, nearest
-from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace
-from exmesh_graph.graph.variants.entries import clone, is_block, is_link, is_part, layers_of, refuse
-from exmesh_graph.graph.variants.values import Target, fixed_place, need, port_target
+from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace, is_block, is_link, is_part, layers_of, refuse
+from exmesh_graph.graph.variants.values import Target, fixed_place, target_of
 
 
 def replace(draft: Draft, patch: Map) -> None:
-    where = patch.lines["replace"]
-    address = draft.address(patch["replace"], where, key=False)
-    entry = draft.entry(address.path)
+    where, there = patch.lines["replace"], patch.lines["type"]
+    address, entry = _node(draft, patch["replace"], where)
     if is_block(entry):
-        refuse(where, f"{address} is a repeat block", fix="replace the nodes in it")
-    wanted, there = need(patch, "type", "replace", "a node type"), patch.lines.get("type", where)
-    new, old = draft.known_type(wanted, there), draft.kind(entry)
+        refuse(where, f"{address.path} is a repeat block", fix="replace the nodes in it")
+    new, old = draft.known_type(patch["type"], there), draft.kind(entry)
     renamed = _renames(patch, old, new)
     given = {key: value for key, value in patch.items() if key not in ("replace", "ports")}
     if address.round is not None:
         if renamed:
             refuse(patch.lines["ports"], "ports cannot be renamed in a single round", fix="replace it in every round")
-        layer = Target(draft, address, entry, entry).round_settings(where)
-        for key, value in given.items():
-            layer.put(key, clone(value), patch.lines[key])
-        return
-    used = draft.users(address.path)
-    for place, source in used:
-        target = renamed.get(source.port, source.port)
-        if not target and new.component is None:
-            refuse(there, f"{patch['type']} is a node, but {address} is a component", fix="replace it by a component")
-        if target and target not in new.outputs:
-            what = f"{patch['type']} has no output {target!r}, which {place.label} ({place.where}) uses"
-            fix = f"ports: {{{source.port}: {next(iter(new.outputs), '...')}}}"
-            refuse(where, what, expected=_ports(new.outputs), fix=fix)
-    for place, source in used:
-        if source.port in renamed:
-            place.put(f"{place.text.rpartition('.')[0]}.{renamed[source.port]}", place.where)
-    kept = Map(entry.where)
-    for key, value in entry.items():
-        into = renamed[key] if renamed.get(key) in new.inputs else key
-        if into in new.inputs or into in new.params.model_fields or key in ("seed", "doc"):
-            kept.put(into, value, entry.lines[key])
+        kept = Target(draft, address, entry, entry, False).round_settings(where)
+    else:
+        used = draft.users(address.path)
+        for place, source in used:
+            target = renamed.get(source.port, source.port)
+            if not target and new.component is None:
+                what = f"{patch['type']} is a node, but {address.path} is a component"
+                refuse(there, what, fix="replace it by a component")
+            if target and target not in new.outputs:
+                what = f"{patch['type']} has no output {target!r}, which {place.label} ({place.where}) uses"
+                fix = f"ports: {{{source.port}: {next(iter(new.outputs), '...')}}}"
+                refuse(where, what, expected=_ports(new.outputs), fix=fix)
+        for place, source in used:
+            if source.port in renamed:
+                place.holder[place.key] = f"{place.text.rpartition('.')[0]}.{renamed[source.port]}"
+        kept = Map(entry.where)
+        for key, value in entry.items():
+            into = renamed[key] if renamed.get(key) in new.inputs else key
+            if into in new.inputs or into in new.params.model_fields or key in ("seed", "doc"):
+                kept.put(into, value, entry.lines[key])
+        draft.inside(address.scope).put(address.name, kept, where)
     for key, value in given.items():
-        kept.put(key, clone(value), patch.lines[key])
-    draft.inside(address.scope).put(address.path[-1], kept, where)
+        kept.put(key, copied(value), patch.lines[key])
 
 
 def insert(draft: Draft, patch: Map) -> None:
-    where, new = patch.lines["insert"], patch["insert"]
+    where, there, new, on = patch.lines["insert"], patch.lines["on"], patch["insert"], patch["on"]
     if not isinstance(new, Map) or not {"name", "type"} <= set(new):
         refuse(where, "insert needs the new node", expected='{insert: {name: ..., type: ..., ...}, on: "pbr.carrier"}')
-    on, there = need(patch, "on", "insert", 'a port "pbr.carrier" or a link "@settle.state"'), patch.lines["on"]
     kind = draft.known_type(new["type"], new.lines["type"])
-    places: list[tuple[LinkPlace, str]]
     if is_link(on):
-        meant = draft.source(on, ())
-        if meant is None or meant.path is None:
-            near = [f"@{name}" for name in nearest(on[1:].rpartition(".")[0], draft.names())]
+        meant = draft.source(on, "")
+        if meant is None or not meant.path:
+            near = [f"@{name}" for name in nearest(on[1:].rpartition(".")[0], draft.entries)]
             refuse(there, f"{on} is the output of no node", near=near, expected='"@rounds.split.state", blocks named')
-        scope, text = meant.path[:-1], f"@{meant.path[-1]}.{meant.port}"
-        name = draft.check_free(new["name"], scope, new.lines["name"])
-        users = draft.users(meant.path, meant.port)
+        scope, text = meant.scope, f"@{meant.name}.{meant.port}"
+        users = [(p, s) for p, s in draft.users(meant.path) if (s.path, s.port) == (meant.path, meant.port)]
         if not users:
             refuse(there, f"nothing uses {on}", fix=f"{{add: {{name: {new['name']}, type: {new['type']}, ...}}}}")
         places = [(place, draft.moved(text, scope, place, source, there)) for place, source in users]
     else:
         place = _wire_into(draft, on, there)
-        scope, text = place.scope, place.text
-        name = draft.check_free(new["name"], scope, new.lines["name"])
-        places = [(place, text)]
+        scope, text, places = place.scope, place.text, [(place, place.text)]
+    name = draft.check_free(new["name"], scope, new.lines["name"])
     wire = draft.port_of(text, scope)
-    given = {key for key in new if key not in ("name", "type")}
-    source_port = _pick(patch, "in", {n: p for n, p in kind.inputs.items() if n not in given}, wire, new, there)
+    source_port = _pick(patch, "in", {n: p for n, p in kind.inputs.items() if n not in new}, wire, new, there)
     output = _pick(patch, "out", kind.outputs, wire, new, there)
-    entry = _entry_of(new)
-    entry.put(source_port, text, there)
     for place, read in places:
-        node = read.rpartition(".")[0].rpartition(".")
-        place.put(f"@{name}.{output}" if place.scope == scope else f"{node[0]}{node[1] or '@'}{name}.{output}", there)
-    draft.inside(scope).put(name, entry, where)
+        block, dot, _ = ("", "", "") if place.scope == scope else read.rpartition(".")[0].rpartition(".")
+        place.holder.put(place.key, f"{block}{dot or '@'}{name}.{output}", there)
+    _put_new(draft, scope, name, new, where).put(source_port, text, there)
 
 
 def bypass(draft: Draft, patch: Map) -> None:
     where = patch.lines["bypass"]
-    address = _whole_node(draft, patch["bypass"], where, "bypass")
-    entry = draft.entry(address.path)
+    address, entry = _node(draft, patch["bypass"], where, "bypass")
+    name, kind = address.path, draft.kind(entry)
+    if is_block(entry):
+        refuse(where, f"{name} is a repeat block", fix=f"{{set: {name}.repeat, to: 0}}")
     if is_part(entry):
-        refuse(where, f"{address} is a sub-graph", fix=f"connect what uses {address} to something else and remove it")
-    kind = draft.kind(entry)
+        refuse(where, f"{name} is a sub-graph", fix=f"connect what uses {name} to something else and remove it")
     if kind is None:
-        refuse(where, f"the type of {address} is unknown: {entry.get('type')!r}")
-    used = draft.users(address.path)
+        refuse(where, f"the type of {name} is unknown: {entry.get('type')!r}")
     if kind.component is not None:
-        fix = f"{{replace: {address}, type: ...}}, or disconnect what it is plugged into"
-        refuse(where, f"{address} is a component, through which nothing flows", fix=fix)
-    wired = {name: port for name, port in kind.inputs.items() if is_link(entry.get(name)) and not port.plugged}
-    through = {}
-    for port in dict.fromkeys(source.port for _, source in used):
-        through[port] = _way_through(patch, str(address), kind, wired, port)
+        fix = f"{{replace: {name}, type: ...}}, or disconnect what it is plugged into"
+        refuse(where, f"{name} is a component, through which nothing flows", fix=fix)
+    used = draft.users(name)
+    wired = {port: kind.inputs[port] for port in kind.inputs if is_link(entry.get(port))}
+    wired = {port: end for port, end in wired.items() if not end.plugged}
+    through = {port: _way_through(patch, name, kind, wired, port) for port in dict.fromkeys(s.port for _, s in used)}
+    for port in through.values():
         for layer, word, number in layers_of(entry):
-            if through[port] in layer:
-                refuse(where, f"{address} gets another {through[port]} in some rounds ({word} {number})",
-                       fix=f"{{connect: {address}.{through[port]}, to: ...}} first")  # fmt: skip
+            if port in layer:
+                refuse(where, f"{name} gets another {port} in some rounds ({word} {number})",
+                       fix=f"{{connect: {name}.{port}, to: ...}} first")  # fmt: skip
     for place, source in used:
         text = draft.moved(entry[through[source.port]], address.scope, place, source, where)
-        place.put(text, where)
-    del draft.inside(address.scope)[address.path[-1]]
+        place.holder.put(place.key, text, where)
+    del draft.inside(address.scope)[address.name]
 
 
 def remove(draft: Draft, patch: Map) -> None:
     where, value = patch.lines["remove"], patch["remove"]
-    addresses = [_whole_node(draft, n, where, "remove") for n in (value if isinstance(value, list) else [value])]
-    gone = [address.path for address in addresses]
-    left = [
-        (place, source)
-        for path in gone
-        for place, source in draft.users(path)
-        if not any(place.owner[: len(other)] == other for other in gone)
-    ]
+    listed = value if isinstance(value, list) else [value]
+    gone = [_node(draft, name, where, "remove")[0] for name in listed]
+    names = ", ".join(address.path for address in gone)
+    left = [place for place, _ in draft.users(*(address.path for address in gone))]
     if left:
-        users = ", ".join(f"{place.label} ({place.where})" for place, _ in left[:4])
+        users = ", ".join(f"{place.label} ({place.where})" for place in left[:4])
         more = f" and {len(left) - 4} more" if len(left) > 4 else ""
-        names = ", ".join(".".join(path) for path in gone)
-        outputs = [place.label for place, _ in left if place.owner == ("outputs",)]
-        fix = f"{{disconnect: {outputs[0]}}}" if outputs else f"{{bypass: {names}}}, or remove what uses it as well"
-        refuse(where, f"{names} cannot be removed: {users}{more} links to it", fix=f"{fix} first" if outputs else fix)
-    for path in sorted(gone, key=len, reverse=True):
-        del draft.inside(path[:-1])[path[-1]]
+        outputs = [place.label for place in left if place.owner == "outputs"]
+        fix = (
+            f"{{disconnect: {outputs[0]}}} first" if outputs else f"{{bypass: {names}}}, or remove what uses it as well"
+        )
+        refuse(where, f"{names} cannot be removed: {users}{more} links to it", fix=fix)
+    for address in sorted(gone, key=lambda a: a.path.count("."), reverse=True):
+        del draft.inside(address.scope)[address.name]
 
 
 def add(draft: Draft, patch: Map) -> None:
@@ -140,32 +127,31 @@ def add(draft: Draft, patch: Map) -> None:
     if not isinstance(new, Map) or "name" not in new or not {"type", "graph", "repeat"} & set(new):
         expected = "{add: {name: ..., type: ..., ...}}"
         refuse(where, "add needs a name and a node", expected=expected, fix="type, graph or repeat")
-    block, _, name = str(new["name"]).rpartition(".")
-    scope = tuple(block.split(".")) if block else ()
-    if scope and (scope not in set(draft.paths()) or not is_block(draft.entry(scope))):
-        blocks = [".".join(path) for path in draft.paths() if is_block(draft.entry(path))]
-        refuse(new.lines["name"], f"there is no repeat block {block!r}", near=nearest(block, blocks) or blocks)
+    scope, _, name = str(new["name"]).rpartition(".")
+    blocks = [path for path, entry in draft.entries.items() if is_block(entry)]
+    if scope and scope not in blocks:
+        refuse(new.lines["name"], f"there is no repeat block {scope!r}", near=nearest(scope, blocks) or blocks)
     draft.check_free(name, scope, new.lines["name"])
     if "type" in new and "${" not in str(new["type"]):
         draft.known_type(new["type"], new.lines["type"])
-    draft.inside(scope).put(name, _entry_of(new), where)
+    _put_new(draft, scope, name, new, where)
 
 
-def _entry_of(new: Map) -> Map:
-    """The entry of a new node, without its name."""
-    entry = clone(new)
+def _put_new(draft: Draft, scope: str, name: str, new: Map, where: Where) -> Map:
+    """The entry of a new node, where it now stands; `new` also tells its name."""
+    entry: Map = copied(new)
     del entry["name"]
-    return entry  # type: ignore[no-any-return]
+    draft.inside(scope).put(name, entry, where)
+    return entry
 
 
-def _whole_node(draft: Draft, text: Any, where: Where, operation: str) -> Address:
+def _node(draft: Draft, text: Any, where: Where, operation: str = "") -> tuple[Address, Map]:
+    """The node that a patch names, and its entry; an `operation` that works on all rounds at once is not for one."""
     address = draft.address(text, where, key=False)
-    if address.round is not None:
+    if operation and address.round is not None:
         what = f"{operation} works on all rounds at once, not on {text}"
-        refuse(where, what, fix=f"{operation}: {'.'.join(address.path)}")
-    if operation == "bypass" and is_block(draft.entry(address.path)):
-        refuse(where, f"{address} is a repeat block", fix=f"{{set: {address}.repeat, to: 0}}")
-    return address
+        refuse(where, what, fix=f"{operation}: {address.path}")
+    return address, draft.entries[address.path]
 
 
 def _wire_into(draft: Draft, target: Any, where: Where) -> LinkPlace:
@@ -173,19 +159,20 @@ def _wire_into(draft: Draft, target: Any, where: Where) -> LinkPlace:
     fixed = fixed_place(draft, target)
     if fixed is not None and is_link(fixed.holder.get(fixed.key)):
         return fixed
-    address = port_target(draft, target, where).address
-    if address.round is not None:
+    goal = target_of(draft, target, where, link=True)
+    assert goal is not None
+    entry, key = goal.entry, goal.address.key
+    if goal.address.round is not None:
         refuse(where, f"a node cannot be inserted in a single round: {target}", fix="insert it in every round")
-    entry = draft.entry(address.path)
-    if not is_link(entry.get(address.key)):
+    if not is_link(entry.get(key)):
         refuse(where, f"{target} is not connected", fix="add the node and connect both of its ends")
-    if any(kind.inputs[address.key].plugged for kind in draft.kinds(entry) if address.key in kind.inputs):
+    if any(kind.inputs[key].plugged for kind in goal.kinds if key in kind.inputs):
         refuse(where, f"{target} takes a component, which is no wire", fix=f'{{connect: {target}, to: "@component"}}')
     for layer, word, number in layers_of(entry):
-        if address.key in layer:
+        if key in layer:
             what = f"{target} is wired otherwise in some rounds ({word} {number})"
             refuse(where, what, fix="connect it in every round first")
-    return LinkPlace(entry, address.key, address.scope, address.path, str(target))
+    return LinkPlace(entry, key, goal.address.scope, goal.address.path, str(target))
 
 
 def _renames(patch: Map, old: Signature | None, new: Signature) -> dict[str, str]:
