@@ -5,11 +5,12 @@ Invariant: a check never stops at its first finding; `Problems.raise_if_any` rep
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import functools
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -93,6 +94,14 @@ class Problems:
             seen = self.noted[key]
             problem = replace(seen, rounds=seen.rounds + 1)
         self.noted[key] = problem
+
+    @contextlib.contextmanager
+    def caught(self) -> Iterator[None]:
+        """Note what is raised in here, and go on after it."""
+        try:
+            yield
+        except GraphErrors as error:
+            self.noted.update({(p.code, str(p.where), p.what): p for p in error.problems})
 
     def __bool__(self) -> bool:
         return bool(self.noted)

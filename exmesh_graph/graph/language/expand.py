@@ -131,7 +131,6 @@ class _Expansion:
         self._count_block(where)
         self.links.names.add(full)
         written = self._written(full, entry, scope)
-        written |= {key: (value, Where(None), SET) for key, value in self._overrides_of(full)}
         source, place, _ = written.pop("graph")
         path = self.files.path(substitute(source, scope.params, place, self.problems), place, scope.files)
         if path is None:
@@ -209,22 +208,14 @@ class _Expansion:
         return tuple(given)
 
     def _node(self, full: str, entry: Map, scope: Scope) -> None:
-        written, here = self._written(full, entry, scope), Where(None)
-        kind: Value | None = None
-        replaced = 0
-        if "type" in written:
-            text, where, replaced = written.pop("type")
-            kind = substitute(text, scope.params, where, self.problems)
+        written = self._written(full, entry, scope)
+        text, where, replaced = written.pop("type", (None, entry.where, 0))
+        kind = substitute(text, scope.params, where, self.problems)
         fields = {}
         for key, (value, where, layer) in written.items():
-            taken_over = replaced > 0 and layer == 0
+            taken_over = 0 < replaced < SET and layer == 0
             fields[key] = replace(self.links.value(value, scope, where), inherited=taken_over, layer=layer)
-        for key, value in self._overrides_of(full):
-            if key == "type":
-                kind = Value(value, here, here.base)
-            else:
-                fields[key] = replace(self.links.value(value, scope, here), layer=SET)
-        if kind is None or not isinstance(kind.value, str):
+        if not isinstance(kind.value, str):
             names = "name: {type: data.blender, ...}"
             self.problems.add("graph", entry.where, f"node {full} has no type", expected=names)
             return
@@ -239,12 +230,17 @@ class _Expansion:
         )
 
     def _written(self, full: str, entry: Map, scope: Scope) -> Written:
-        """What an entry says in a round."""
+        """What an entry says in a round, and `--set` of it."""
         written: Written = {}
         for number, layer in enumerate((entry, *self._round_patches(full, entry, scope))):
             for key, value in layer.items():
                 if key not in ("every", "at", "doc"):
                     written[str(key)] = value, layer.lines[key], number
+        for override in self.tree.overrides:
+            target, _, key = override.target.rpartition(".")
+            if target in (full, without_rounds(full)):
+                override.used = True
+                written[key] = override.value, Where(None), SET
         return written
 
     def _round_patches(self, full: str, entry: Map, scope: Scope) -> Iterator[Map]:
@@ -267,14 +263,6 @@ class _Expansion:
                     )  # fmt: skip
                 elif scope.rounds[-1] == number or (key == "every" and scope.rounds[-1] % number == 0):
                     yield patch
-
-    def _overrides_of(self, full: str) -> Iterator[tuple[str, Any]]:
-        """(key, value) of every `--set` that concerns a node or sub-graph."""
-        for override in self.tree.overrides:
-            target, _, key = override.target.rpartition(".")
-            if target in (full, without_rounds(full)):
-                override.used = True
-                yield key, override.value
 
     def _seed_given(self, full: str, given: Value) -> int:
         if is_whole(given.value, 0):

@@ -6,7 +6,7 @@ Nodes, blocks and the settings of single rounds are merged key by key; an entry 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -68,16 +68,18 @@ def _merged(base: Map, child: Map, rule: Rule, problems: Problems) -> Map:
     return result
 
 
-def _top(base: Map, key: Any, value: Any, where: Where, problems: Problems) -> Any:
-    rules: dict[Any, Rule] = {"nodes": _node, "params": _param, "inputs": _plain, "outputs": _plain, "variants": _plain}
-    old = base.get(key)
-    if key in rules and isinstance(value, Map) and isinstance(old, Map):
-        return _merged(old, value, rules[key], problems)
-    return value
+def _by_key(rules: Mapping[Any, Rule]) -> Rule:
+    """The rule of a mapping in which the mappings under some keys have rules of their own; the rest is replaced."""
+
+    def rule(base: Map, key: Any, value: Any, where: Where, problems: Problems) -> Any:
+        old = base.get(key)
+        merges = key in rules and isinstance(value, Map) and isinstance(old, Map)
+        return _merged(old, value, rules[key], problems) if merges else value
+
+    return rule
 
 
-def _plain(base: Map, key: Any, value: Any, where: Where, problems: Problems) -> Any:
-    return value
+_plain = _by_key({})
 
 
 def _param(base: Map, key: Any, value: Any, where: Where, problems: Problems) -> Any:
@@ -108,14 +110,10 @@ def _patches(entry: Any, old: Any) -> bool:
 
 def _setting(base: Map, key: Any, value: Any, where: Where, problems: Problems) -> Any:
     """One key of a node or block."""
-    rules: dict[Any, Rule] = {"every": _round, "at": _round, "carry": _plain, "next": _plain}
-    rules["nodes"] = _part_node if "graph" in base else _node
-    old = base.get(key)
     if key in ("every", "at") and value is None:
         return _taken_away(base, key, where, problems)
-    if key in rules and isinstance(value, Map) and isinstance(old, Map):
-        return _merged(old, value, rules[key], problems)
-    return value
+    rules = {"every": _round, "at": _round, "carry": _plain, "next": _plain}
+    return _by_key({**rules, "nodes": _part_node if "graph" in base else _node})(base, key, value, where, problems)
 
 
 def _part_node(base: Map, name: Any, value: Any, where: Where, problems: Problems) -> Any:
@@ -137,3 +135,6 @@ def _taken_away(base: Map, key: Any, where: Where, problems: Problems) -> Any:
     if key not in base:
         problems.add("extends", where, f"cannot remove {key!r}: the base has no such entry here")
     return _GONE
+
+
+_top = _by_key({"nodes": _node, "params": _param, "inputs": _plain, "outputs": _plain, "variants": _plain})

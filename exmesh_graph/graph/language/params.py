@@ -7,6 +7,7 @@ mapping a mapping; text and null say nothing. A file that extends another keeps 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -44,7 +45,9 @@ class Declared:
         """The value, a whole number for an int written as 2e4; notes what does not fit."""
         if self.kind == "int" and isinstance(value, float) and value.is_integer():
             value = int(value)
-        if _is_kind(value, self.kind) and all(_within(value, *limit) for limit in self.limits.items()):
+        if _is_kind(value, self.kind) and all(
+            getattr(operator, sign)(value, limit) for sign, limit in self.limits.items()
+        ):
             if not self.choices or value in self.choices:
                 return value
         elif self.inferred and value is None:
@@ -119,7 +122,3 @@ def _is_kind(value: Any, kind: str) -> bool:
         return isinstance(value, allowed) and not isinstance(value, bool) and math.isfinite(value)
     types = {"bool": bool, "str": str, "path": str, "list": list, "map": dict, "any": object}
     return isinstance(value, types[kind])
-
-
-def _within(value: Any, sign: str, limit: float) -> bool:
-    return bool({"ge": value >= limit, "gt": value > limit, "le": value <= limit, "lt": value < limit}[sign])

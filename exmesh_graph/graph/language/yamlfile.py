@@ -119,18 +119,6 @@ def parse_yaml(text: str, file: Path | None) -> Any:
         line = text.count("\n", 0, directive.end()) + 1
         fail("yaml", Where(file, line), "a graph file is YAML 1.2 and has no directives", fix="remove the line")
     loader = YAML(typ="safe", pure=True)
-    compose, depth = loader.composer.compose_node, 0
-
-    def bounded(parent: Any, index: Any) -> Any:
-        nonlocal depth
-        depth += 1
-        if depth > MAX_DEPTH:
-            fail("yaml", Where(file, parent.start_mark.line + 1), f"values nest deeper than {MAX_DEPTH} levels")
-        node = compose(parent, index)
-        depth -= 1
-        return node
-
-    loader.composer.compose_node = bounded
     try:
         root = loader.compose(text)
     except MarkedYAMLError as error:
@@ -141,12 +129,14 @@ def parse_yaml(text: str, file: Path | None) -> Any:
         fail("yaml", Where(file, line), f"not YAML: {words}", fix=fix)
     except YAMLError as error:
         fail("yaml", Where(file, 1), f"not YAML: {error}")
-    return None if root is None else _Builder(file).build(root)
+    except RecursionError:
+        fail("yaml", Where(file, loader.reader.line + 1), f"values nest deeper than {MAX_DEPTH} levels")
+    return None if root is None else _Builder(file, loader.constructor).build(root)
 
 
 class _Builder:
-    def __init__(self, file: Path | None) -> None:
-        self.file = file
+    def __init__(self, file: Path | None, plain: Any) -> None:
+        self.file, self.plain = file, plain
         self.count = 0
         self.open: set[int] = set()
 
@@ -163,7 +153,7 @@ class _Builder:
         if id(node) in self.open:
             fail("yaml", self.where(node), "an alias contains itself")
         self.open.add(id(node))
-        if len(self.open) > MAX_DEPTH:  # through aliases
+        if len(self.open) > MAX_DEPTH:
             fail("yaml", self.where(node), f"values nest deeper than {MAX_DEPTH} levels")
         value: Any
         if kind == "SequenceNode" and _short(node) == "seq":
@@ -200,37 +190,19 @@ class _Builder:
         return result
 
     def _scalar(self, node: Any) -> Any:
-        tag, text = _short(node), node.value
+        tag = _short(node)
+        read = {"bool": self.plain.construct_yaml_bool, "int": self.plain.construct_yaml_int,
+                "float": self.plain.construct_yaml_float}.get(tag)  # fmt: skip
         try:
-            if tag == "null":
-                return None
-            if tag == "bool":
-                return text.lower() == "true"
-            if tag == "int":
-                return _integer(text)
-            if tag == "float":
-                return _real(text)
+            if read is not None or tag == "null":
+                return read and read(node)
         except ValueError:
-            fail("yaml", self.where(node), f"cannot read the number {text[:40]!r}")
+            fail("yaml", self.where(node), f"cannot read the number {node.value[:40]!r}")
         if tag not in ("str", "timestamp", "value"):
             fail("yaml", self.where(node), f"tag {node.tag!s} is not allowed in a graph file")
-        return text
+        return node.value
 
 
 def _short(node: Any) -> str:
     tag = str(node.tag)
     return tag[len(_TAG) :] if tag.startswith(_TAG) else tag
-
-
-def _integer(text: str) -> int:
-    plain = text.replace("_", "")
-    body = plain.lstrip("+-")
-    base = {"0x": 16, "0o": 8, "0b": 2}.get(body[:2].lower(), 10)
-    return int(plain, base)
-
-
-def _real(text: str) -> float:
-    plain = text.replace("_", "").lower()
-    if plain.endswith(".inf"):
-        return -math.inf if plain.startswith("-") else math.inf
-    return math.nan if plain == ".nan" else float(plain)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -53,47 +53,34 @@ class Difference:
 
 def compare(old: Resolved, new: Resolved, same: Mapping[str, str] | None = None) -> Difference:
     """The difference between two resolved graphs. `same` maps removed nodes to added ones that do the same."""
-    result = Difference()
-    before, after = old["nodes"], new["nodes"]
+    result, after = Difference(), new["nodes"]
+    result.renamed = {a: b for a, b in (same or {}).items() if a not in after and b not in old["nodes"]}
+    before = {result.renamed.get(name, name): entry for name, entry in old["nodes"].items()}
+    for name, entry in before.items():
+        before[name] = {**entry, "inputs": {p: _now(link, result.renamed) for p, link in entry["inputs"].items()}}
     result.rounds.update(without_rounds(name) for name in {**before, **after})
-    rounds = {name: (count, _rounds(after).get(name, 0)) for name, count in _rounds(before).items()}
-    rounds = {name: counts for name, counts in rounds.items() if counts[0] != counts[1] and counts[1]}
-    result.renamed = {a: b for a, b in (same or {}).items() if a not in after and b not in before}
-    back = {b: a for a, b in result.renamed.items()}
-    result.graph += _settings("graph parameter", old.get("params", {}), new.get("params", {}))
-    result.graph += [f"{name}: {counts[0]} -> {counts[1]} rounds" for name, counts in rounds.items()]
+    counts = _rounds(before), _rounds(after)
+    rounds = {name: count for name, count in counts[1].items() if counts[0].get(name, count) != count}
+    result.graph += _arrows("graph parameter {} {} -> {}", old.get("params", {}), new.get("params", {}))
+    result.graph += _arrows("{}: {} -> {} rounds", {name: counts[0][name] for name in rounds}, rounds)
     kept = {without_rounds(name) for name in before} & {without_rounds(name) for name in after}
-    for name in before:
-        if name not in after and name not in result.renamed:
-            result.states[name] = REMOVED
+    for name, was, entry in _differences(before, after):
+        words = [] if was is None or entry is None else _changes(was, entry, rounds)
+        if was is None or entry is None:
+            wires = "".join(f", {port} from {link}" for port, link in entry["inputs"].items()) if was is None else ""
+            result.states[name] = state = ADDED if was is None else REMOVED
             if not (_block(name) in rounds and without_rounds(name) in kept):  # said by the number of rounds
-                result.words[name] = [f"removed ({before[name]['type']})"]
-    for name, entry in after.items():
-        if name not in before and name not in back:
-            wires = ", ".join(f"{port} from {link}" for port, link in entry["inputs"].items())
-            result.states[name] = ADDED
-            if not (_block(name) in rounds and without_rounds(name) in kept):
-                result.words[name] = [f"added ({entry['type']}{', ' + wires if wires else ''})"]
-        else:
-            words = list(_changes(before[back.get(name, name)], entry, result.renamed, rounds))
-            if words:
-                result.states[name], result.words[name] = CHANGED, words
+                words = [f"{state} ({(entry or was)['type']}{wires})"]
+        elif words:
+            result.states[name] = CHANGED
+        result.words |= {name: words} if words else {}
     components = component_words(old.get("components", {}), new.get("components", {}))
     result.graph += [f"component {name}: {word}" for name, word in components]
-    published, now = old.get("outputs", {}), new.get("outputs", {})
-    for name in dict.fromkeys([*published, *now]):
-        if published.get(name) != now.get(name):
-            result.graph.append(f"output {name}: {_shown(published.get(name))} -> {_shown(now.get(name))}")
-    wires_before = {(result.renamed.get(a, a), result.renamed.get(b, b)) for a, b in wires_of(old)}
-    wires_after = wires_of(new)
+    result.graph += _arrows("output {}: {} -> {}", old.get("outputs", {}), new.get("outputs", {}))
+    wires_before, wires_after = _wires(before), _wires(after)
     result.wires = {wire: REMOVED for wire in wires_before if wire not in wires_after}
     result.wires |= {wire: ADDED for wire in wires_after if wire not in wires_before}
     return result
-
-
-def wires_of(graph: Resolved) -> dict[tuple[str, str], None]:
-    """(source, target) of every wire, in order."""
-    return {(_node(link), name): None for name, entry in graph["nodes"].items() for link in entry["inputs"].values()}
 
 
 def rerun(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
@@ -111,50 +98,39 @@ def named_in_short(names: Iterable[str], at_most: int = 12) -> str:
     return ", ".join(words[:at_most]) + (f" and {len(words) - at_most} more" if len(words) > at_most else "")
 
 
-def _changes(
-    old: Mapping[str, Any], new: Mapping[str, Any], renamed: Mapping[str, str], rounds: Mapping[str, Any]
-) -> Iterable[str]:
-    before_params, after_params = old["params"], new["params"]
-    if old["type"] != new["type"]:  # parameters that only one of the types has say nothing
-        both = set(before_params) & set(after_params)
-        before_params, after_params = (
-            {k: side[k] for k in side if k in both} for side in (before_params, after_params)
-        )
-        yield f"type {old['type']} -> {new['type']}"
-    if old.get("seed") != new.get("seed"):
-        yield f"seed {old.get('seed')} -> {new.get('seed')}"
-    yield from _settings("", before_params, after_params)
-    plugs = [{**entry["inputs"], **entry.get("components", {})} for entry in (old, new)]
-    for port in dict.fromkeys([*plugs[0], *plugs[1]]):
-        before, after = plugs[0].get(port), plugs[1].get(port)
-        if before is not None:
-            node = _node(before)
-            before = before.replace(node, renamed.get(node, node), 1)
-        last_round = (
-            before and after and without_rounds(before) == without_rounds(after) and _block(_node(after)) in rounds
-        )
-        if before != after and not last_round:
-            yield f"{port} from {_shown(before)} -> {_shown(after)}"
-
-
-def _settings(label: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterable[str]:
-    for name in dict.fromkeys([*old, *new]):
-        if old.get(name) != new.get(name) or (name in old) != (name in new):
-            yield f"{label} {name} {_shown(old.get(name))} -> {_shown(new.get(name))}".lstrip()
-
-
-def component_words(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+def component_words(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """(name, what is other) of every component that differs."""
-    for name in dict.fromkeys([*old, *new]):
-        if name not in old:
-            yield name, f"added ({new[name]['type']})"
-        elif name not in new:
-            yield name, f"removed ({old[name]['type']})"
+    for name, before, after in _differences(old, new):
+        if before is None or after is None:
+            yield name, f"added ({after['type']})" if before is None else f"removed ({before['type']})"
         else:
-            if old[name]["type"] != new[name]["type"]:
-                yield name, f"type {old[name]['type']} -> {new[name]['type']}"
-            for words in _settings("", old[name]["params"], new[name]["params"]):
-                yield name, words
+            values = [{"type": entry["type"], **entry["params"]} for entry in (before, after)]
+            yield from ((name, words) for words in _arrows("{} {} -> {}", *values))
+
+
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any], rounds: Mapping[str, Any]) -> list[str]:
+    """What differs between two states of one node."""
+    both = old["params"].keys() & new["params"].keys() if old["type"] != new["type"] else None
+    values, wires = [], []
+    for entry in (old, new):  # parameters that only one of two types has say nothing
+        params = {name: value for name, value in entry["params"].items() if both is None or name in both}
+        values.append({"type": entry["type"], "seed": entry.get("seed"), **params})
+        wires.append({**entry["inputs"], **entry.get("components", {})})
+    for port, before, after in list(_differences(*wires)):
+        if before and after and without_rounds(before) == without_rounds(after) and _block(_node(after)) in rounds:
+            wires[0][port] = after  # from the last round, as before
+    return [*_arrows("{} {} -> {}", *values), *_arrows("{} from {} -> {}", *wires)]
+
+
+def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """(key, before, after) of what two mappings do not hold alike."""
+    for key in dict.fromkeys([*old, *new]):
+        if old.get(key) != new.get(key) or (key in old) != (key in new):
+            yield key, old.get(key), new.get(key)
+
+
+def _arrows(form: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    return [form.format(key, _shown(before), _shown(after)) for key, before, after in _differences(old, new)]
 
 
 def _says_nothing(word: str) -> bool:
@@ -180,6 +156,16 @@ def _block(name: str) -> str:
 
 def _node(link: str) -> str:
     return link.removeprefix("@").rpartition(".")[0] or link.removeprefix("@")
+
+
+def _now(link: str, renamed: Mapping[str, str]) -> str:
+    """A link by the names that nodes have now."""
+    return link.replace(_node(link), renamed.get(_node(link), _node(link)), 1)
+
+
+def _wires(nodes: Mapping[str, Any]) -> dict[tuple[str, str], None]:
+    """(source, target) of every wire, in order."""
+    return {(_node(link), name): None for name, entry in nodes.items() for link in entry["inputs"].values()}
 
 
 def _shown(value: Any) -> str:

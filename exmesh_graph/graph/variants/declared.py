@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from exmesh_graph.graph.language.yamlfile import Map, is_whole
-from exmesh_graph.graph.problems import GraphErrors, Problem, Where, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where, nearest
 from exmesh_graph.graph.variants.draft import refuse
 from exmesh_graph.graph.variants.patches import operation_of
 
@@ -56,21 +56,18 @@ class Repeats:
 def rows_of(top: Map) -> list[Row]:
     """The rows of a merged graph file, the base first. Raises GraphErrors for what cannot be read."""
     named = _variants(top)
-    rows = [Row(BASE)]
     axes, cells = _matrix(top, named)
-    used = set(axes.get("variant", {}))
-    rows += [row for name, row in named.items() if name not in used]
+    rows = {BASE: Row(BASE)} | {name: row for name, row in named.items() if name not in axes.get("variant", {})}
     for cell in cells:
         row = _cell_row(axes, cell)
-        if row.name not in {other.name for other in rows}:
-            rows.append(row)
+        rows.setdefault(row.name, row)
     count = repeats_of(top).count
     if len(rows) * count > MAX_VARIANTS:
         where = top.lines.get("matrix", top.lines.get("repeats", top.lines.get("variants", top.where)))
         times = f" in {count} repeats" if count > 1 else ""
         what = f"{len(rows)} variants{times} are more than {MAX_VARIANTS}"
         refuse(where, what, fix="split the sweep over several files")
-    return rows
+    return list(rows.values())
 
 
 def repeats_of(top: Map) -> Repeats:
@@ -96,12 +93,10 @@ def _variants(top: Map) -> dict[str, Row]:
         return {}
     if not isinstance(given, Map):
         refuse(top.lines["variants"], "variants: must be a mapping", expected="variants: {name: [{bypass: node}]}")
-    done: dict[str, Row] = {}
-    faulty: dict[str, None] = {}  # told already
+    done: dict[str, Row | None] = {}  # None: being built, or faulty
+    told = Problems()
 
     def build(name: str, where: Where, chain: tuple[str, ...]) -> Row:
-        if name in faulty:
-            raise GraphErrors([])
         if name in chain:
             refuse(where, f"the variants extend each other: {' -> '.join([*chain, name])}")
         if len(chain) >= MAX_CHAIN:
@@ -110,29 +105,27 @@ def _variants(top: Map) -> dict[str, Row]:
             names = [str(other) for other in given]
             refuse(where, f"there is no variant {name!r}", near=nearest(name, names) or names)
         if name not in done:
-            entry, here = given[name], given.lines[name]
-            bases, doc, patches = _entry(entry, here, name)
+            done[name], here = None, given.lines[name]
+            bases, doc, patches = _entry(given[name], here, name)
             before = [p for base in bases for p in build(base, here, (*chain, name)).patches]
             if len(before) + len(patches) > MAX_PATCHES:
                 refuse(here, f"the variant {name} has more than {MAX_PATCHES} patches", fix="extend fewer variants")
             done[name] = Row(name, (*before, *patches), {"variant": name}, doc)
-        return done[name]
+        row = done[name]
+        if row is None:
+            raise GraphErrors([])  # told already
+        return row
 
-    faults: list[Problem] = []
     for name in given:
         where = given.lines[name]
-        try:
+        with told.caught():
             if not isinstance(name, str) or name == BASE or any(c in name for c in "/:#,= \t"):
                 what = f"{name!r} cannot name a variant" + (": it is the unchanged graph" if name == BASE else "")
                 refuse(where, what, expected="a word without blanks and / : # , =")
             if given[name] is not None:  # null removes what a base file declared
                 build(name, where, ())
-        except GraphErrors as error:
-            faults += error.problems
-            faulty[name] = None
-    if faults:
-        raise GraphErrors(faults)
-    return {str(name): done[name] for name in given if name in done}
+    told.raise_if_any()
+    return {name: row for name in given if (row := done.get(name)) is not None}
 
 
 def _entry(entry: Any, where: Where, name: str) -> tuple[list[str], str, list[Any]]:
@@ -151,14 +144,11 @@ def _entry(entry: Any, where: Where, name: str) -> tuple[list[str], str, list[An
     bases = [bases] if isinstance(bases, str) else bases
     if not isinstance(entry, list) or not isinstance(bases, list) or not all(isinstance(b, str) for b in bases):
         refuse(where, f"the variant {name} must be a list of patches", expected=f"{name}: [{{bypass: rounds.merge}}]")
-    faults: list[Problem] = []
+    told = Problems()
     for patch in entry:
-        try:
+        with told.caught():
             operation_of(patch, where)
-        except GraphErrors as error:
-            faults += error.problems
-    if faults:
-        raise GraphErrors(faults)
+    told.raise_if_any()
     return bases, doc, entry
 
 
@@ -197,34 +187,30 @@ def _matrix(top: Map, named: Mapping[str, Row]) -> tuple[Axes, list[dict[str, st
 def _axis(
     axis: str, values: Any, where: Where, named: Mapping[str, Row]
 ) -> Iterator[tuple[str, tuple[Any, tuple[Any, ...]]]]:
+    def named_row(name: str, where: Where) -> Row:
+        if name != BASE and name not in named:
+            refuse(where, f"there is no variant {name!r}", near=nearest(name, [*named, BASE]) or [*named, BASE])
+        return named.get(name, Row(BASE))
+
     if not isinstance(values, Map | list) or not values:
         expected = f"{axis}: [value, ...] for a parameter, {axis}: {{label: [patches], ...}} for named patch lists"
         refuse(where, f"the axis {axis} has no values", expected=expected)
     if isinstance(values, Map):
         for label, patches in values.items():
             there = values.lines[label]
-            if isinstance(patches, str):
-                yield str(label), (str(label), _named(patches, there, named).patches)
-            else:
-                yield str(label), (str(label), tuple(_entry(patches, there, str(label))[2]))
+            by_name = isinstance(patches, str)
+            listed = named_row(patches, there).patches if by_name else tuple(_entry(patches, there, str(label))[2])
+            yield str(label), (str(label), listed)
         return
     for value in values:
         label = _text(value)
         if axis == "variant":
-            yield label, (label, _named(label, where, named).patches)
+            yield label, (label, named_row(label, where).patches)
         elif isinstance(value, Map | list):
             refuse(where, f"the axis {axis} holds {value!r}", expected="numbers, words, true or false",
                    fix=f"{axis}: {{label: [{{set: {axis}, to: ...}}]}}")  # fmt: skip
         else:
             yield label, (value, (setting(axis, value, where),))
-
-
-def _named(name: str, where: Where, named: Mapping[str, Row]) -> Row:
-    if name == BASE:
-        return Row(BASE)
-    if name not in named:
-        refuse(where, f"there is no variant {name!r}", near=nearest(name, [*named, BASE]) or [*named, BASE])
-    return named[name]
 
 
 def _label(axes: Axes, axis: Any, value: Any, where: Where) -> str:
