@@ -126,6 +126,12 @@ def nearest(name: str, candidates: Iterable[str], count: int = 3) -> list[str]:
     return (close + tails)[:count]
 
 
+def closest(name: object, candidates: Iterable[str]) -> list[str]:
+    """The candidates that look most like `name`; all of them where none does."""
+    names = list(candidates)
+    return nearest(str(name), names) or names
+
+
 def without_rounds(text: str) -> str:
     """`rounds[3].refine` -> `rounds.refine`."""
     return re.sub(r"\[\d+\]", "", text)

@@ -47,30 +47,26 @@ C = TypeVar("C", bound="type[Component]")
 
 
 @dataclass(frozen=True)
-class Facets:
-    """Properties a port promises (outputs) or asks for (inputs)."""
+class Note:
+    """What stands in `Annotated` beside a port's type: properties it promises (outputs) or asks for (inputs), names it
+    had before.
+    """
 
-    values: Mapping[str, Any]
+    facets: Mapping[str, Any] = field(default_factory=dict)
+    was: tuple[str, ...] = ()
 
     def __hash__(self) -> int:  # typing hashes the notes of `Annotated[...] | None`
-        return hash(tuple(sorted(self.values)))
+        return hash((tuple(sorted(self.facets)), self.was))
 
 
-def facets(**values: Any) -> Facets:
+def facets(**values: Any) -> Note:
     """Used inside `Annotated[Type, facets(closed=True)]`."""
-    return Facets(values)
+    return Note(values)
 
 
-@dataclass(frozen=True)
-class Was:
-    """Names that a port had before."""
-
-    names: tuple[str, ...]
-
-
-def was(*names: str) -> Was:
+def was(*names: str) -> Note:
     """Used inside `Annotated[Type, was("old")]`: graph files may use the port's old name for one release."""
-    return Was(names)
+    return Note(was=names)
 
 
 @runtime_checkable

@@ -15,6 +15,7 @@ import pkgutil
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from exmesh_graph.errors import MissingLibraryError
@@ -80,9 +81,10 @@ class Packs:
         _named.update(self.names or ())
         for pack in self._pack_names():
             with self if self.names is None else Packs():  # named packs bring what is theirs, not what they import
-                for module in _modules(pack, self.broken):
-                    with self._noting(module):
-                        importlib.import_module(module)
+                package = self._imported(pack)
+                for info in pkgutil.iter_modules(getattr(package, "__path__", [])):
+                    if not info.name.startswith("_"):
+                        self._imported(f"{pack}.{info.name}")
             for home in [home for home in list(_declared) if _below(home, pack)]:  # by whomever it was imported
                 with self._noting(home):
                     for definition in list(_declared[home].values()):
@@ -115,6 +117,11 @@ class Packs:
             return list(self.names)
         entries = importlib.metadata.entry_points(group=GROUP)
         return [entry.module for entry in sorted(entries, key=lambda e: (e.value, e.name))]
+
+    def _imported(self, name: str) -> ModuleType | None:
+        with self._noting(name):
+            return importlib.import_module(name)
+        return None
 
     @contextlib.contextmanager
     def _noting(self, module: str) -> Iterator[None]:
@@ -151,17 +158,6 @@ def declare(definition: NodeDef) -> None:
 
 def _below(module: str, pack: str) -> bool:
     return module == pack or module.startswith(pack + ".")
-
-
-def _modules(name: str, broken: dict[str, str]) -> Iterator[str]:
-    try:
-        package = importlib.import_module(name)
-    except Exception as error:
-        broken[name] = _said(error)
-        return
-    for info in pkgutil.iter_modules(getattr(package, "__path__", [])):
-        if not info.name.startswith("_"):
-            yield f"{name}.{info.name}"
 
 
 def _said(error: Exception) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.declare.node import Component, Facets, NodeDef, Was
+from exmesh_graph.graph.declare.node import Component, NodeDef, Note
 from exmesh_graph.graph.declare.packs import Packs, current
 from exmesh_graph.params import Auto, Params
 from exmesh_graph.types import Artifact
@@ -177,14 +177,9 @@ def _foreign(kind: type[Artifact]) -> bool:
     """Whether only packs of other sessions know a class."""
     if not current().leaves_out(kind.__module__):
         return False
-    with contextlib.suppress(TypeError, NameError):
-        ports = [port for d in current().types.values() for port in _ports(signature(d))]
-        return all(kind not in port.types for port in ports)
-    return True
-
-
-def _ports(kind: Signature) -> list[Port]:
-    return [*kind.inputs.values(), *kind.outputs.values()]
+    signatures = [signature_of(current(), name) for name in current().types]
+    ports = [port for s in signatures if s is not None for port in (*s.inputs.values(), *s.outputs.values())]
+    return all(kind not in port.types for port in ports)
 
 
 def _subclasses(base: type[B]) -> list[type[B]]:
@@ -254,25 +249,18 @@ def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Po
 
     `Artifact | Component` makes a mixed port: one solver takes a finished artifact or the spec of how to do without.
     """
-    facets: dict[str, Any] = {}
-    old: tuple[str, ...] = ()
+    notes: list[Note] = []
     kinds: tuple[Any, ...] = (hint,)
-    while len(kinds) == 1:
-        hint = kinds[0]
-        origin = typing.get_origin(hint)
+    composed = (typing.Annotated, typing.Union, types.UnionType)
+    while len(kinds) == 1 and (origin := typing.get_origin(kinds[0])) in composed:
+        args = typing.get_args(kinds[0])
         if origin is typing.Annotated:
-            inner, *notes = typing.get_args(hint)
-            kinds = (inner,)
-            for note in notes:
-                if isinstance(note, Facets):
-                    facets.update(note.values)
-                elif isinstance(note, Was):
-                    old += note.names
-        elif origin in (typing.Union, types.UnionType):
-            kinds = tuple(arg for arg in typing.get_args(hint) if arg is not type(None))
-            optional = optional or len(kinds) < len(typing.get_args(hint))
-        else:
-            break
+            notes += [note for note in args[1:] if isinstance(note, Note)]
+            args = args[:1]
+        kinds = tuple(arg for arg in args if arg is not type(None))
+        optional = optional or len(kinds) < len(args)
+    facets = {name: value for note in notes for name, value in note.facets.items()}
+    old = tuple(name for note in notes for name in note.was)
     if all(_is_subclass(kind, Artifact) or _is_subclass(kind, Component) for kind in kinds):
         return Port(name, kinds, facets, optional, old)
     shown = " | ".join(map(str, kinds))

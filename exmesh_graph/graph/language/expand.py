@@ -14,7 +14,7 @@ from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.parts import PartFiles, input_ports
 from exmesh_graph.graph.language.spec import BLOCK_KEYS, Tree, Value, check_keys, mapping_in, substitute, tree_of
 from exmesh_graph.graph.language.yamlfile import Map, is_whole
-from exmesh_graph.graph.problems import Problems, Where, fail, nearest, without_rounds
+from exmesh_graph.graph.problems import Problems, Where, closest, fail, nearest, without_rounds
 
 MAX_ROUNDS = 1000
 MAX_NODES = 5000
@@ -148,9 +148,8 @@ class _Expansion:
             elif key == "seed":
                 seed = self._seed_given(full, substitute(value, scope.params, place, self.problems))
             else:
-                near = nearest(key, [*inputs, *known]) or [*inputs, *known]
                 what = f"{full}: {path.name} has no input or parameter {key!r}"
-                self.problems.add("unknown-parameter", place, what, nearest=near)
+                self.problems.add("unknown-parameter", place, what, nearest=closest(key, [*inputs, *known]))
         tree = tree_of(merged, path, (), self.problems, given)
         part = Part(full, tree, links, scope, self.links, entry.where)
         part.scope = replace(

@@ -73,8 +73,9 @@ def _by_key(rules: Mapping[Any, Rule]) -> Rule:
 
     def rule(base: Map, key: Any, value: Any, where: Where, problems: Problems) -> Any:
         old = base.get(key)
-        merges = key in rules and isinstance(value, Map) and isinstance(old, Map)
-        return _merged(old, value, rules[key], problems) if merges else value
+        if key in rules and isinstance(value, Map) and isinstance(old, Map):
+            return _merged(old, value, rules[key], problems)
+        return value
 
     return rule
 

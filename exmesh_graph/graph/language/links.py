@@ -16,7 +16,7 @@ from typing import Any
 
 from exmesh_graph.graph.language.spec import Tree, Value, mapping_in, substitute
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.problems import Problems, Where, closest
 
 
 @dataclass(frozen=True)
@@ -158,8 +158,8 @@ class Block(_Named):
         """The value of `key` after `rounds_done` rounds."""
         if key not in self.carry or key not in self.next:
             if (key in self.carry) == (key in self.next):
-                names = nearest(key, self.carry) or list(self.carry)
-                self.problems.add("repeat", where, f"{self.name} carries no {key!r}", nearest=names)
+                what = f"{self.name} carries no {key!r}"
+                self.problems.add("repeat", where, what, nearest=closest(key, self.carry))
             return None
         link = None
         for done in range(rounds_done + 1):  # the first rounds first: a chain of 1000 would be a deep recursion
@@ -183,8 +183,8 @@ class Part(_Named):
     def input(self, name: str, where: Where) -> Link | None:
         """What `@inputs.name` means: a link, ABSENT where it was not given, None after a problem."""
         if name not in self.tree.inputs:
-            names = nearest(name, self.tree.inputs) or list(self.tree.inputs)
-            self.problems.add("link", where, f"{self.tree.file.name} has no input {name!r}", nearest=names)
+            what = f"{self.tree.file.name} has no input {name!r}"
+            self.problems.add("link", where, what, nearest=closest(name, self.tree.inputs))
             return None
         if name not in self.given:
             return ABSENT
@@ -195,7 +195,7 @@ class Part(_Named):
         """What `@part.port` means outside."""
         outputs = self.tree.outputs
         if port not in outputs:
-            names = [f"@{self.name}.{name}" for name in nearest(port, outputs) or outputs]
+            names = [f"@{self.name}.{name}" for name in closest(port, outputs)]
             what = f"the sub-graph {self.name} ({self.tree.file.name}) has no output {port!r}"
             self.problems.add("unknown-port", where, what, nearest=names)
             return None

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import Problems, Where, nearest
+from exmesh_graph.graph.problems import Problems, Where, closest, nearest
 
 KINDS = ("int", "float", "number", "bool", "str", "path", "list", "map", "any")
 SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
@@ -95,7 +95,7 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
 
     kind = raw.get("type", "any")
     if kind not in KINDS:
-        refuse("type", f"there is no type {kind!r}", nearest=nearest(str(kind), KINDS) or KINDS)
+        refuse("type", f"there is no type {kind!r}", nearest=closest(kind, KINDS))
         kind = "any"
     limits = {}
     for key, value in raw.items():
@@ -106,7 +106,7 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
         elif key == "choices" and not (isinstance(value, list) and value):
             refuse(key, "choices is a list of values", found=repr(value))
         elif key not in KEYS:
-            refuse(key, f"a parameter has no key {key!r}", nearest=nearest(str(key), KEYS) or KEYS)
+            refuse(key, f"a parameter has no key {key!r}", nearest=closest(key, KEYS))
     choices = raw.get("choices")
     where = raw.lines.get("default", raw.where)
     return Declared(

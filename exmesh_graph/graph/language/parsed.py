@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
+import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -26,8 +28,8 @@ def remembered(memo: Memo, parse: Callable[[str, Path | None], Any]) -> Callable
         key = hashlib.sha256(f"{_reader()}\n{text}".encode("utf-8", "surrogatepass")).hexdigest()
         if key not in memo.known:
             value = parse(text, file)
-            packed = _packed(value)
-            if packed is not None:
+            with contextlib.suppress(ValueError):
+                packed = _packed(value)
                 for old in list(memo.known)[: max(0, len(memo.known) - MOST + 1)]:
                     del memo.known[old]
                 memo.put(key, packed)
@@ -45,19 +47,13 @@ def _reader() -> str:
 
 
 def _packed(value: Any) -> Any:
-    """Plain JSON for a tree: {"map": [line, key, its line, item, ...]} for a mapping; None where it cannot be."""
+    """Plain JSON for a tree: {"map": [line, key, its line, item, ...]} for a mapping. ValueError where it cannot be."""
     if isinstance(value, Map):
-        flat: list[Any] = [value.where.line]
-        for key, item in value.items():
-            packed = _packed(item)
-            if packed is None and item is not None:
-                return None
-            flat += [key, value.lines[key].line, packed]
-        return {"map": flat}
-    if isinstance(value, list):
-        items = [_packed(item) for item in value]
-        return None if any(p is None and v is not None for p, v in zip(items, value, strict=True)) else items
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        items = [(key, value.lines[key].line, _packed(item)) for key, item in value.items()]
+        return {"map": [value.where.line, *itertools.chain.from_iterable(items)]}
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value} is not JSON")
+    return [_packed(item) for item in value] if isinstance(value, list) else value
 
 
 def _unpacked(value: Any, file: Path | None) -> Any:

@@ -14,13 +14,13 @@ from typing import Any
 
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.declare.ports import Port, Signature, signature, types_by_name
+from exmesh_graph.graph.declare.ports import Port, Signature, signature, signature_of, types_by_name
 
 
 def graph_schema(packs: Packs) -> dict[str, Any]:
     """The schema of graph files as a JSON-like mapping (draft 7, which editors know)."""
     schema: dict[str, Any] = json.loads(Path(__file__).with_name("schema.json").read_text(encoding="utf-8"))
-    types = {name: definition for name, definition in packs.types.items() if _usable(definition)}
+    types = {name: definition for name, definition in packs.types.items() if signature_of(packs, name)}
     common = schema["definitions"]
     common["change"]["anyOf"][0]["properties"]["type"]["enum"] = sorted(types)
     common["wire_type"]["anyOf"][0]["enum"] = sorted(name for name in types_by_name() if name != "artifact")
@@ -65,13 +65,6 @@ def _param(kind: Signature, name: str, plain: Mapping[str, Any]) -> dict[str, An
     rest = {key: value for key, value in plain.items() if key not in told}
     result = {"description": f"{doc} [{unit}]" if unit else doc, "anyOf": [rest, _ref("reference")]}
     return result | ({"default": plain["default"]} if "default" in plain else {})
-
-
-def _usable(definition: NodeDef) -> bool:
-    try:
-        return signature(definition) is not None
-    except (TypeError, NameError):
-        return False
 
 
 def _ref(name: str) -> dict[str, str]:

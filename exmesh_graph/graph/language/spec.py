@@ -10,12 +10,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from exmesh_graph.graph.language.extends import load_merged
 from exmesh_graph.graph.language.params import Declared, declare
 from exmesh_graph.graph.language.yamlfile import Map, is_whole, parse_yaml
-from exmesh_graph.graph.problems import GraphErrors, Problems, Where, fail, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest, fail, nearest
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
 TOP_KEYS = ("name", "doc", "extends", "params", "seed", "inputs", "nodes", "outputs", *VARIANT_KEYS)
@@ -85,25 +85,20 @@ def tree_of(
     sets = [_override(text) for text in overrides]
     params = mapping_in(merged, "params", problems)
     declared = declare(params, problems)
-    scope = {name: Value(d.default, d.where, d.where.base) for name, d in declared.items()}
+    scope, here = defaults(declared), Where(None)
     set_here = set(given or ())
-    seed = merged.get("seed", 0)
+    seed, seeded = merged.get("seed", 0), merged.lines.get("seed", root)
     for override in sets:
-        if override.target in scope:
-            here = Where(None)
-            scope[override.target] = Value(override.value, here, here.base)
-            set_here.add(override.target)
-        elif override.target == "seed":
-            seed = override.value
-        elif "." in override.target:
-            continue
-        else:
-            _unknown_target(override.target, scope, nodes, problems)
-        override.used = True
+        target, override.used = override.target, "." not in override.target
+        if target in scope:
+            scope[target] = Value(override.value, here, here.base)
+            set_here.add(target)
+        elif target == "seed":
+            seed, seeded = override.value, here
+        elif override.used:
+            _unknown_target(target, scope, nodes, problems)
     if not is_whole(seed, 0, 2**31 - 1):
-        by_hand = any(override.target == "seed" for override in sets)
-        where = Where(None) if by_hand else merged.lines.get("seed", root)
-        problems.add("seed", where, f"seed must be a whole number from 0 to {2**31 - 1}, not {seed!r}")
+        problems.add("seed", seeded, f"seed must be a whole number from 0 to {2**31 - 1}, not {seed!r}")
         seed = 0
     name = str(merged.get("name", path.stem))
     outputs = mapping_in(merged, "outputs", problems)
@@ -123,63 +118,51 @@ def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: P
     Relative paths start where the leading `${name}` was written, otherwise at the file of the string itself.
     `$${` stands for a literal `${`.
     """
-    if isinstance(value, Map | dict):
-        items = {key: substitute(item, scope, where, problems).value for key, item in value.items()}
-        return Value(_bounded(items, where), where, where.base)
-    if isinstance(value, list):
-        replaced = [substitute(item, scope, where, problems).value for item in value]
-        return Value(_bounded(replaced, where), where, where.base)
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        replaced = {key: substitute(item, scope, where, problems).value for key, item in items}
+        made = replaced if isinstance(value, dict) else list(replaced.values())
+        _check_size(made, where)
+        return Value(made, where, where.base)
     if not isinstance(value, str) or "${" not in value:
         return Value(value, where, where.base)
 
     def look_up(name: str) -> Value:
         if name not in scope:
             problems.add("param", where, f"${{{name}}} is not a parameter here", nearest=nearest(name, scope))
-            return Value("", where, where.base)
-        return scope[name]
+        return scope.get(name, Value("", where, where.base))
 
-    whole = _REFERENCE.fullmatch(value)
-    if whole and whole.group(1) is not None:
-        single = look_up(whole.group(1))
-        return Value(single.value, where, single.base)
-    first = _REFERENCE.match(value)
-    base = where.base
-    if first and first.group(1) in scope:
-        base = scope[first.group(1)].base
-    size = 0
+    first, size = _REFERENCE.match(value), 0
+    if first and first[1] is not None and first[0] == value:
+        return replace(look_up(first[1]), where=where)
 
     def replacement(match: re.Match[str]) -> str:
         nonlocal size
-        if match.group(1) is None:
+        if match[1] is None:
             return "${"
-        inner = look_up(match.group(1)).value
+        inner = look_up(match[1]).value
         if isinstance(inner, list | dict):
-            what = f"${{{match.group(1)}}} is {'a list' if isinstance(inner, list) else 'a mapping'}"
+            what = f"${{{match[1]}}} is {'a list' if isinstance(inner, list) else 'a mapping'}"
             problems.add("param", where, f"{what}, which cannot be a part of a text")
             return ""
         text = str(inner).lower() if isinstance(inner, bool) else str(inner)
         size += len(text)
-        if size > MAX_SIZE:
-            _too_large(where)
+        _check_size(None, where, size)
         return text
 
+    base = scope[first[1]].base if first and first[1] in scope else where.base
     return Value(_REFERENCE.sub(replacement, value), where, base)
 
 
-def _bounded(value: Any, where: Where) -> Any:
-    """`value`, unless it holds more than MAX_SIZE values and characters: lists that repeat each other grow fast."""
-    size, todo = 0, [value]
+def _check_size(value: Any, where: Where, size: int = 0) -> None:
+    """Refuse more than MAX_SIZE values and characters, with `size` before: lists that repeat each other grow fast."""
+    todo = [value]
     while todo:
         item = todo.pop()
         size += 1 + (len(item) if isinstance(item, str) else 0)
         if size > MAX_SIZE:
-            _too_large(where)
+            fail("param", where, f"with its parameters, this value grows beyond {MAX_SIZE} values and characters")
         todo += item if isinstance(item, list) else item.values() if isinstance(item, dict) else ()
-    return value
-
-
-def _too_large(where: Where) -> NoReturn:
-    fail("param", where, f"with its parameters, this value grows beyond {MAX_SIZE} values and characters")
 
 
 def _override(text: str) -> Override:
@@ -205,6 +188,11 @@ def _unknown_target(target: str, params: Mapping[str, Value], nodes: Map, proble
         fix = f"a node's parameter is set by --set {target}.{what}=VALUE"
     problems.add("set", Where(None), f"the graph has no parameter {target!r}", expected=expected,
                  nearest=nearest(target, [*params, "seed"]), fix=fix)  # fmt: skip
+
+
+def defaults(declared: Mapping[str, Declared]) -> dict[str, Value]:
+    """What the parameters of a graph are where nobody sets them, references not yet resolved."""
+    return {name: Value(param.default, param.where, param.where.base) for name, param in declared.items()}
 
 
 def resolve_params(
@@ -251,5 +239,4 @@ def check_keys(tree: Map, known: tuple[str, ...], what: str, problems: Problems)
     """Note the keys of a mapping that mean nothing there."""
     for key in tree:
         if key not in known:
-            near = nearest(str(key), known) or known
-            problems.add("key", tree.lines[key], f"{what} has no key {key!r}", nearest=near)
+            problems.add("key", tree.lines[key], f"{what} has no key {key!r}", nearest=closest(key, known))

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from exmesh_graph.graph.language.yamlfile import Map, is_whole
-from exmesh_graph.graph.problems import GraphErrors, Problems, Where, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest
 from exmesh_graph.graph.variants.draft import refuse
 from exmesh_graph.graph.variants.patches import operation_of
 
@@ -102,8 +102,7 @@ def _variants(top: Map) -> dict[str, Row]:
         if len(chain) >= MAX_CHAIN:
             refuse(where, f"variants extend each other more than {MAX_CHAIN} deep")
         if name not in given:
-            names = [str(other) for other in given]
-            refuse(where, f"there is no variant {name!r}", near=nearest(name, names) or names)
+            refuse(where, f"there is no variant {name!r}", near=closest(name, map(str, given)))
         if name not in done:
             done[name], here = None, given.lines[name]
             bases, doc, patches = _entry(given[name], here, name)
@@ -137,8 +136,7 @@ def _entry(entry: Any, where: Where, name: str) -> tuple[list[str], str, list[An
         for key in entry:
             if key not in known:
                 fix = f"{name}: [{{{key}: ...}}], a list"
-                near = nearest(str(key), known) or known
-                refuse(entry.lines[key], f"a variant has no key {key!r}", near=near, fix=fix)
+                refuse(entry.lines[key], f"a variant has no key {key!r}", near=closest(key, known), fix=fix)
         bases, doc = entry.get("extends", []), str(entry.get("doc", "")).strip()
         entry = entry.get("patches", [])
     bases = [bases] if isinstance(bases, str) else bases
@@ -189,7 +187,7 @@ def _axis(
 ) -> Iterator[tuple[str, tuple[Any, tuple[Any, ...]]]]:
     def named_row(name: str, where: Where) -> Row:
         if name != BASE and name not in named:
-            refuse(where, f"there is no variant {name!r}", near=nearest(name, [*named, BASE]) or [*named, BASE])
+            refuse(where, f"there is no variant {name!r}", near=closest(name, [*named, BASE]))
         return named.get(name, Row(BASE))
 
     if not isinstance(values, Map | list) or not values:
@@ -215,7 +213,7 @@ def _axis(
 
 def _label(axes: Axes, axis: Any, value: Any, where: Where) -> str:
     if axis not in axes:
-        refuse(where, f"the matrix has no axis {axis!r}", near=nearest(str(axis), axes) or list(axes))
+        refuse(where, f"the matrix has no axis {axis!r}", near=closest(axis, axes))
     if _text(value) not in axes[axis]:
         refuse(where, f"the axis {axis} has no {value!r}", near=list(axes[axis]))
     return _text(value)

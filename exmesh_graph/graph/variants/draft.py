@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, Signature, signature_of
 from exmesh_graph.graph.language.params import declare
-from exmesh_graph.graph.language.spec import Value, resolve_params, substitute
+from exmesh_graph.graph.language.spec import defaults, resolve_params, substitute
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest, without_rounds
 
@@ -197,9 +197,8 @@ class Draft:
         if key not in entry or not isinstance(entry[key], str):
             return entry.get(key)
         raw = self.top.get("params") or Map(self.top.where)
-        declared = declare(raw, Problems())
-        given = {name: Value(param.default, param.where, param.where.base) for name, param in declared.items()}
-        return substitute(entry[key], resolve_params(given, Problems()), entry.lines[key], Problems()).value
+        scope = resolve_params(defaults(declare(raw, Problems())), Problems())
+        return substitute(entry[key], scope, entry.lines[key], Problems()).value
 
     def known_type(self, name: Any, where: Where) -> Signature:
         """The signature of a type that a patch names."""

@@ -21,7 +21,7 @@ from typing import Any
 
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.language.yamlfile import Map, copied
-from exmesh_graph.graph.problems import Where, nearest
+from exmesh_graph.graph.problems import Where, closest
 from exmesh_graph.graph.variants.draft import Draft, refuse
 from exmesh_graph.graph.variants.rewire import add, bypass, insert, remove, replace
 from exmesh_graph.graph.variants.values import connect, disconnect, set_values
@@ -35,8 +35,7 @@ def apply_patches(top: Map, patches: Iterable[Any], packs: Packs) -> Map:
         _, keys = OPERATIONS[name]
         extra = [key for key in patch if key != name and keys is not None and key not in keys]
         if extra:
-            near = nearest(str(extra[0]), keys or ()) or list(keys or ())
-            refuse(patch.lines[extra[0]], f"{name} has no {extra[0]!r}", near=near)
+            refuse(patch.lines[extra[0]], f"{name} has no {extra[0]!r}", near=closest(extra[0], keys or ()))
         needed, expected = NEEDED.get(name, (name, ""))
         if needed not in patch and not (name == "set" and isinstance(patch[name], Map)):
             refuse(patch.where, f"{name} needs {needed}:", expected=f"{needed}: {expected}")
@@ -51,9 +50,8 @@ def operation_of(patch: Any, place: Where | None = None) -> str:
         refuse(place or Where(None), f"a patch is a mapping, not {patch!r}", expected=shown)
     named = [key for key in patch if key in OPERATIONS]
     if len(named) != 1:
-        near = nearest(str(next(iter(patch), "")), OPERATIONS) or list(OPERATIONS)
         what = f"two operations in one patch: {', '.join(named)}" if named else f"no operation in {dict(patch)!r}"
-        refuse(patch.where, what, near=() if named else near, expected=shown)
+        refuse(patch.where, what, near=() if named else closest(next(iter(patch), ""), OPERATIONS), expected=shown)
     return str(named[0])
 
 

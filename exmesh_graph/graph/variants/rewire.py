@@ -7,7 +7,7 @@ from typing import Any
 
 from exmesh_graph.graph.declare.ports import Port, Signature, type_name
 from exmesh_graph.graph.language.yamlfile import Map, copied
-from exmesh_graph.graph.problems import Where, nearest
+from exmesh_graph.graph.problems import Where, closest, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace, is_block, is_link, is_part, layers_of, refuse
 from exmesh_graph.graph.variants.values import Target, fixed_place, target_of
 
@@ -130,7 +130,7 @@ def add(draft: Draft, patch: Map) -> None:
     scope, _, name = str(new["name"]).rpartition(".")
     blocks = [path for path, entry in draft.entries.items() if is_block(entry)]
     if scope and scope not in blocks:
-        refuse(new.lines["name"], f"there is no repeat block {scope!r}", near=nearest(scope, blocks) or blocks)
+        refuse(new.lines["name"], f"there is no repeat block {scope!r}", near=closest(scope, blocks))
     draft.check_free(name, scope, new.lines["name"])
     if "type" in new and "${" not in str(new["type"]):
         draft.known_type(new["type"], new.lines["type"])
@@ -183,12 +183,10 @@ def _renames(patch: Map, old: Signature | None, new: Signature) -> dict[str, str
     if not isinstance(ports, Map):
         refuse(patch.lines["ports"], "ports: maps old port names to new ones", expected="{state: mesh}")
     for before, after in ports.items():
-        where = ports.lines[before]
-        if old is not None and before not in (*old.inputs, *old.outputs):
-            refuse(where, f"the old node has no port {before!r}", near=nearest(before, [*old.inputs, *old.outputs]))
-        if after not in (*new.inputs, *new.outputs):
-            near = nearest(str(after), [*new.inputs, *new.outputs]) or [*new.inputs, *new.outputs]
-            refuse(where, f"{patch['type']} has no port {after!r}", near=near)
+        for owner, kind, name in (("the old node", old, before), (patch["type"], new, after)):
+            if kind is not None and name not in (*kind.inputs, *kind.outputs):
+                near = closest(name, [*kind.inputs, *kind.outputs])
+                refuse(ports.lines[before], f"{owner} has no port {name!r}", near=near)
     return {str(before): str(after) for before, after in ports.items()}
 
 
@@ -197,8 +195,8 @@ def _pick(patch: Map, key: str, ports: Mapping[str, Port], wire: Port | None, ne
     side = "input" if key == "in" else "output"
     if key in patch:
         if patch[key] not in ports:
-            near = nearest(str(patch[key]), ports) or list(ports)
-            refuse(patch.lines[key], f"{new['type']} has no free {side} {patch[key]!r}", near=near)
+            what = f"{new['type']} has no free {side} {patch[key]!r}"
+            refuse(patch.lines[key], what, near=closest(patch[key], ports))
         return str(patch[key])
     fits = {name: port for name, port in ports.items() if wire is None or _fits(port, wire, side)}
     fits = {name: port for name, port in fits.items() if not port.optional} or fits
@@ -225,7 +223,7 @@ def _way_through(patch: Map, name: str, kind: Signature, wired: Mapping[str, Por
     if given is not None:
         there = patch.lines["via"]
         if given not in wired:
-            refuse(there, f"{name} has no connected input {given!r}", near=nearest(str(given), wired) or list(wired))
+            refuse(there, f"{name} has no connected input {given!r}", near=closest(given, wired))
         if not all(issubclass(kind, wanted) for kind in wired[given].types):
             what = f"{name}: the input {given} is no {type_name(wanted)}"
             refuse(there, what, expected=str(kind.outputs[port]), found=str(wired[given]))

@@ -8,15 +8,16 @@ extends it.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Signature
-from exmesh_graph.graph.language.extends import load_merged, merge_nodes
 from exmesh_graph.graph.language.params import give
+from exmesh_graph.graph.language.parts import PartFiles
+from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.language.yamlfile import Map, copied
-from exmesh_graph.graph.problems import GraphErrors, Problems, Where, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace, is_block, is_link, is_part, layers_of, refuse
 
 
@@ -100,7 +101,7 @@ def _set_one(draft: Draft, text: Any, value: Any, where: Where, there: Where) ->
     else:
         names = [*(params or ()), "seed"]
         fix = f"a node's parameter is set with {{set: {text}.PARAMETER, to: ...}}" if text in draft.entries else ""
-        refuse(where, f"the graph has no parameter {text!r}", near=nearest(text, names) or names, fix=fix)
+        refuse(where, f"the graph has no parameter {text!r}", near=closest(text, names), fix=fix)
 
 
 def connect(draft: Draft, patch: Map) -> None:
@@ -176,7 +177,7 @@ def target_of(draft: Draft, text: Any, where: Where, *, link: bool, inside: bool
         if "." not in key:
             own = part.get("inputs" if link else "params") or ()
             if key not in own and (link or key != "seed"):
-                near = [f"{user}.{other}" for other in nearest(key, own) or own]
+                near = [f"{user}.{other}" for other in closest(key, own)]
                 refuse(where, f"the sub-graph {user} has no {'input' if link else 'parameter'} {key!r}", near=near)
             return Target(draft, Address(user, None, key), holder, holder, link)
         draft = Draft(part, draft.packs)
@@ -214,15 +215,11 @@ def _check_key(target: Target, text: str, where: Where) -> None:
 
 def _file_of(draft: Draft, entry: Map) -> Map | None:
     """The merged file of a sub-graph with the patches of its use; None where it cannot be read."""
-    name = draft.read(entry, "graph")
-    path = entry.lines["graph"].base / Path(name if isinstance(name, str) else "").expanduser()
-    try:
-        part = load_merged(path.resolve(), Problems()).copy()
-    except GraphErrors:
-        return None
-    if isinstance(part.get("nodes"), Map) and isinstance(entry.get("nodes"), Map):
-        part["nodes"] = merge_nodes(part["nodes"], entry["nodes"], Problems())
-    return part
+    where, files = entry.lines["graph"], PartFiles(Problems())
+    with contextlib.suppress(GraphErrors):
+        path = files.path(Value(draft.read(entry, "graph"), where, where.base), where, ())
+        return None if path is None else files.merged(path, where, entry.get("nodes"))
+    return None
 
 
 def _check_source(draft: Draft, text: str, scope: str, where: Where) -> None:
