@@ -21,8 +21,7 @@ from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import DEFAULT, Packs, current
 from exmesh_graph.graph.files import Memo
-from exmesh_graph.graph.language import check, expand, parsed, spec, yamlfile
-from exmesh_graph.graph.problems import Problems
+from exmesh_graph.graph.language import check, parsed, yamlfile
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef
@@ -78,10 +77,7 @@ class Session:
                 from exmesh_graph.graph.variants.checked import check_variant
 
                 return check_variant(path, overrides, packs, variant, top=top)
-            if top is None:
-                return check.check_file(path, overrides, packs)
-            problems = Problems()
-            return check.check(expand.expand(spec.tree_of(top, path, overrides, problems), problems), packs, problems)
+            return check.check_file(path, overrides, packs, top)
 
     def check_variants(
         self, graph: str | os.PathLike[str], overrides: Iterable[str] = (), store: Folder = None, **options: Any

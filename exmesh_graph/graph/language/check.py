@@ -19,8 +19,9 @@ from exmesh_graph.graph.language.expand import Unrolled, expand
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.nodecheck import NodeCheck
 from exmesh_graph.graph.language.params import Declared
-from exmesh_graph.graph.language.spec import load_tree
+from exmesh_graph.graph.language.spec import load_tree, tree_of
 from exmesh_graph.graph.language.wires import Wiring
+from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where
 from exmesh_graph.params import Params
 
@@ -97,10 +98,13 @@ class Checked:
         return needed
 
 
-def check_file(path: Path, overrides: Iterable[str], packs: Packs) -> Checked:
-    """Load, expand and check a graph file. Raises GraphErrors with everything that is wrong at once."""
+def check_file(path: Path, overrides: Iterable[str], packs: Packs, top: Map | None = None) -> Checked:
+    """Load, expand and check a graph file; `top` is its merged mapping, where it is no file.
+
+    Raises GraphErrors with everything that is wrong at once.
+    """
     problems = Problems()
-    tree = load_tree(path, overrides, problems)
+    tree = load_tree(path, overrides, problems) if top is None else tree_of(top, path, overrides, problems)
     return check(expand(tree, problems), packs, problems)
 
 

@@ -9,7 +9,7 @@ sub-graph only its own names and `@inputs.x` are seen; outside, `@part.x` is its
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,13 +56,6 @@ class Scope:
     outer: tuple[int, ...] = ()
     files: tuple[Path, ...] = ()
 
-    def chain(self) -> Iterator[Scope]:
-        """This scope and those around it."""
-        scope: Scope | None = self
-        while scope is not None:
-            yield scope
-            scope = scope.parent
-
 
 @dataclass
 class Links:
@@ -92,7 +85,8 @@ class Links:
             self.problems.add("link", where, f"{text!r} is not a link", expected=expected)
             return None
         node, port = match[1], match[2] or ""
-        for level in scope.chain():
+        level: Scope | None = scope
+        while level is not None:
             if node == "carry" and level.block is not None:
                 return level.block.carried(level.rounds[-1] - 1, port, where)
             if node == "inputs" and level.part is not None:
@@ -102,17 +96,15 @@ class Links:
                 if isinstance(target, str):
                     return Link(target, port)
                 return None if target is None else target.value(port, where)
-        if node == "carry":
-            self.problems.add("link", where, f"{text}: there is no carried value outside a repeat block")
-            return None
-        if node == "inputs":
-            if not self.tree.inputs or scope.root:
-                self.problems.add("link", where, f"{text}: this graph declares no inputs")
+            level = level.parent
+        lacks = {"carry": "there is no carried value outside a repeat block", "inputs": "this graph declares no inputs"}
+        if node in lacks:
+            if node == "carry" or not self.tree.inputs or scope.root:
+                self.problems.add("link", where, f"{text}: {lacks[node]}")
             return None
         node = scope.root + node
-        if f"{node}.{port}" in self.names:  # a component by its full name
-            return Link(f"{node}.{port}", "")
-        return Link(node, port)
+        full = f"{node}.{port}"
+        return Link(full, "") if full in self.names else Link(node, port)  # a component by its full name
 
 
 class _Named:

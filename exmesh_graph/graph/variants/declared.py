@@ -168,27 +168,27 @@ def _matrix(top: Map, named: Mapping[str, Row]) -> tuple[Axes, list[dict[str, st
     if math.prod(len(labels) for labels in axes.values()) > 10 * MAX_VARIANTS:
         refuse(where, f"the matrix has more than {10 * MAX_VARIANTS} combinations", fix="shorten its axes")
     cells = [dict(zip(axes, labels, strict=True)) for labels in itertools.product(*axes.values())] if axes else []
-    for rule, there in _rules(matrix, "exclude"):
-        wanted = {axis: _label(axes, axis, value, there) for axis, value in rule.items()}
+    for rule in _rules(matrix, "exclude"):
+        wanted = _labels(axes, rule)
         kept = [cell for cell in cells if any(cell[axis] != label for axis, label in wanted.items())]
         if len(kept) == len(cells):
-            refuse(there, f"exclude matches no combination: {dict(rule)!r}")
+            refuse(rule.where, f"exclude matches no combination: {dict(rule)!r}")
         cells = kept
-    for rule, there in _rules(matrix, "include"):
+    for rule in _rules(matrix, "include"):
         for axis, value in rule.items():
             if _text(value) not in axes.get(str(axis), {}) and not isinstance(matrix.get(axis), Map):
-                axes.setdefault(str(axis), {}).update(_axis(str(axis), [value], there, named))
-        cells.append({axis: _label(axes, axis, value, there) for axis, value in rule.items()})
+                axes.setdefault(str(axis), {}).update(_axis(str(axis), [value], rule.where, named))
+        cells.append(_labels(axes, rule))
     return axes, cells
 
 
 def _axis(
     axis: str, values: Any, where: Where, named: Mapping[str, Row]
 ) -> Iterator[tuple[str, tuple[Any, tuple[Any, ...]]]]:
-    def named_row(name: str, where: Where) -> Row:
+    def patches_of(name: str, where: Where) -> tuple[Any, ...]:
         if name != BASE and name not in named:
             refuse(where, f"there is no variant {name!r}", near=closest(name, [*named, BASE]))
-        return named.get(name, Row(BASE))
+        return named[name].patches if name != BASE else ()
 
     if not isinstance(values, Map | list) or not values:
         expected = f"{axis}: [value, ...] for a parameter, {axis}: {{label: [patches], ...}} for named patch lists"
@@ -197,13 +197,13 @@ def _axis(
         for label, patches in values.items():
             there = values.lines[label]
             by_name = isinstance(patches, str)
-            listed = named_row(patches, there).patches if by_name else tuple(_entry(patches, there, str(label))[2])
+            listed = patches_of(patches, there) if by_name else tuple(_entry(patches, there, str(label))[2])
             yield str(label), (str(label), listed)
         return
     for value in values:
         label = _text(value)
         if axis == "variant":
-            yield label, (label, named_row(label, where).patches)
+            yield label, (label, patches_of(label, where))
         elif isinstance(value, Map | list):
             refuse(where, f"the axis {axis} holds {value!r}", expected="numbers, words, true or false",
                    fix=f"{axis}: {{label: [{{set: {axis}, to: ...}}]}}")  # fmt: skip
@@ -211,20 +211,21 @@ def _axis(
             yield label, (value, (setting(axis, value, where),))
 
 
-def _label(axes: Axes, axis: Any, value: Any, where: Where) -> str:
-    if axis not in axes:
-        refuse(where, f"the matrix has no axis {axis!r}", near=closest(axis, axes))
-    if _text(value) not in axes[axis]:
-        refuse(where, f"the axis {axis} has no {value!r}", near=list(axes[axis]))
-    return _text(value)
+def _labels(axes: Axes, rule: Map) -> dict[str, str]:
+    """The labels of the values in a rule, by axis."""
+    for axis, value in rule.items():
+        if axis not in axes:
+            refuse(rule.where, f"the matrix has no axis {axis!r}", near=closest(axis, axes))
+        if _text(value) not in axes[axis]:
+            refuse(rule.where, f"the axis {axis} has no {value!r}", near=list(axes[axis]))
+    return {axis: _text(value) for axis, value in rule.items()}
 
 
-def _rules(matrix: Map, key: str) -> Iterator[tuple[Map, Where]]:
-    rules = matrix.get(key, [])
+def _rules(matrix: Map, key: str) -> list[Map]:
+    rules: Any = matrix.get(key, [])
     if not isinstance(rules, list) or not all(isinstance(rule, Map) and rule for rule in rules):
         refuse(matrix.lines[key], f"{key}: is a list of mappings", expected=f"{key}: [{{axis: value}}]")
-    for rule in rules:
-        yield rule, rule.where
+    return rules
 
 
 def _cell_row(axes: Axes, cell: Mapping[str, str]) -> Row:

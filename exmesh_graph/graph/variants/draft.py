@@ -135,11 +135,8 @@ class Draft:
 
     def inside(self, scope: str) -> Map:
         """The nodes of a scope."""
-        nodes = self.top.get("nodes")
-        nodes = nodes if isinstance(nodes, Map) else Map(self.top.where)
-        for name in filter(None, scope.split(".")):
-            nodes = nodes[name]["nodes"]
-        return nodes
+        nodes = self.entries[scope]["nodes"] if scope else self.top.get("nodes")
+        return nodes if isinstance(nodes, Map) else Map(self.top.where)
 
     # --- what a patch names
 
