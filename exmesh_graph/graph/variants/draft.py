@@ -135,8 +135,11 @@ class Draft:
 
     def inside(self, scope: str) -> Map:
         """The nodes of a scope."""
-        nodes = self.entries[scope]["nodes"] if scope else self.top.get("nodes")
-        return nodes if isinstance(nodes, Map) else Map(self.top.where)
+        nodes = self.top.get("nodes")
+        nodes = nodes if isinstance(nodes, Map) else Map(self.top.where)
+        for name in filter(None, scope.split(".")):
+            nodes = nodes[name]["nodes"]
+        return nodes
 
     # --- what a patch names
 
@@ -225,19 +228,18 @@ class Draft:
 
     def source(self, text: str, scope: str) -> Source | None:
         """What a link means in `scope`; None where it means nothing."""
-        match, entries = _LINK.fullmatch(text), self.entries
+        match = _LINK.fullmatch(text)
         node, port = match.groups() if match else (text.removeprefix("@"), "")
         if node == "carry":
             return Source("", port, text)
         while "." not in node:
-            path = f"{scope}.{node}".lstrip(".")
-            if path in entries:
-                return Source(path, port, text)
+            if node in self.inside(scope):
+                return Source(f"{scope}.{node}".lstrip("."), port, text)
             if not scope:
                 return None
             scope = home_of(scope)
-        path = without_rounds(node)
-        return Source(path, port, text, by_round=True) if _ADDRESS.fullmatch(node) and path in entries else None
+        known = _ADDRESS.fullmatch(node) and without_rounds(node) in self.entries
+        return Source(without_rounds(node), port, text, by_round=True) if known else None
 
     def users(self, *paths: str) -> list[tuple[LinkPlace, Source]]:
         """The places that link to nodes or blocks, those inside them left out."""
