@@ -128,7 +128,7 @@ def nearest(name: str, candidates: Iterable[str], count: int = 3) -> list[str]:
 
 def closest(name: object, candidates: Iterable[str]) -> list[str]:
     """The candidates that look most like `name`; all of them where none does."""
-    names = list(candidates)
+    names = list(dict.fromkeys(candidates))
     return nearest(str(name), names) or names
 
 
