@@ -152,7 +152,7 @@ class _Benchmark(Family):
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
 class _Data(Family):
-    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
+    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
         """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes.
 
         path: Folder with transforms_train.json (or transforms.json).
@@ -168,6 +168,7 @@ class _Data(Family):
         wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
+        checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
     def environment(self, name: str = "", *, path: str | PathLike[str] | Parameter, convention: Literal["openexr", "blender"] | Parameter = "openexr", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> LightNode:
         """A lat-long environment map.
@@ -175,7 +176,7 @@ class _Data(Family):
         path: Lat-long picture: EXR or HDR.
         convention: Where the picture's middle looks: +Z of the Y-up world, or Blender's +X of its z-up world.
         """
-    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
+    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the IDR / NeuS layout (DTU and others), with masks or without.
 
         path: Folder with cameras_sphere.npz and image/.
@@ -183,12 +184,13 @@ class _Data(Family):
         first: Index of the first test view, counted from 0. [>= 0]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
         pixel_offset: Added to the principal point: 0.5 where the file's pixel centres are whole numbers. [px, >= 0, <= 0.5]
+        checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         up: The up axis of the files' world; auto: the direction level cameras agree on.
         masks: Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
+    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the Middlebury multi-view layout (templeRing and others).
 
         path: Folder with <name>_par.txt, image/ and mask/.
@@ -196,6 +198,7 @@ class _Data(Family):
         first: Index of the first test view, counted from 0. [>= 0]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
         pixel_offset: Added to the principal point: 0.5 where the file's pixel centres are whole numbers. [px, >= 0, <= 0.5]
+        checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         up: The up axis of the files' world; auto: found from level cameras.
         masks: Use mask/ where it is there.
@@ -203,7 +206,7 @@ class _Data(Family):
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
+    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
         """A plain folder of photographs: cameras and sparse points by structure from motion (needs pycolmap).
 
         path: Folder of pictures of one size (or its images/), with masks/ beside them or alpha.
@@ -221,8 +224,9 @@ class _Data(Family):
         holdout: Every how many views one is held out for testing. [views, >= 2]
         first: Index of the first test view, counted from 0. [>= 0]
         wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
+        checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
-    def stanford_orb(self, name: str = "", *, path: str | PathLike[str] | Parameter, downscale: int | Parameter = 4, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, max_novel_views: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNovelNode:
+    def stanford_orb(self, name: str = "", *, path: str | PathLike[str] | Parameter, downscale: int | Parameter = 4, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, max_novel_views: int | Parameter = 0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNovelNode:
         """A capture of Stanford-ORB: HDR photographs, scanned truth, and views under two other measured lights.
 
         path: Folder of a capture, blender_HDR/<object>_scene00x; ground_truth/ beside blender_HDR/.
@@ -230,8 +234,9 @@ class _Data(Family):
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
         max_test_views: Keep at most so many test views; 0 = all. [views, >= 0]
         max_novel_views: Keep at most so many views under other lights; 0 = all. [views, >= 0]
+        checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
-    def synthetic4relight(self, name: str = "", *, path: str | PathLike[str] | Parameter, lights: tuple[str, ...] | list[str] | Parameter = ..., downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
+    def synthetic4relight(self, name: str = "", *, path: str | PathLike[str] | Parameter, lights: tuple[str, ...] | list[str] | Parameter = ..., downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
         """A scene of Synthetic4Relight: linear training pictures, test views with materials, relit pictures.
 
         path: Folder of a scene, with transforms_train.json and test_rli/; envmaps/ in it or beside it.
@@ -239,6 +244,7 @@ class _Data(Family):
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
         max_test_views: Keep at most so many test views; 0 = all. [views, >= 0]
+        checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
     def usd(self, name: str = "", *, path: str | PathLike[str] | Parameter, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode:
         """A USD package from elsewhere, to be composed with others; what the gate finds in it is a warning.

@@ -58,7 +58,7 @@ def load_idr(path: Path, options: IdrOptions | None = None) -> Scene:
     train, test, sphere = list_idr(path, options)
     return load_scene(
         train, test, up=options.up, downscale=options.downscale, sphere=sphere,
-        metres_per_unit=options.metres_per_unit,
+        metres_per_unit=options.metres_per_unit, checks=options.checks,
     )  # fmt: skip
 
 

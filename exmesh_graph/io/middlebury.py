@@ -40,7 +40,7 @@ def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Sce
     train, test = list_middlebury(path, options)
     return load_scene(
         train, test, up=options.up, downscale=options.downscale, wrong_masks=options.wrong_masks, box=options.box,
-        metres_per_unit=options.metres_per_unit,
+        metres_per_unit=options.metres_per_unit, checks=options.checks,
     )  # fmt: skip
 
 

@@ -87,7 +87,7 @@ def sphere_from_masks(
     Views without a mask (alpha 1 all over) say nothing. Raises DataError where the masks have no common part.
     """
     masked = (alpha < 1).any(axis=(1, 2))
-    centre, radius = _from_mask_rays(alpha[masked], intrinsics[masked], camera_to_world[masked])
+    centre, radius = centre_of_masks(alpha[masked], intrinsics[masked], camera_to_world[masked])
     field = SilhouetteField.from_masks(alpha, intrinsics, np.linalg.inv(camera_to_world), wrong_masks=wrong_masks)
     low, high = centre - 1.3 * radius, centre + 1.3 * radius
     inside = np.zeros((0, 3))
@@ -152,7 +152,11 @@ def sphere_from_box(low: Sequence[float], high: Sequence[float]) -> tuple[np.nda
     return (a + b) / 2, float(np.linalg.norm(b - a) / 2)
 
 
-def _from_mask_rays(alpha: np.ndarray, intrinsics: np.ndarray, camera_to_world: np.ndarray) -> tuple[np.ndarray, float]:
+def centre_of_masks(alpha: np.ndarray, intrinsics: np.ndarray, camera_to_world: np.ndarray) -> tuple[np.ndarray, float]:
+    """(centre [3], radius): where rays through the middles of masks [N, H, W] meet, and how far these reach there.
+
+    DataError for an empty mask and for parallel rays.
+    """
     middles, extents = [], []
     for mask in alpha:
         rows, columns = np.nonzero(mask >= 0.5)

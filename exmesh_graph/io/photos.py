@@ -89,7 +89,10 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
     points = motion.points @ turn[:3, :3].T
     masked = any(mask is not None for _, mask in listed) or any(_has_alpha(picture) for picture, _ in listed)
     sphere = None if masked else object_sphere(points, motion.tracks, turn @ poses)
-    scene = load_scene(train, test, up="y", downscale=options.downscale, wrong_masks=options.wrong_masks, sphere=sphere)
+    scene = load_scene(
+        train, test, up="y", downscale=options.downscale, wrong_masks=options.wrong_masks, sphere=sphere,
+        checks=options.checks,
+    )  # fmt: skip
     if note:
         scene.notes.append(note)
     if motion.left_out:

@@ -9,6 +9,8 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import scene_from_dataset
+from exmesh_graph.io.checks.finding import settle
+from exmesh_graph.io.checks.scene import check_cameras, check_world
 from exmesh_graph.io.load import check_no_leak, load_shots, to_views
 from exmesh_graph.io.normalise import (
     looking_away,
@@ -18,7 +20,7 @@ from exmesh_graph.io.normalise import (
     sphere_from_cameras,
     sphere_from_masks,
 )
-from exmesh_graph.io.settings import UpAxis
+from exmesh_graph.io.settings import Checks, UpAxis
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.types import Frame, SceneTruth, Views
 
@@ -44,9 +46,13 @@ def load_scene(
     box: Sequence[Sequence[float]] | None = None,
     sphere: tuple[np.ndarray, float] | None = None,
     metres_per_unit: float = 0.0,
+    checks: Checks = "error",
 ) -> Scene:
     """Read both splits, check them, and normalise: by `box` or `sphere` (data set's units) where given, else by the
     training masks (`wrong_masks` of which may be wrong at a point), else by the cameras alone.
+
+    Cameras and pictures are checked against each other (`io.checks`): what is found becomes notes, and a DataError
+    where it is grave and `checks` is "error"; "off" leaves the checks out.
     """
     fit = load_shots(train, split="training", downscale=downscale)
     held = load_shots(test, split="test", downscale=downscale)
@@ -69,25 +75,29 @@ def load_scene(
             expected="cameras around the object",
             fix="correct the poses, or give the object's box in the loader's `box`",
         )
+    few = min(wrong_masks, max(len(train) - 2, 0))
+    found = settle(check_cameras(fit, few), checks) if checks != "off" else []
     if box is not None:
         centre, radius = sphere_from_box(box[0], box[1])
     elif sphere is not None:
         centre, radius = sphere
     elif fit.has_masks:
-        few = min(wrong_masks, max(len(train) - 2, 0))
         centre, radius = sphere_from_masks(
             fit.silhouettes, fit.silhouette_intrinsics, fit.camera_to_world, wrong_masks=few, names=fit.names
         )
     else:
         height, width = fit.alpha.shape[1:]
         centre, radius = sphere_from_cameras(fit.intrinsics, fit.camera_to_world, width, height)
+    if checks != "off":
+        given = box is not None or sphere is not None
+        found += settle(check_world(fit, held, centre, radius, given), checks)
     frame = make_frame(centre, radius, scene_from_dataset(up, fit.camera_to_world), metres_per_unit)
     views = to_views(fit, frame, "train", has_masks=fit.has_masks)
     return Scene(
         train=views,
         test=to_views(held, frame, "test", has_masks=held.has_masks),
         frame=frame,
-        notes=_notes(views),
+        notes=[*_notes(views), *found],
     )
 
 

@@ -10,6 +10,7 @@ UpAxis = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 Lens = Literal["pinhole", "radial", "opencv"]
 Way = Literal["auto", "incremental", "easier", "global"]
+Checks = Literal["error", "warn", "off"]
 
 _UP = "The up axis of the files' world; auto: found from level cameras."
 _WRONG_MASKS = "Masks that may be wrong at a point, for normalisation."
@@ -19,6 +20,7 @@ _DOWNSCALE = "Reduce by this factor, by exact area averaging in linear light."
 _MAX_VIEWS = "Keep at most so many training views, evenly spread; 0 = all."
 _MAX_TEST_VIEWS = "Keep at most so many test views; 0 = all."
 _HOLDOUT = "Every how many views one is held out for testing."
+_CHECKS = "Grave faults of cameras and pictures: an error, a warning, or not looked for (off)."
 _FIRST = "Index of the first test view, counted from 0."
 
 
@@ -41,6 +43,7 @@ class BlenderOptions(Params):
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)
     box: Box | None = param(None, doc=_BOX)
     metres_per_unit: float = param(0.0, ge=0, unit="m", doc=_METRES)
+    checks: Checks = param("error", doc=_CHECKS)
 
 
 class RingOptions(Params):
@@ -56,6 +59,7 @@ class RingOptions(Params):
         unit="px",
         doc="Added to the principal point: 0.5 where the file's pixel centres are whole numbers.",
     )
+    checks: Checks = param("error", doc=_CHECKS)
 
 
 class MiddleburyOptions(RingOptions):
@@ -85,6 +89,7 @@ class Synthetic4RelightOptions(Params):
     downscale: int = param(1, ge=1, le=16, doc=_DOWNSCALE)
     max_views: int = param(0, ge=0, unit="views", doc=_MAX_VIEWS)
     max_test_views: int = param(0, ge=0, unit="views", doc=_MAX_TEST_VIEWS)
+    checks: Checks = param("error", doc=_CHECKS)
 
 
 class OrbOptions(Params):
@@ -94,6 +99,7 @@ class OrbOptions(Params):
     max_views: int = param(0, ge=0, unit="views", doc=_MAX_VIEWS)
     max_test_views: int = param(0, ge=0, unit="views", doc=_MAX_TEST_VIEWS)
     max_novel_views: int = param(0, ge=0, unit="views", doc="Keep at most so many views under other lights; 0 = all.")
+    checks: Checks = param("error", doc=_CHECKS)
 
 
 class MotionSettings(Params):
@@ -124,6 +130,7 @@ class PhotosOptions(MotionSettings):
     holdout: int = param(8, ge=2, unit="views", doc=_HOLDOUT)
     first: int = param(3, ge=0, doc=_FIRST)
     wrong_masks: int = param(1, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)
+    checks: Checks = param("error", doc=_CHECKS)
 
 
 class DepthOptions(Params):

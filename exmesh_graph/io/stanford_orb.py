@@ -70,7 +70,7 @@ def load_orb(path: Path, options: OrbOptions | None = None) -> tuple[Scene, LitV
 
     options = options or OrbOptions()
     shots = list_orb(path, options)
-    scene = load_scene(shots.train, shots.test, up="z", downscale=options.downscale)
+    scene = load_scene(shots.train, shots.test, up="z", downscale=options.downscale, checks=options.checks)
     loaded = load_shots(shots.novel, split="novel", downscale=options.downscale)
     views = to_views(loaded, scene.frame, "test", has_masks=loaded.has_masks)
     maps = [_turned(file, pose) for file, pose in zip(shots.lights, views.camera_to_world, strict=True)]

@@ -82,5 +82,6 @@ def check_layout(path: Path, options: Synthetic4RelightOptions) -> None:
 
 def _blender(options: Synthetic4RelightOptions) -> BlenderOptions:
     return BlenderOptions(
-        downscale=options.downscale, max_views=options.max_views, max_test_views=options.max_test_views, test="file"
-    )
+        downscale=options.downscale, max_views=options.max_views, max_test_views=options.max_test_views, test="file",
+        checks=options.checks,
+    )  # fmt: skip
