@@ -10,23 +10,41 @@ What this page names is imported when it is first used, so that `import exmesh_g
 
 from __future__ import annotations
 
+import importlib
 import sys
 from typing import TYPE_CHECKING, Any
 
-from exmesh_graph import api
 from exmesh_graph.version import __version__
 
 if TYPE_CHECKING:
-    from exmesh_graph.api import *  # noqa: F403
+    from exmesh_graph.api.builder import Graph
+    from exmesh_graph.api.calling import call
+    from exmesh_graph.api.differences import Comparison, diff
+    from exmesh_graph.api.opening import check
+    from exmesh_graph.api.planning import Plan, plan
+    from exmesh_graph.api.results import Metric, NodeRun, Run
+    from exmesh_graph.api.runs import RunFailed, open_run, run
+    from exmesh_graph.api.sweeps import Sweep, sweep
+    from exmesh_graph.api.values import Node, Parameter, UnknownPort, Wire, component
+    from exmesh_graph.graph.problems import GraphErrors
+    from exmesh_graph.graph.session import Session
 
-__all__ = ["__version__"]
-__all__ += api.__all__
+__all__ = ["Comparison", "Graph", "GraphErrors", "Metric", "Node", "NodeRun", "Parameter", "Plan", "Run", "RunFailed",
+           "Session", "Sweep", "UnknownPort", "Wire", "__version__", "call", "check", "component", "diff", "open_run",
+           "plan", "run", "sweep"]  # fmt: skip
+_HOMES = {
+    "api.builder": "Graph", "api.calling": "call", "api.differences": "Comparison diff", "api.opening": "check",
+    "api.planning": "Plan plan", "api.results": "Metric NodeRun Run", "api.runs": "RunFailed open_run run",
+    "api.sweeps": "Sweep sweep", "api.values": "Node Parameter UnknownPort Wire component",
+    "graph.problems": "GraphErrors", "graph.session": "Session",
+}  # fmt: skip
+_HOME_OF = {name: f"{__name__}.{home}" for home, names in _HOMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
+    if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(api, name)
+    value = getattr(importlib.import_module(_HOME_OF[name]), name)
     _show_in_notebooks()
     return value
 

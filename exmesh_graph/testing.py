@@ -90,10 +90,9 @@ def asset(start: Carrier | None = None, *, roughness: float = 0.5, **maps: np.nd
 
     maps  other fields of Asset, in place of these or beside them: `metallic`, `normal`, `environment`, ...
     """
-    on = start or carrier()
-    size = on.texture.shape[:2]
     from exmesh_graph.io.color import srgb_to_linear
 
+    on = start or carrier()
     size = on.texture.shape[:2]
     values: dict[str, Any] = {
         **{f.name: getattr(on, f.name) for f in fields(Carrier)},
@@ -172,33 +171,29 @@ def latlong_ball(
     """A closed ball cut into rings and sectors: vertices [V, 3], faces [F, 3], uvs [T, 2], uv_faces [F, 3]."""
     lat = np.linspace(-math.pi / 2, math.pi / 2, rings + 1)
     lon = np.linspace(-math.pi, math.pi, sectors + 1)
-    index = np.zeros((rings + 1, sectors + 1), int)
-    vertices: list[list[float]] = []
-    for i, a in enumerate(lat):
-        for j in range(sectors):
-            if i in (0, rings) and j > 0:
-                index[i, j] = index[i, 0]
-                continue
-            index[i, j] = len(vertices)
-            vertices.append([math.cos(a) * math.sin(lon[j]), math.sin(a), math.cos(a) * math.cos(lon[j])])
-        index[i, sectors] = index[i, 0]
-    uvs = np.stack(np.meshgrid((lon + math.pi) / (2 * math.pi), (lat + math.pi / 2) / math.pi), -1).reshape(-1, 2)
-    uv_index = np.arange((rings + 1) * (sectors + 1)).reshape(rings + 1, sectors + 1)
-    faces, uv_faces = [], []
-    for i in range(rings):
-        for j in range(sectors):
-            quad = [(i, j), (i, j + 1), (i + 1, j + 1), (i + 1, j)]
-            for triple in ((0, 1, 2), (0, 2, 3)):
-                corners = [quad[k] for k in triple]
-                ids = [index[c] for c in corners]
-                if len(set(ids)) == 3:
-                    faces.append(ids)
-                    uv_faces.append([uv_index[c] for c in corners])
+    vertices = [
+        [math.cos(a) * math.sin(b), math.sin(a), math.cos(a) * math.cos(b)]
+        for k, a in enumerate(lat)
+        for b in (lon[:1] if k in (0, rings) else lon[:-1])  # the poles are one vertex each
+    ]
+    i, j = np.meshgrid(np.arange(rings + 1), np.arange(sectors + 1), indexing="ij")
+    index = (1 + (i - 1) * sectors + j % sectors).clip(0, len(vertices) - 1)
+    index[0] = 0
+    index[-1] = len(vertices) - 1
+
+    def triangles(grid: np.ndarray) -> np.ndarray:
+        """Two of each quadrangle of a grid of indices."""
+        a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+        return np.stack([a, b, c, a, c, d], -1).reshape(-1, 3)
+
+    faces, uv_faces = triangles(index), triangles(i * (sectors + 1) + j)
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    uvs = np.stack([(lon[j] + math.pi) / (2 * math.pi), (lat[i] + math.pi / 2) / math.pi], -1).reshape(-1, 2)
     return (
         radius * np.array(vertices, np.float32),
-        np.array(faces, np.int32),
+        faces[whole].astype(np.int32),
         (uvs * 0.9 + 0.05).astype(np.float32),
-        np.array(uv_faces, np.int32),
+        uv_faces[whole].astype(np.int32),
     )
 
 

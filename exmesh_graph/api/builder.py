@@ -24,15 +24,15 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.api.arguments import file_of, path_of, wrong
-from exmesh_graph.api.scope import NodeScope, child, map_or_empty
-from exmesh_graph.api.values import Node, Parameter, Place, Wire, here, plain
+from exmesh_graph.api.scope import NodeScope, map_or_empty
+from exmesh_graph.api.values import Node, Parameter, Wire, here, plain
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
 from exmesh_graph.graph.files import writing
 from exmesh_graph.graph.language.extends import over_base
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml
-from exmesh_graph.graph.problems import Problems, Where
+from exmesh_graph.graph.problems import Problems
 from exmesh_graph.graph.session import Session, current_session
 
 
@@ -81,7 +81,7 @@ class Graph(NodeScope):
 
     @property
     def own(self) -> Map:
-        return child(self.tree, "nodes")
+        return self.tree.inner("nodes", self.tree.where)
 
     @property
     def base(self) -> Map:
@@ -112,31 +112,21 @@ class Graph(NodeScope):
 
         Types: int, float, number, bool, str, path, list, map, any.
         """
-        where, problems = here(), Problems()
-        value = None if default is ... else plain(default, name, where, problems)
-        entry: Any = value
+        entry: Any = default
         if default is ... or type or doc or limits:
-            entry = Map(where)
-            words = {"type": type or _kind_of(default), "default": value, **limits, "doc": doc}
-            for key, word in words.items():
-                if not (key == "default" and default is ...) and word != "":
-                    entry.put(key, plain(word, f"{name}.{key}", where, problems), where)
-        child(self.tree, "params").put(name, entry, where)
-        declare(_one(name, entry, where), problems)
-        problems.raise_if_any()
+            words = {"type": type or _kind_of(default), "default": default, **limits, "doc": doc}
+            entry = {key: word for key, word in words.items() if word is not ... and (key, word) != ("doc", "")}
+        self._declare(self.tree.inner("params", self.tree.where), name, entry)
         return Parameter(name)
 
     def input(self, name: str, type: Any, *, optional: bool = False, doc: str = "", **facets: Any) -> Wire[Any]:
         """Declare an input, for a graph that others use; `type` is a wire type or its name."""
-        where = here()
-        entry = Map(where)
         if not isinstance(type, str) and not hasattr(type, "type_name"):
             wrong("the type of an input", type, "a wire type or its name: Views, Mesh, Carrier, ...")
-        entry.put("type", type if isinstance(type, str) else type_name(type), where)
-        for key, value in (("optional", optional), ("facets", dict(facets)), ("doc", doc)):
-            if value:
-                entry.put(key, plain(value, key, where, Problems()), where)
-        child(self.tree, "inputs").put(name, entry, where)
+        words = {"optional": optional, "facets": facets, "doc": doc}
+        entry: dict[str, Any] = {"type": type if isinstance(type, str) else type_name(type)}
+        entry |= {key: value for key, value in words.items() if value}
+        self._declare(self.tree.inner("inputs", self.tree.where), name, entry)
         return Wire(self, "inputs", name)
 
     def output(self, name: str, wire: Any) -> None:
@@ -144,25 +134,21 @@ class Graph(NodeScope):
         where, problems = here(), Problems()
         value = self._value(f"outputs.{name}", wire, None, where, problems)
         problems.raise_if_any()
-        child(self.tree, "outputs").put(name, value, where)
+        self.tree.inner("outputs", where).put(name, value, where)
 
     def variant(self, name: str, *patches: Mapping[str, Any], extends: Any = (), doc: str = "") -> None:
         """Declare a variant by its patches: `{"bypass": "rounds.merge"}`, `{"set": "pbr.iterations", "to": 100}`."""
-        where, problems = here(), Problems()
-        entry = Map(where)
-        for key, value in (("extends", extends), ("doc", doc), ("patches", list(patches))):
-            if value:
-                entry.put(key, self._patches(value, name, where, problems), where)
-        problems.raise_if_any()
-        child(self.tree, "variants").put(name, entry, where)
+        words = {"extends": extends, "doc": doc, "patches": patches}
+        entry = {key: value for key, value in words.items() if value}
+        self._declare(self.tree.inner("variants", self.tree.where), name, entry)
 
     def matrix(self, **axes: Any) -> None:
         """Combinations for a sweep: `faces=[2000, 8000]`, `variant=["base", "direct"]`, include, exclude."""
-        self._declare("matrix", axes)
+        self._declare(self.tree, "matrix", axes)
 
     def repeats(self, count: int, *, of: Any = ()) -> None:
         """Run every variant of a sweep with so many seeds; `of` names the nodes whose seed changes."""
-        self._declare("repeats", {"count": count, "of": list(of)} if of else count)
+        self._declare(self.tree, "repeats", {"count": count, "of": list(of)} if of else count)
 
     def merged(self) -> Map:
         """The graph over what it extends, as the checks take it."""
@@ -192,30 +178,24 @@ class Graph(NodeScope):
     def __repr__(self) -> str:
         return f"<graph {self.name}: {', '.join(self)}>"
 
-    def _declare(self, key: str, value: Any) -> None:
+    def _declare(self, section: Map, name: str, value: Any) -> None:
+        """Put a value under a name of a section, judged where it is a parameter."""
         where, problems = here(), Problems()
-        made = self._patches(value, key, where, problems)
+        made = Map(where)
+        made.put(name, plain(_named(value), name, where, problems), where)
+        if section is self.tree.get("params"):
+            declare(made, problems)
         problems.raise_if_any()
-        self.tree.put(key, made, where)
-
-    def _patches(self, value: Any, what: str, where: Place, problems: Problems) -> Any:
-        """Plain values with nodes and wires in them."""
-        if isinstance(value, Node | Wire):
-            return str(value) if isinstance(value, Wire) else value._name
-        if isinstance(value, Mapping):
-            result = Map(where)
-            for key, item in value.items():
-                result.put(key, self._patches(item, what, where, problems), where)
-            return result
-        if isinstance(value, list | tuple):
-            return [self._patches(item, what, where, problems) for item in value]
-        return plain(value, what, where, problems)
+        section.put(name, made[name], where)
 
 
-def _one(name: str, value: Any, where: Where) -> Map:
-    result = Map(where)
-    result.put(name, value, where)
-    return result
+def _named(value: Any) -> Any:
+    """A value of patches with the names of nodes in the place of nodes."""
+    if isinstance(value, Mapping):
+        return {key: _named(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_named(item) for item in value]
+    return value._name if isinstance(value, Node) else value
 
 
 def _kind_of(default: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -68,11 +68,6 @@ def node_types() -> dict[str, TypeInfo]:
     return {name: _described(definition) for name, definition in packs().types.items()}
 
 
-def broken_modules() -> dict[str, str]:
-    """{module: why} of the node modules that cannot be imported."""
-    return packs().broken
-
-
 def schema_text() -> str:
     """The JSON schema of graph files with the node types at hand, for editors."""
     from exmesh_graph.graph.language.schema import schema_text as text_of
@@ -81,18 +76,19 @@ def schema_text() -> str:
 
 
 def describe(type: str) -> TypeInfo:
-    """One type. Raises ExmeshError with the nearest names."""
-    types = packs().types
-    if type not in types:
-        broken = "".join(f"\n  cannot import {module}: {why}" for module, why in packs().broken.items())
-        near = ", ".join(nearest(type, types))
+    """One type, also by a name that it had before. Raises ExmeshError with the nearest names."""
+    known = packs()
+    definition = known.find(type)
+    if definition is None:
+        broken = "".join(f"\n  cannot import {module}: {why}" for module, why in known.broken.items())
+        near = ", ".join(nearest(type, known.types))
         raise ExmeshError(f"there is no node type {type!r}{broken}", expected=near, fix="exmesh nodes lists all")
-    return _described(types[type])
+    return _described(definition)
 
 
-def as_json(types: Mapping[str, TypeInfo]) -> dict[str, Any]:
+def as_json(types: Iterable[TypeInfo]) -> dict[str, Any]:
     """What `exmesh nodes --json` writes."""
-    return {"schema": SCHEMA, "types": [asdict(info) for info in types.values()], "broken": packs().broken}
+    return {"schema": SCHEMA, "types": [asdict(info) for info in types], "broken": packs().broken}
 
 
 def _described(definition: NodeDef) -> TypeInfo:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.arguments import file_of
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.opening import Settings, Source, checked_graph, using
+from exmesh_graph.api.opening import Settings, Source, checked_graph, stem_of, using
 from exmesh_graph.api.results import Run, read_run
 from exmesh_graph.graph.variants.compare import Difference, compare, named_in_short, rerun
 from exmesh_graph.graph.variants.merge import identities
@@ -36,8 +36,7 @@ class Side:
         else:
             assert not isinstance(source, Run)
             checked = checked_graph(source, set, variant, **params)
-            stem = source.name if isinstance(source, Graph) else Path(source).stem
-            self.name = f"{stem} {variant}" if variant else stem
+            self.name = " ".join(filter(None, [stem_of(source), variant]))
             self.resolved, self.identities = checked.resolved(), identities(checked)
 
     def figures(self) -> Mapping[str, Any]:

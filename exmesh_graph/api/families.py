@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph.api.judge import declared
 from exmesh_graph.api.values import here
-from exmesh_graph.graph.problems import fail, nearest
 
 if TYPE_CHECKING:
     from exmesh_graph.api.scope import NodeScope
@@ -39,12 +39,8 @@ class Family:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        kind, packs = f"{self._family}.{name}", self._scope.graph.packs
-        definition = packs.find(kind)
-        if definition is None:
-            what = f"there is no node type {kind!r}"
-            fail("node-type", here(), what, nearest=nearest(kind, packs.types), fix="exmesh nodes lists all types")
-
+        kind = f"{self._family}.{name}"
+        definition = declared(kind, self._scope.graph.packs, here())
         known = self._scope.graph.signature(kind)
         own_name = known is not None and ("name" in known.inputs or "name" in known.params.model_fields)
 

@@ -25,7 +25,7 @@ def judge(scope: NodeScope, name: str) -> Problems:
     kind, problems = scope.type_of(name), Problems()
     if not kind or "${" in kind:
         return problems
-    entry, _ = scope.entry(name)
+    entry = scope.own[name]
     specs = _neighbours(scope, name)
     known = scope.graph.signature(kind)
     names = set() if known is None else {*known.inputs, *known.params.model_fields, *known.renamed}

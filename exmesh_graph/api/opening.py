@@ -7,14 +7,13 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from exmesh_graph.api.arguments import file_of, node_names, path_of, wrong
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.values import Node, Place, Wire, here, plain
+from exmesh_graph.api.values import Node, Wire, here, plain
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.problems import GraphErrors, Problems, nearest
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.session import Session
     from exmesh_graph.graph.variants.checked import CheckedVariant
 
+T = TypeVar("T")
 Source = str | os.PathLike[str] | Graph
 Settings = Mapping[str, Any] | Iterable[str] | None
 Folder = str | os.PathLike[str] | None
@@ -38,13 +38,8 @@ def checked_graph(
     """A graph, or one of its variants, without faults; else GraphErrors tells all of them."""
     if variant is not None and not isinstance(variant, str):
         wrong("variant", variant, "the name of a variant")
-    if store is not None:
-        path_of(store, "store", "the path of a folder")
-    place, sets = here(), texts_of(set, params)
-    with _placed(place, graph):
-        checked = current_session().check(_path(graph), sets, variant, store, top=_merged(graph))
-    for note in checked.notes:
-        warnings.warn(note, stacklevel=3)
+    checked = _judged(current_session().check, graph, set, store, params, variant=variant)
+    _warn_of(checked.notes)
     return checked
 
 
@@ -66,14 +61,8 @@ def checked_variants(
     repeats: bool = True, **params: Any,
 ) -> list[CheckedVariant]:  # fmt: skip
     """A graph and all variants that it declares, checked."""
-    if store is not None:
-        path_of(store, "store", "the path of a folder")
-    place, sets = here(), texts_of(set, params)
-    with _placed(place, graph):
-        top = _merged(graph)
-        rows = current_session().check_variants(_path(graph), sets, store, only=only, repeats=repeats, top=top)
-    for note in dict.fromkeys(note for row in rows for note in row.checked.notes):
-        warnings.warn(note, stacklevel=3)
+    rows = _judged(current_session().check_variants, graph, set, store, params, only=only, repeats=repeats)
+    _warn_of(note for row in rows for note in row.checked.notes)
     return rows
 
 
@@ -98,12 +87,9 @@ def open_store(folder: Folder = None, shared: str | None = None) -> Store:
     return current_session().open_store(folder, shared)
 
 
-def _path(graph: Source) -> Path:
-    return graph.file if isinstance(graph, Graph) else file_of(graph)
-
-
-def _merged(graph: Source) -> Any:
-    return graph.merged() if isinstance(graph, Graph) else None
+def stem_of(graph: Source) -> str:
+    """What runs of a graph are called by."""
+    return graph.name if isinstance(graph, Graph) else file_of(graph).stem
 
 
 def named(checked: Checked, names: Names) -> list[str]:
@@ -134,18 +120,13 @@ def texts_of(set: Settings, params: Mapping[str, Any] | None = None) -> list[str
 
 def _text(name: str, value: Any) -> str:
     where, problems = here(), Problems()
-    told = plain(value if isinstance(value, Mapping | list | tuple) else _linked(value), name, where, problems)
+    told = plain(str(value) if isinstance(value, Node) else value, name, where, problems)  # a node: its link
     problems.raise_if_any()
     if isinstance(told, float) and not math.isfinite(told):
         return ".nan" if math.isnan(told) else f"{'-' if told < 0 else ''}.inf"
     if isinstance(told, str) and (told.startswith("@") or _reads_as_text(told)):
         return told
     return json.dumps(told, ensure_ascii=False)
-
-
-def _linked(value: Any) -> Any:
-    """A node as a link, so that a setting may rewire."""
-    return str(value) if isinstance(value, Node) else value
 
 
 def _reads_as_text(text: str) -> bool:
@@ -158,13 +139,23 @@ def _reads_as_text(text: str) -> bool:
         return False
 
 
-@contextlib.contextmanager
-def _placed(place: Place, graph: Source) -> Iterator[None]:
-    """Faults of what was set in a call are placed at the call, not at a command line."""
+def _judged(
+    check: Callable[..., T], graph: Source, set: Settings, store: Folder, params: Mapping[str, Any], **options: Any
+) -> T:
+    """What a session's `check` gives; faults of what was set in a call are placed at the call."""
+    if store is not None:
+        path_of(store, "store", "the path of a folder")
+    place, sets = here(), texts_of(set, params)
     try:
-        yield
+        file, top = (graph.file, graph.merged()) if isinstance(graph, Graph) else (file_of(graph), None)
+        return check(file, sets, store=store, top=top, **options)
     except GraphErrors as error:
         if place.file is None or all(problem.where.file is not None for problem in error.problems):
             raise
         at = [replace(p, where=place) if p.where.file is None else p for p in error.problems]
         raise GraphErrors(at) from None
+
+
+def _warn_of(notes: Iterable[str]) -> None:
+    for note in dict.fromkeys(notes):
+        warnings.warn(note, stacklevel=4)

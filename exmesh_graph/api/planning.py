@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_graph, named, open_store, using
 from exmesh_graph.graph.cache.fingerprint import fingerprint
+from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN
 from exmesh_graph.graph.run.plan import plan as steps_of
 from exmesh_graph.graph.run.why import differences, explain, record_time
 
@@ -29,14 +31,12 @@ class Plan(list["Step"]):
     @property
     def counts(self) -> dict[str, int]:
         """How many nodes are in which state."""
-        return {state: sum(step.state == state for step in self) for state in ("hit", "run", "unknown")}
+        return counts_of(step.state for step in self)
 
     def __str__(self) -> str:
         width = max((len(step.name) for step in self), default=0)
         lines = [f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip() for step in self]
-        counts = self.counts
-        end = f"{counts['hit']} hit, {counts['run']} to run, {counts['unknown']} unknown (below a node that must run)"
-        return "\n".join([*lines, end])
+        return "\n".join([*lines, f"{counted(self.counts)} (below a node that must run)"])
 
     __repr__ = __str__
 
@@ -48,6 +48,17 @@ class Plan(list["Step"]):
             for s in self
         ]  # fmt: skip
         return {"schema": "exmesh.plan.v1", "graph": self.graph.name, "counts": self.counts, "steps": steps}
+
+
+def counts_of(states: Iterable[str]) -> dict[str, int]:
+    """{hit, run, unknown: how many}"""
+    counts = Counter(states)
+    return {state: counts[state] for state in (HIT, RUN, UNKNOWN)}
+
+
+def counted(counts: Mapping[str, int]) -> str:
+    """`3 hit, 2 to run, 1 unknown`."""
+    return f"{counts[HIT]} hit, {counts[RUN]} to run, {counts[UNKNOWN]} unknown"
 
 
 def plan(

@@ -11,7 +11,6 @@ import contextlib
 import json
 import os
 import re
-import shutil
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.values import Node, here
 from exmesh_graph.errors import ExmeshError, StoreError
-from exmesh_graph.graph.files import walk_files, writing
+from exmesh_graph.graph.files import copy_files, writing
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.run.rundir import failure_file
 from exmesh_graph.graph.session import current_session
@@ -226,10 +225,7 @@ class Run(Mapping[str, NodeRun]):
         if stored["type"] == "none":
             raise _unknown("output", port, self[node].outputs, node)
         with writing("the copy", target, "the folder"):
-            target.mkdir(parents=True, exist_ok=True)
-            for name, path in walk_files(self.store.data(stored["digest"])):
-                (target / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(path, target / name)
+            copy_files(self.store.data(stored["digest"]), target)
         return target
 
     def _links(self) -> Mapping[str, str]:

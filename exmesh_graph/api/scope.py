@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Self
@@ -11,6 +12,7 @@ from exmesh_graph.api.families import Families
 from exmesh_graph.api.judge import declared, judge, plug_of
 from exmesh_graph.api.values import Node, Parameter, Plug, UnknownPort, Wire, here, plain
 from exmesh_graph.graph.declare.ports import Port
+from exmesh_graph.graph.language.extends import merge_nodes
 from exmesh_graph.graph.language.spec import NAME
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, fail, nearest
@@ -50,48 +52,38 @@ class NodeScope:
 
         The type may be the function or class itself that `node` or `component` declares.
         """
-        where, problems = here(), Problems()
+        where = here()
         _refuse_name(name, self, where)
         entry = Map(where)
         entry.put("type", type if isinstance(type, str) else declared(type, self.graph.packs, where).type, where)
         self._by_name(given, str(entry["type"]))
         own = self.written()
-        before = own.copy()
-        own.put(name, entry, where)
-        try:
-            self._fill(name, entry, fields, where, problems)
-        except GraphErrors:
-            _restore(own, before)  # with the components that it brought
-            raise
+        with _or_as_before(own):  # without the components that it brought
+            own.put(name, entry, where)
+            self._fill(name, entry, fields, where)
         return Node(self, name)
 
     def set(self, node: str | Node, /, *given: Any, **fields: Any) -> None:
         """Change inputs and parameters of a node, also of one from the graph that this one extends or uses."""
-        where = here()
-        scope, name = self.at(str(node).removeprefix("@"), where)
+        where, (scope, name) = here(), self.at(node)
         scope._by_name(given, scope.type_of(name))
-        scope._fill(name, scope.patch(name, where), fields, where, Problems())
+        scope._fill(name, scope.written().inner(name, where), fields, where)
 
     def remove(self, node: str | Node) -> None:
         """Take a node out, also one from the graph that this one extends."""
-        where = here()
-        scope, name = self.at(str(node).removeprefix("@"), where)
+        scope, name = self.at(node)
         scope.written().pop(name, None)
         if name in scope.base:
-            scope.written().put(name, None, where)
+            scope.written().put(name, None, here())
 
     def repeat(self, name: str, count: int | Parameter, /, **carry: Any) -> RepeatBlock:
         """A block of nodes that is unrolled `count` times; `carry` is what goes into the first round."""
         where, problems = here(), Problems()
         _refuse_name(name, self, where)
-        entry, carried = Map(where), Map(where)
-        for key, value in carry.items():
-            carried.put(key, self._value(f"{name}.{key}", value, None, where, problems), where)
+        carried = {key: self._value(f"{name}.{key}", value, None, where, problems) for key, value in carry.items()}
         problems.raise_if_any()
-        entry.put("repeat", plain(count, f"{name}.repeat", where, problems), where)
-        entry.put("carry", carried, where)
-        entry.put("nodes", Map(where), where)
-        entry.put("next", Map(where), where)
+        entry = plain({"repeat": count, "carry": carried, "nodes": {}, "next": {}}, name, where, problems)
+        problems.raise_if_any()
         self.written().put(name, entry, where)
         return RepeatBlock(self, name)
 
@@ -102,18 +94,16 @@ class NodeScope:
         if isinstance(file, NodeScope):
             what, fix = f"{name}: a graph that is used in another one lies in a file", "save it by to_yaml(file) first"
             fail("graph", where, what, expected="the path of a graph file", fix=fix)
-        entry = Map(where)
-        entry.put("graph", os.fspath(path_of(file, name, "the path of a graph file")), where)
-        for key, value in fields.items():
-            entry.put(key, self._value(f"{name}.{key}", value, None, where, problems), where)
+        values = {key: self._value(f"{name}.{key}", value, None, where, problems) for key, value in fields.items()}
         problems.raise_if_any()
+        entry = plain({"graph": path_of(file, name, "the path of a graph file"), **values}, name, where, problems)
         self.written().put(name, entry, where)
         return Node(self, name)
 
     def __getitem__(self, name: str) -> Node | RepeatBlock:
         """A node or block by its name; `rounds.refine` is a node in a block."""
-        scope, last = self.at(str(name).removeprefix("@"), here())
-        return RepeatBlock(scope, last) if scope._has(last, "repeat") else Node(scope, last)
+        scope, last = self.at(name)
+        return RepeatBlock(scope, last) if "repeat" in scope.entry(last) else Node(scope, last)
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self)
@@ -127,10 +117,10 @@ class NodeScope:
             if not (name in self.own and self.own[name] is None):
                 yield str(name)
 
-    def entry(self, name: str) -> tuple[Map, Map]:
-        """What is written of a node here, and in what the graph extends."""
-        own, base = self.own.get(name), self.base.get(name)
-        return map_or_empty(own, self.own.where), map_or_empty(base, self.own.where)
+    def entry(self, name: str) -> Map:
+        """What is written of a node here, over what the graph extends says of it."""
+        own, base = (map_or_empty(layer.get(name), self.own.where) for layer in (self.own, self.base))
+        return merge_nodes(_one(name, base), _one(name, own), Problems())[name] if own and base else own or base
 
     def where_of(self, name: str) -> Where:
         """Where a node was written."""
@@ -138,84 +128,69 @@ class NodeScope:
 
     def type_of(self, name: str) -> str:
         """The type of a node as written; empty for blocks and sub-graphs."""
-        own, base = self.entry(name)
-        return str(own.get("type", base.get("type", "")))
+        return str(self.entry(name).get("type", ""))
 
     def outputs_of(self, name: str) -> list[str] | None:
         """The names of a node's outputs; None where they are not known."""
-        known = self.graph.signature(self.type_of(name))
+        entry = self.entry(name)
+        known = self.graph.signature(str(entry.get("type", "")))
         if known is not None:
             return list(known.outputs)
-        own, base = self.entry(name)
-        if "repeat" in own or "repeat" in base:
-            return [str(key) for layer in (base, own) for key in layer.get("carry") or ()]
-        return None
+        return [str(key) for key in entry.get("carry") or ()] if "repeat" in entry else None
 
     def source(self, text: str) -> tuple[str, NodeScope, str] | None:
         """(node, its scope, port) that a link written here leads to, through blocks; None where that is not known."""
-        node, _, port = text.removeprefix("@").rpartition(".") if "." in text else (text.removeprefix("@"), "", "")
-        scope: NodeScope | None = self
+        node, _, port = text.removeprefix("@").partition(".")
         if node == "carry" and isinstance(self, RepeatBlock):
             link = self.carried("carry", port)
             return self.scope.source(link) if link else None
-        while scope is not None and node not in scope:
-            scope = scope.outer
+        scope = self.seen(node)
         if scope is None:
             return None
         if scope.type_of(node):
             return node, scope, port
-        if scope._has(node, "repeat"):
+        if "repeat" in scope.entry(node):
             block = RepeatBlock(scope, node)
             link = block.carried("next", port)
             return block.source(link) if link else None
         return None
 
-    def at(self, path: str, where: Where) -> tuple[NodeScope, str]:
-        """The scope and the name of a node given as `refine` or `rounds.refine`."""
+    def seen(self, node: str) -> NodeScope | None:
+        """The scope of a node that is seen from here: its own, or one around it."""
+        scope: NodeScope | None = self
+        while scope is not None and node not in scope:
+            scope = scope.outer
+        return scope
+
+    def at(self, node: str | Node) -> tuple[NodeScope, str]:
+        """The scope and the name of a node given as `refine` or `rounds.refine`, or by itself."""
+        path, where = str(node).removeprefix("@"), here()
         scope, (*blocks, last) = self, path.split(".")
         for block in blocks:
-            if not scope._has(block, "repeat"):
-                if scope._has(block, "graph"):
-                    scope = _Inside(scope, block)
-                    continue
-                fail(
-                    "unknown-node", where, f"there is no block {block!r}", nearest=nearest(block, scope) or list(scope)
-                )
-            scope = RepeatBlock(scope, block)
+            entry = scope.entry(block)
+            if "repeat" not in entry and "graph" not in entry:
+                what, near = f"there is no block {block!r}", nearest(block, scope) or list(scope)
+                fail("unknown-node", where, what, nearest=near)
+            scope = RepeatBlock(scope, block) if "repeat" in entry else _Inside(scope, block)
         if last not in scope and not isinstance(scope, _Inside):
             what = f"{self.graph.name} has no node {path!r}"
             fail("unknown-node", where, what, nearest=nearest(last, scope) or list(scope)[:8])
         return scope, last
 
-    def _has(self, name: str, key: str) -> bool:
-        return any(key in layer for layer in self.entry(name))
-
-    def patch(self, name: str, where: Where) -> Map:
-        """The own entry of a node, made where only what the graph extends has one."""
-        own = self.written()
-        if not isinstance(own.get(name), Map):
-            own.put(name, Map(where), where)
-        return own[name]  # type: ignore[no-any-return]
-
-    def _fill(self, name: str, entry: Map, fields: Mapping[str, Any], where: Where, problems: Problems) -> None:
+    def _fill(self, name: str, entry: Map, fields: Mapping[str, Any], where: Where) -> None:
         """Put values into an entry and judge the node. Raises GraphErrors, and leaves the entry as it was."""
-        before, known = entry.copy(), self.graph.signature(self.type_of(name))
-        try:
+        problems, known = Problems(), self.graph.signature(self.type_of(name))
+        with _or_as_before(entry):
             for key, value in fields.items():
                 port = known.inputs.get(known.renamed.get(key, key)) if known else None
                 entry.put(key, self._value(f"{name}.{key}", value, port, where, problems), where)
-            if not problems:
-                self._judge(name, problems)
-            problems.raise_if_any()
-        except GraphErrors:
-            _restore(entry, before)
-            raise
+            (problems or judge(self, name)).raise_if_any()
 
     def _value(self, what: str, value: Any, port: Port | None, where: Where, problems: Problems) -> Any:
         """A field's value as a graph file holds it. A plug becomes a component of its own, called `node_field`."""
         plug = plug_of(value, self.graph.packs, where)
-        if isinstance(value, str) and port is not None and self._names_component(value, port):
-            plug = Plug(value, {})
+        if isinstance(value, str) and port is not None and (port.plugged or port.mixed):
+            plug = Plug(value, {}) if self.graph.is_component(value) else None
         if plug is not None:
             name = what.replace(".", "_")
             while name in self:
@@ -240,16 +215,9 @@ class NodeScope:
             self._visible(what, value.scope, value.node, where, problems)
         return plain(value, what, where, problems)
 
-    def _names_component(self, text: str, port: Port) -> bool:
-        """Whether a text is the type of a component, for a port that takes any."""
-        return (port.plugged or port.mixed) and not text.startswith("@") and self.graph.is_component(text)
-
     def _visible(self, what: str, source: NodeScope, node: str, where: Where, problems: Problems) -> None:
         """Note a wire from another graph, or out of a block that it does not reach out of."""
-        scope: NodeScope | None = self
-        if node not in ("inputs", "carry"):  # what is carried is seen in its own block alone
-            while scope is not None and node not in scope:
-                scope = scope.outer
+        scope = self if node in ("inputs", "carry") else self.seen(node)  # what is carried: in its own block alone
         if source.graph is self.graph and (node == "inputs" or scope == source):
             return
         fix = ""
@@ -272,11 +240,6 @@ class NodeScope:
         known = self.graph.signature(kind) if given else None
         by_name(given, kind, [*known.inputs, *known.params.model_fields] if known else ())
 
-    def _judge(self, name: str, problems: Problems) -> None:
-        """Note what is known to be wrong with a node, by the checks of graph files."""
-        told = judge(self, name)
-        problems.noted.update(told.noted)
-
 
 class RepeatBlock(NodeScope):
     """A repeat block of a graph; what its last round hands on are its attributes: `rounds.state`. Made by `repeat`."""
@@ -286,14 +249,22 @@ class RepeatBlock(NodeScope):
 
     @property
     def own(self) -> Map:
-        return map_or_empty(self.scope.entry(self.name)[0].get("nodes"), self.scope.where_of(self.name))
+        return self._nodes_in(self.scope.own)
 
     def written(self) -> Map:
-        return child(self.scope.patch(self.name, here()), "nodes")
+        return self._entry(here()).inner("nodes", here())
 
     @property
     def base(self) -> Map:
-        return map_or_empty(self.scope.entry(self.name)[1].get("nodes"), self.scope.where_of(self.name))
+        return self._nodes_in(self.scope.base)
+
+    def _nodes_in(self, layer: Map) -> Map:
+        where = self.scope.where_of(self.name)
+        return map_or_empty(map_or_empty(layer.get(self.name), where).get("nodes"), where)
+
+    def _entry(self, where: Where) -> Map:
+        """Its own entry, to be changed."""
+        return self.scope.written().inner(self.name, where)
 
     @property
     def carry(self) -> Node:
@@ -308,7 +279,7 @@ class RepeatBlock(NodeScope):
     def next(self, **values: Any) -> None:
         """What a round hands on to the next one, and the last one to the outside; one for each name that is carried."""
         where, problems = here(), Problems()
-        entry = child(self.scope.patch(self.name, where), "next")
+        entry = self._entry(where).inner("next", where)
         for key, value in values.items():
             if key not in self.carried_names():
                 problems.add("repeat", where, f"{self.name} carries no {key!r}", nearest=self.carried_names())
@@ -316,14 +287,11 @@ class RepeatBlock(NodeScope):
         problems.raise_if_any()
 
     def carried_names(self) -> list[str]:
-        return [str(key) for layer in reversed(self.scope.entry(self.name)) for key in layer.get("carry") or ()]
+        return self.scope.outputs_of(self.name) or []
 
     def carried(self, part: str, key: str) -> str:
         """The link that `carry` or `next` gives for a name; empty where there is none yet."""
-        for layer in self.scope.entry(self.name):
-            if key in (layer.get(part) or ()):
-                return str(layer[part][key])
-        return ""
+        return str((self.scope.entry(self.name).get(part) or {}).get(key, ""))
 
     def __getattr__(self, port: str) -> Wire[Any]:
         if port.startswith("_") or port in ("scope", "name", "graph", "outer"):
@@ -349,8 +317,9 @@ class RepeatBlock(NodeScope):
 class _Inside(RepeatBlock):
     """The changes to the nodes of a sub-graph."""
 
-    def _judge(self, name: str, problems: Problems) -> None:
+    def type_of(self, name: str) -> str:
         """Nothing is known of the file yet."""
+        return ""
 
 
 class _Carry(Node):
@@ -368,10 +337,17 @@ class _Carry(Node):
         return Wire(block, "carry", port)
 
 
-def _restore(entry: Map, before: Map) -> None:
-    entry.clear()
-    entry.update(before)
-    entry.lines = before.lines
+@contextlib.contextmanager
+def _or_as_before(entry: Map) -> Iterator[None]:
+    """Change a mapping, or leave it as it was where that raises GraphErrors."""
+    before = entry.copy()
+    try:
+        yield
+    except GraphErrors:
+        entry.clear()
+        entry.update(before)
+        entry.lines = before.lines
+        raise
 
 
 def map_or_empty(value: Any, where: Where) -> Map:
@@ -379,11 +355,10 @@ def map_or_empty(value: Any, where: Where) -> Map:
     return value if isinstance(value, Map) else Map(where)
 
 
-def child(entry: Map, key: str) -> Map:
-    """A mapping below a key, made where there is none."""
-    if not isinstance(entry.get(key), Map):
-        entry.put(key, Map(entry.where), entry.where)
-    return entry[key]  # type: ignore[no-any-return]
+def _one(name: str, value: Map) -> Map:
+    result = Map(value.where)
+    result.put(name, value, value.where)
+    return result
 
 
 def _refuse_name(name: str, scope: NodeScope, where: Where) -> None:

@@ -68,34 +68,25 @@ def stub_text(builtin: bool = False) -> str:
 
 def _method(definition: NodeDef, info: TypeInfo, results: dict[Any, str], used: set[type]) -> str:
     known = signature(definition)
-    required: list[str] = []
-    optional: list[str] = []
+    words: dict[bool, list[str]] = {True: [], False: []}  # what must be given, what may be
     for port in known.inputs.values():
         kind = _wire(port, used)
-        (optional if port.optional else required).append(
-            f"{port.name}: {kind} | None = None" if port.optional else f"{port.name}: {kind}"
-        )
+        words[not port.optional].append(f"{port.name}: {kind}" + (" | None = None" if port.optional else ""))
     for parameter in info.parameters:
         field = known.params.model_fields[parameter.name]
         kind = _annotation(field.annotation)
         kind += ' | Literal["auto"]' if parameter.name in known.decided_by() and "auto" not in kind else ""
-        kind += " | Parameter"
-        if field.is_required():
-            required.append(f"{parameter.name}: {kind}")
-        else:
-            optional.append(f"{parameter.name}: {kind} = {_default(field.get_default(call_default_factory=True))}")
-    words = [*required, *optional]
+        needed = field.is_required()
+        default = "" if needed else f" = {_default(field.get_default(call_default_factory=True))}"
+        words[needed].append(f"{parameter.name}: {kind} | Parameter{default}")
     if known.component is None:
-        words += ["seed: int | Parameter = 0", "at: dict[int, Any] = {}", "every: dict[int, Any] = {}"]
+        words[False] += ["seed: int | Parameter = 0", "at: dict[int, Any] = {}", "every: dict[int, Any] = {}"]
     taken = "name" in known.params.model_fields or "name" in known.inputs
-    words = [
-        "self",
-        *(['node_name: str = ""', "/"] if taken else ['name: str = ""']),
-        *(["*", *words] if words else []),
-    ]
+    first = ["self", *(['node_name: str = ""', "/"] if taken else ['name: str = ""'])]
+    given = ", ".join([*first, *(["*", *words[True], *words[False]] if any(words.values()) else [])])
     name = definition.type.partition(".")[2]
     result = _result(known, results, used)
-    return f"    def {name}({', '.join(words)}) -> {result}:\n{_doc(info)}"
+    return f"    def {name}({given}) -> {result}:\n{_doc(info)}"
 
 
 def _result(known: Signature, results: dict[Any, str], used: set[type]) -> str:
@@ -154,14 +145,13 @@ def _quoted(value: Any) -> str:
 
 def _doc(info: TypeInfo) -> str:
     """The title and the parameters' meanings."""
-    lines = [info.title]
+    lines = []
     for one in info.parameters:
-        notes = ", ".join([*([one.unit] if one.unit else []), *one.limits])
-        lines.append(f"{one.name}: {' '.join(one.doc.split())}" + (f" [{notes}]" if notes else ""))
-    body = "\n".join(f"        {line}" for line in lines[1:])
-    title = lines[0].replace("\\", "\\\\").replace('"""', "'''")
-    body = body.replace("\\", "\\\\").replace('"""', "'''")
-    return f'        """{title}\n\n{body}\n        """' if body else f'        """{title}"""'
+        notes = ", ".join(filter(None, [one.unit, *one.limits]))
+        lines.append(f"\n        {one.name}: {' '.join(one.doc.split())}" + (f" [{notes}]" if notes else ""))
+    text = info.title + ("\n" + "".join(lines) + "\n        " if lines else "")
+    text = text.replace("\\", "\\\\").replace('"""', "'''")
+    return f'        """{text}"""'
 
 
 def _class(family: str) -> str:

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.arguments import checked_options, file_of, node_names, path_of
 from exmesh_graph.api.builder import Graph
-from exmesh_graph.api.opening import Folder, Settings, Source, checked_variants, texts_of, using
+from exmesh_graph.api.opening import Folder, Settings, Source, checked_variants, stem_of, texts_of, using
+from exmesh_graph.api.planning import counted, counts_of
 from exmesh_graph.api.progress import Progress
 from exmesh_graph.api.results import NodeRun, Run, UnknownName
 from exmesh_graph.api.runs import Resources, RunFailed, command_words, run_checked, tokens_of
 from exmesh_graph.api.values import here
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.problems import GraphErrors, Problem, nearest
-from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, plan
+from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.variants.checked import CheckedVariant, variant_names
 from exmesh_graph.graph.variants.declared import rows_of
 from exmesh_graph.graph.variants.merge import Merged, merge
@@ -46,12 +47,12 @@ class Study:
         rows: list[tuple[str, CheckedVariant]] = []
         problems: list[Problem] = []
         graphs = list(dict.fromkeys(graphs))
-        stems = [_stem(graph) for graph in graphs]
+        stems = [stem_of(graph) for graph in graphs]
         for graph in graphs:
             try:
                 chosen = checked_variants(graph, sets, store, only=_known(only, graph, graphs))
-                whole = not isinstance(graph, Graph) and stems.count(_stem(graph)) > 1
-                title = str(Path(graph).with_suffix("")) if whole else _stem(graph)  # type: ignore[arg-type]
+                whole = not isinstance(graph, Graph) and stems.count(stem_of(graph)) > 1
+                title = str(Path(graph).with_suffix("")) if whole else stem_of(graph)  # type: ignore[arg-type]
                 rows += [(title, variant) for variant in chosen if only is None or len(chosen) > 1 or BASE in only]
             except GraphErrors as error:
                 problems += [problem for problem in error.problems if problem not in problems]
@@ -85,19 +86,12 @@ class Study:
         seen: set[str] = set()
         lines = []
         for member in self.merged.members:
-            states = [steps[name] for name in member.names.values() if name in steps]
-            new = {name for name in member.names.values() if name in steps} - seen
+            names = [name for name in member.names.values() if name in steps]
+            new, counts = {*names} - seen, counted(counts_of(steps[name] for name in names))
             seen |= new
-            counts = ", ".join(
-                f"{states.count(s)} {w}" for s, w in ((HIT, "hit"), (RUN, "to run"), (UNKNOWN, "unknown"))
-            )
-            lines.append(
-                f"{member.label:<{width + 2}}{len(states)} nodes, {len(new)} not shared with those above: {counts}"
-            )
-        states = list(steps.values())
-        lines.append(f"{states.count(HIT)} hit, {states.count(RUN)} to run, "
-                     f"{states.count(UNKNOWN)} unknown (below a node that must run)")  # fmt: skip
-        return lines
+            told = f"{len(names)} nodes, {len(new)} not shared with those above: {counts}"
+            lines.append(f"{member.label:<{width + 2}}{told}")
+        return [*lines, f"{counted(counts_of(steps.values()))} (below a node that must run)"]
 
 
 class Sweep(Mapping[str, Mapping[str, NodeRun]]):
@@ -162,14 +156,15 @@ def sweep(
     Raises GraphErrors with the faults of all variants, and KeyboardInterrupt as ex.run does; failed nodes do not raise.
     """
     checked_options(workers, tokens, progress, listener)
-    runs = path_of(runs, "runs", "the path of a folder")
-    if not graphs or not all(_stem(graph) for graph in graphs):
+    if not graphs or not all(stem_of(graph) for graph in graphs):
         raise GraphError("there is no graph to sweep", where=str(here()), expected="a graph, or several")
     with using(session):
         sets = texts_of(set, params)
         chosen = None if only is None else [only] if isinstance(only, str) else list(only)
         targets = node_names(nodes)
-        at = Resources(store, shared, runs, workers, backend, address, tokens_of(tokens))
+        at = Resources(
+            store, shared, path_of(runs, "runs", "the path of a folder"), workers, backend, address, tokens_of(tokens)
+        )
         study = Study.of(graphs, sets, chosen, targets, store)
         words = command_words(sets, {}, [word for name in chosen or () for word in ("--only", name)])
         words += [word for name in targets for word in ("--node", name)]
@@ -213,10 +208,6 @@ def _known(only: list[str] | None, graph: Source, graphs: Sequence[Source]) -> l
 
 def _variants_of(graph: Source) -> list[str]:
     return [row.name for row in rows_of(graph.merged())] if isinstance(graph, Graph) else variant_names(file_of(graph))
-
-
-def _stem(graph: Source) -> str:
-    return graph.name if isinstance(graph, Graph) else file_of(graph).stem
 
 
 def _label(file: str, variant: CheckedVariant, several: bool) -> str:

@@ -48,63 +48,53 @@ class _Mover:
         self.path_params: set[str] = set()  # graph parameters that hold paths
 
     def tree(self) -> Map:
-        tree = self.graph.tree
+        tree, extended, nothing = self.graph.tree, self.graph.extended, Map(self.graph.tree.where)
         result = tree.copy()
         if "extends" in tree:
             result["extends"] = self._moved(tree["extends"], tree.lines["extends"].base)
-        if isinstance(tree.get("nodes"), Map):
+        if "nodes" in tree:
             result["nodes"] = self._nodes(tree["nodes"], self.graph.base)
-        self._nodes(self.graph.base, Map(tree.where))  # which graph parameters are paths there
+        self._nodes(self.graph.base, nothing)  # which graph parameters are paths there
         for key in ("variants", "matrix"):
             if key in tree:
-                result[key] = self._patches(tree[key])
-        if isinstance(tree.get("params"), Map):
-            result["params"] = self._params(tree["params"])
-        order = ("name", "doc", "extends", "seed", "inputs", "params", "nodes", "outputs")
-        return _ordered(result, order)
+                result[key] = self._nodes(tree[key], nothing)
+        params = map_or_empty(tree.get("params"), tree.where).copy()
+        for name in params.keys() & (self.path_params | _paths_in(params) | _paths_in(extended.get("params"))):
+            value = params[name]
+            if not isinstance(value, Map):
+                params[name] = self._moved(value, params.lines[name].base)
+            elif "default" in value:
+                params[name] = value.copy()
+                params[name]["default"] = self._moved(value["default"], value.lines["default"].base)
+        if params:
+            result["params"] = params
+        return _ordered(result, ("name", "doc", "extends", "seed", "inputs", "params", "nodes", "outputs"))
 
-    def _nodes(self, nodes: Map, base: Map) -> Map:
-        result = nodes.copy()
-        for name, entry in nodes.items():
-            if isinstance(entry, Map):
-                result[name] = self._entry(entry, map_or_empty(base.get(name), entry.where))
-        return result
+    def _nodes(self, value: Any, base: Map, kind: str = "") -> Any:
+        """A copy of nodes, of one node, or of patches that hold some; `base` is what it stands over.
 
-    def _entry(self, entry: Map, base: Map) -> Map:
-        result = entry.copy()
-        if isinstance(entry.get("nodes"), Map):
-            result["nodes"] = self._nodes(entry["nodes"], map_or_empty(base.get("nodes"), entry.where))
-        paths = self._path_keys(str(entry.get("type", base.get("type", ""))))
-        if "graph" in entry or "graph" in base:
-            paths = {"graph", *self._path_params_of_part(entry, base)}
-        for key in paths & set(entry):
-            result[key] = self._value(entry[key], entry.lines[key].base)
-        for key in ("at", "every"):
-            if isinstance(entry.get(key), Map):
-                rounds = entry[key].copy()
-                for number, patch in entry[key].items():
-                    if isinstance(patch, Map):
-                        rounds[number] = self._entry(patch, entry if "type" in entry else base)
-                result[key] = rounds
-        return result
-
-    def _patches(self, value: Any) -> Any:
-        """Patches of variants: new nodes and sub-graphs hold paths where others do, `set` where its target does."""
+        `kind` is the type of the node that it belongs to, as the settings of a round do.
+        """
         if isinstance(value, list):
-            return [self._patches(item) for item in value]
+            return [self._nodes(item, base, kind) for item in value]
         if not isinstance(value, Map):
             return value
-        if isinstance(value.get("type", value.get("graph")), str):
-            return self._entry(value, Map(value.where))
-        result = value.copy()
+        kind = str(value.get("type", base.get("type", kind)))
+        known, paths, result = self.graph.signature(kind), self._path_keys(kind), value.copy()
+        for holder in (base, value):
+            if isinstance(holder.get("graph"), str):
+                paths = {"graph", *self._path_params_of(holder.lines["graph"].base / holder["graph"])}
         for key, item in value.items():
-            result[key] = self._patches(item)
+            if key in paths:
+                result[key] = self._moved(item, value.lines[key].base)
+            elif known is None or key not in known.params.model_fields:
+                result[key] = self._nodes(item, map_or_empty(base.get(key), base.where), kind)
         target = value.get("set")
         if isinstance(target, Map):
             for key in filter(self._sets_path, target):
-                result["set"][key] = self._value(target[key], target.lines[key].base)
+                result["set"][key] = self._moved(target[key], target.lines[key].base)
         elif isinstance(target, str) and "to" in value and self._sets_path(target):
-            result["to"] = self._value(value["to"], value.lines["to"].base)
+            result["to"] = self._moved(value["to"], value.lines["to"].base)
         return result
 
     def _sets_path(self, target: str) -> bool:
@@ -112,67 +102,47 @@ class _Mover:
         if not node:
             return key in self.path_params
         try:
-            scope, name = self.graph.at(node, self.graph.tree.where)
+            scope, name = self.graph.at(node)
         except GraphErrors:
             return False
         return key in self._path_keys(scope.type_of(name))
-
-    def _params(self, params: Map) -> Map:
-        result = params.copy()
-        for name, value in params.items():
-            if isinstance(value, Map) and "default" in value:
-                if value.get("type") == "path" or name in self.path_params:
-                    result[name] = value.copy()
-                    result[name]["default"] = self._moved(value["default"], value.lines["default"].base)
-            elif name in self.path_params or self._is_path_in_base(name):
-                result[name] = self._moved(value, params.lines[name].base)
-        return result
-
-    def _is_path_in_base(self, name: str) -> bool:
-        params = self.graph.extended.get("params")
-        declared = params.get(name) if isinstance(params, Map) else None
-        return isinstance(declared, Map) and declared.get("type") == "path"
 
     def _path_keys(self, kind: str) -> set[str]:
         known = self.graph.signature(kind)
         return set() if known is None else {old for name in known.path_fields() for old in known.names_of(name)}
 
-    def _path_params_of_part(self, entry: Map, base: Map) -> set[str]:
+    def _path_params_of(self, file: Path) -> set[str]:
         """The path parameters of the file that a sub-graph is made from."""
-        holder = entry if "graph" in entry else base
-        file = holder.lines["graph"].base / str(holder["graph"])
         try:
-            params = load_merged(file.resolve(), Problems()).get("params")
+            return _paths_in(load_merged(file.resolve(), Problems()).get("params"))
         except GraphErrors:
             return set()
-        items = params.items() if isinstance(params, Map) else ()
-        return {str(name) for name, value in items if isinstance(value, Map) and value.get("type") == "path"}
-
-    def _value(self, value: Any, base: Path) -> Any:
-        """The value of a path parameter: a path, a graph parameter that leads one, or several."""
-        if isinstance(value, list):
-            return [self._value(item, base) for item in value]
-        if isinstance(value, Map):
-            result = value.copy()
-            for key, item in value.items():
-                result[key] = self._value(item, base)
-            return result
-        leading = _LEADING.match(value) if isinstance(value, str) else None
-        if leading:
-            self.path_params.add(leading[1])
-            return value
-        return self._moved(value, base)
 
     def _moved(self, value: Any, base: Path) -> Any:
-        if not isinstance(value, str) or not value or base == self.folder:
+        """The value of a path parameter: a path, a graph parameter that leads one, or several."""
+        if isinstance(value, list):
+            return [self._moved(item, base) for item in value]
+        if isinstance(value, Map):
+            result = value.copy()
+            result.update({key: self._moved(item, base) for key, item in value.items()})
+            return result
+        if not isinstance(value, str) or not value:
             return value
-        if value.startswith(("~", "@", "${")) or PurePath(value).is_absolute():
+        if leading := _LEADING.match(value):
+            self.path_params.add(leading[1])
+        if base == self.folder or value.startswith(("~", "@", "${")) or PurePath(value).is_absolute():
             return value
         path = normal_path(base / value)
         if ".." in PurePath(path).parts:  # through a symbolic link: as it was written
             return path
         near = os.path.relpath(path, self.folder)
         return path if near.startswith(os.path.join("..", "..", "..")) else near
+
+
+def _paths_in(params: Any) -> set[str]:
+    """The graph parameters that are declared to be paths."""
+    items = params.items() if isinstance(params, Map) else ()
+    return {str(name) for name, value in items if isinstance(value, Map) and value.get("type") == "path"}
 
 
 def _ordered(tree: Map, first: tuple[str, ...]) -> Map:

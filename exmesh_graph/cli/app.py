@@ -16,22 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exmesh_graph.cli import assets, authoring, bench, upkeep, variants, watching
-from exmesh_graph.cli.options import (
-    AsJson,
-    BackendChoice,
-    BackendName,
-    GraphFile,
-    RayAddress,
-    RunsFolder,
-    Sets,
-    SharedUrl,
-    StoreFolder,
-    Targets,
-    VariantName,
-    put_json,
-    show_notes,
-)
+from exmesh_graph.cli import assets, authoring, bench, options, upkeep, variants, watching
 from exmesh_graph.errors import ExmeshError
 
 if TYPE_CHECKING:
@@ -64,42 +49,43 @@ def common(
 
 @app.command()
 def run(
-    graph: GraphFile,
-    set_: Sets = None,
-    variant: VariantName = None,
-    node: Targets = None,
+    graph: options.GraphFile,
+    set_: options.Sets = None,
+    variant: options.VariantName = None,
+    node: options.Targets = None,
     force: Annotated[
         list[str] | None, typer.Option("--force", metavar="NODE", help="Run this node even on a hit; repeatable.")
     ] = None,
-    store: StoreFolder = None,
-    shared: SharedUrl = None,
-    runs: RunsFolder = Path("runs"),
+    store: options.StoreFolder = None,
+    shared: options.SharedUrl = None,
+    runs: options.RunsFolder = Path("runs"),
     workers: Annotated[
         int | None, typer.Option(min=0, help="Worker processes at most; 0 runs all nodes in this process.")
     ] = None,
-    backend: BackendChoice = BackendName.local,
-    address: RayAddress = None,
+    backend: options.BackendChoice = options.BackendName.local,
+    address: options.RayAddress = None,
     tokens: Annotated[str, typer.Option(metavar="cpu=4,gpu=1", help="What nodes may use together.")] = "",
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="After a failure run what does not need it.")
     ] = False,
 ) -> None:
     """Run a graph. What is in the store already is not run again, so the same command also resumes."""
-    from exmesh_graph import api
+    from exmesh_graph.api.runs import RunFailed
+    from exmesh_graph.api.runs import run as run_graph
     from exmesh_graph.cli.running import resumable, show_benchmarks, show_failure, summary
 
     with resumable():
         try:
-            done = api.run(
+            done = run_graph(
                 graph, set=set_, variant=variant, nodes=node, force=force, store=store, shared=shared, runs=runs,
                 workers=workers, backend=backend.value, address=address, tokens=tokens, keep_going=keep_going,
                 progress=True,
             )  # fmt: skip
-        except api.RunFailed as failure:
+        except RunFailed as failure:
             show_failure(failure.run)
-            show_notes(failure.run.store)
+            options.show_notes(failure.run.store)
             raise typer.Exit(1) from None
-    show_notes(done.store)
+    options.show_notes(done.store)
     if done.report_error:
         typer.echo(f"  again: exmesh report {done.folder}", err=True)
     summary(done)
@@ -108,7 +94,7 @@ def run(
 
 
 @app.command()
-def check(graph: GraphFile, set_: Sets = None, variant: VariantName = None) -> None:
+def check(graph: options.GraphFile, set_: options.Sets = None, variant: options.VariantName = None) -> None:
     """Check a graph and its variants: types, wires, parameters, source files; list what --set can change."""
     from exmesh_graph.api.opening import checked_graph, checked_variants
 
@@ -128,34 +114,34 @@ def check(graph: GraphFile, set_: Sets = None, variant: VariantName = None) -> N
 
 @app.command()
 def plan(
-    graph: GraphFile,
-    set_: Sets = None,
-    variant: VariantName = None,
-    node: Targets = None,
-    store: StoreFolder = None,
-    shared: SharedUrl = None,
-    as_json: AsJson = False,
+    graph: options.GraphFile,
+    set_: options.Sets = None,
+    variant: options.VariantName = None,
+    node: options.Targets = None,
+    store: options.StoreFolder = None,
+    shared: options.SharedUrl = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show what a run would do with each node, and why."""
-    from exmesh_graph import api
+    from exmesh_graph.api.planning import plan as steps_of
 
-    steps = api.plan(graph, set=set_, variant=variant, nodes=node, store=store, shared=shared)
+    steps = steps_of(graph, set=set_, variant=variant, nodes=node, store=store, shared=shared)
     if as_json:
-        put_json(steps.as_json())
+        options.put_json(steps.as_json())
     else:
         typer.echo(str(steps))
-    show_notes(steps.store)
+    options.show_notes(steps.store)
 
 
 @app.command()
 def why(
     node: Annotated[str, typer.Argument(help="The node's name, e.g. pbr or rounds[3].refine.")],
     graph: Annotated[Path | None, typer.Argument(help="The graph (default: that of the latest run).")] = None,
-    set_: Sets = None,
-    variant: VariantName = None,
-    store: StoreFolder = None,
-    runs: RunsFolder = Path("runs"),
-    as_json: AsJson = False,
+    set_: options.Sets = None,
+    variant: options.VariantName = None,
+    store: options.StoreFolder = None,
+    runs: options.RunsFolder = Path("runs"),
+    as_json: options.AsJson = False,
 ) -> None:
     """Say why a node is a hit or must run: its key, and what differs from the nearest earlier record."""
     from exmesh_graph.api.planning import why as explain
@@ -170,7 +156,7 @@ def why(
         graph, set_ = Path(record["file"]), [*record["overrides"], *(set_ or [])]
         variant = variant or record["resolved"].get("variant")
     answer = explain(graph, node, set=set_, variant=variant, store=store)
-    put_json(answer.as_json()) if as_json else _show_why(answer, words)
+    options.put_json(answer.as_json()) if as_json else _show_why(answer, words)
 
 
 def _show_why(why: Why, words: Sequence[str]) -> None:
@@ -198,12 +184,12 @@ def _show_why(why: Why, words: Sequence[str]) -> None:
 
 @app.command()
 def report(
-    run: Annotated[Path, typer.Argument(help="A run folder.")] = Path("runs/latest"), store: StoreFolder = None
+    run: Annotated[Path, typer.Argument(help="A run folder.")] = Path("runs/latest"), store: options.StoreFolder = None
 ) -> None:
     """Build a run's report again."""
-    from exmesh_graph import api
+    from exmesh_graph.api.runs import open_run
 
-    typer.echo(str(api.open_run(run, store=store).make_report()))
+    typer.echo(str(open_run(run, store=store).make_report()))
 
 
 @app.command()
@@ -213,13 +199,13 @@ def get(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Where its files go (default: NODE.PORT).")
     ] = None,
-    store: StoreFolder = None,
+    store: options.StoreFolder = None,
 ) -> None:
     """Copy the files of an artifact out of the store, checked, and say what it is."""
-    from exmesh_graph import api
+    from exmesh_graph.api.runs import open_run
     from exmesh_graph.api.upkeep import shown_bytes
 
-    opened = api.open_run(run, store=store)
+    opened = open_run(run, store=store)
     folder = opened.save(output, out or Path(output))
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     node, _, port = output.rpartition(".")

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import keyword
+import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from exmesh_graph.cli.options import AsJson, put_json
+from exmesh_graph.errors import GraphError
 
 if TYPE_CHECKING:
     from exmesh_graph.api.described import ParameterInfo, TypeInfo
 
+_TEMPLATES = Path(__file__).with_name("templates")
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")]
 
 
@@ -26,26 +30,27 @@ def nodes(
 ) -> None:
     """List the node types, or describe one."""
     from exmesh_graph.api import described
+    from exmesh_graph.api.opening import packs
 
     if markdown is not None:
         from exmesh_graph.cli.pages import write_pages
 
         typer.echo(f"{len(write_pages(described.node_types(), markdown))} pages in {markdown}")
         return
-    types = described.node_types() if type is None else {type: described.describe(type)}
+    listed = list(described.node_types().values()) if type is None else [described.describe(type)]
     if as_json:
-        put_json(described.as_json(types))
+        put_json(described.as_json(listed))
     elif type is None:
-        _show_nodes(types, described.broken_modules())
+        _show_nodes(listed, packs().broken)
     else:
-        _show_node(types[type])
+        _show_node(listed[0])
 
 
-def _show_nodes(types: Mapping[str, TypeInfo], broken: Mapping[str, str]) -> None:
+def _show_nodes(types: Sequence[TypeInfo], broken: Mapping[str, str]) -> None:
     """All node types, one line each."""
-    width = max(map(len, types), default=0)
-    for name, info in types.items():
-        typer.echo(f"{name:<{width + 2}}{info.title}".rstrip())
+    width = max((len(info.type) for info in types), default=0)
+    for info in types:
+        typer.echo(f"{info.type:<{width + 2}}{info.title}".rstrip())
     for module, why in broken.items():
         typer.echo(f"cannot import {module}: {why}", err=True)
 
@@ -85,19 +90,61 @@ def new_node(
 ) -> None:
     """Write a working node with its test, in a package that graphs find once it is installed."""
     from exmesh_graph.api.described import node_types
-    from exmesh_graph.cli.scaffold import offered, write_node
-    from exmesh_graph.errors import GraphError
 
     if type in node_types():
         raise GraphError(f"there is a node type {type!r} already", fix=f"exmesh nodes {type}")
-    made = write_node(type, into)
+    made = _write_node(type, into)
     for path in made:
         typer.echo(str(path))
     root, package = into.resolve().parent, into.resolve().name
-    if not offered(root / "pyproject.toml", package):
+    if not _offered(root / "pyproject.toml", package):
         typer.echo(f"{root / 'pyproject.toml'} is not from here and must list the package {package!r} and say:")
         typer.echo(f'  [project.entry-points."exmesh.nodes"]\n  {package} = "{package}"')
     typer.echo(f"test it: pytest {root / 'tests'}\ninstall it: pip install -e {root}\nsee it: exmesh nodes {type}")
+
+
+def _write_node(kind: str, folder: Path) -> list[Path]:
+    """Write the node type `kind` into the node pack `folder`; returns the new files. Raises GraphError."""
+    match = re.fullmatch(r"([a-z][a-z0-9_]*)\.([a-z][a-z0-9_]*)", kind)
+    if match is None or keyword.iskeyword(match[2]):
+        raise GraphError(
+            f"{kind!r} cannot name a node type",
+            expected="family.name in small letters, no word of Python: geometry.smooth",
+        )
+    package, root = folder.resolve().name, folder.resolve().parent
+    if not package.isidentifier():
+        raise GraphError(f"the folder {package!r} cannot be a Python package", fix="--into my_nodes")
+    names = {
+        "type": kind, "module": f"{match[1]}_{match[2]}", "function": match[2], "package": package,
+        "project": package.replace("_", "-"), "Class": "".join(word.capitalize() for word in match[2].split("_")),
+    }  # fmt: skip
+    texts = {
+        folder / f"{names['module']}.py": "node.txt",
+        root / "tests" / f"test_{names['module']}.py": "test.txt",
+        folder / "__init__.py": "package.txt",
+        root / "pyproject.toml": "pyproject.txt",
+    }
+    taken = [path for path in list(texts)[:2] if path.exists()]
+    if taken:
+        raise GraphError(f"{taken[0]} is there already", fix="choose another name, or remove it")
+    made = [path for path in texts if not path.exists()]
+    for path in made:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = (_TEMPLATES / texts[path]).read_text(encoding="utf-8")
+        text = re.sub(r"\{(\w+)\}", lambda match: names.get(match[1], match[0]), text)
+        path.write_text(text, encoding="utf-8")
+    return made
+
+
+def _offered(project: Path, package: str) -> bool:
+    """Whether the pyproject.toml `project` names the `package` as one of node types."""
+    import tomllib
+
+    try:
+        said = tomllib.loads(project.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise GraphError(f"{project} cannot be read: {error}") from None
+    return package in said.get("project", {}).get("entry-points", {}).get("exmesh.nodes", {}).values()
 
 
 def schema(output: Output = None) -> None:

@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exmesh_graph.cli.options import (
-    BackendChoice,
-    BackendName,
-    RayAddress,
-    RunsFolder,
-    Sets,
-    SharedUrl,
-    StoreFolder,
-    Targets,
-    VariantName,
-    show_notes,
-)
+from exmesh_graph.cli import options
 
 if TYPE_CHECKING:
     from exmesh_graph.report.drawing.svg import GraphPicture
@@ -33,11 +22,11 @@ Rounds = Annotated[bool, typer.Option("--rounds", help="Draw every round of repe
 
 def sweep(
     graphs: Annotated[list[Path], typer.Argument(metavar="GRAPH...", help="Graph files that declare variants.")],
-    set_: Sets = None,
+    set_: options.Sets = None,
     only: Annotated[
         list[str] | None, typer.Option("--only", metavar="VARIANT", help="This variant and the base; repeatable.")
     ] = None,
-    node: Targets = None,
+    node: options.Targets = None,
     plan: Annotated[bool, typer.Option("--plan", help="Only say what would run.")] = False,
     keep_going: Annotated[
         bool, typer.Option("--keep-going/--stop", help="After a failure run what does not need it.")
@@ -46,16 +35,16 @@ def sweep(
         int | None, typer.Option("--workers", "--jobs", min=0, help="Worker processes at most; 0: this process.")
     ] = None,
     tokens: Annotated[str, typer.Option(metavar="cpu=4,gpu=1", help="What nodes may use together.")] = "",
-    store: StoreFolder = None,
-    shared: SharedUrl = None,
-    runs: RunsFolder = Path("runs"),
-    backend: BackendChoice = BackendName.local,
-    address: RayAddress = None,
+    store: options.StoreFolder = None,
+    shared: options.SharedUrl = None,
+    runs: options.RunsFolder = Path("runs"),
+    backend: options.BackendChoice = options.BackendName.local,
+    address: options.RayAddress = None,
 ) -> None:
     """Run a graph and all variants it declares, equal nodes once, and compare them in one table."""
-    from exmesh_graph import api
     from exmesh_graph.api.opening import open_store
     from exmesh_graph.api.sweeps import Study
+    from exmesh_graph.api.sweeps import sweep as run_sweep
     from exmesh_graph.cli.running import resumable, short_path, show_benchmarks
 
     if plan:
@@ -65,12 +54,12 @@ def sweep(
             typer.echo(line)
         return
     with resumable():
-        done = api.sweep(
+        done = run_sweep(
             *graphs, set=set_, only=only, nodes=node, store=store, shared=shared, runs=runs, workers=workers,
             backend=backend.value, address=address, tokens=tokens, keep_going=keep_going, progress=True,
             started=lambda study: typer.echo(str(study)),
         )  # fmt: skip
-    show_notes(done.run.store)
+    options.show_notes(done.run.store)
     show_table(done.table)
     show_benchmarks(done.run)
     for record in [record for record in done.run.failures if record["job"] is not None][:5]:
@@ -86,8 +75,8 @@ def diff(
     new: Annotated[
         Path | None, typer.Argument(metavar="NEW", help="Another one (default: OLD with --variant or --set).")
     ] = None,
-    set_: Sets = None,
-    variant: VariantName = None,
+    set_: options.Sets = None,
+    variant: options.VariantName = None,
     out: PictureFile = None,
     rounds: Rounds = False,
 ) -> None:
@@ -95,13 +84,13 @@ def diff(
 
     --variant and --set apply to NEW.
     """
-    from exmesh_graph import api
+    from exmesh_graph.api.differences import diff as difference_of
     from exmesh_graph.errors import GraphError
 
     _check_output(out)
     if new is None and not variant and not set_:
         raise GraphError("diff needs two graphs", where="command line", fix="name NEW, or give --variant or --set")
-    comparison = api.diff(old, new, set=set_, variant=variant)
+    comparison = difference_of(old, new, set=set_, variant=variant)
     typer.echo(str(comparison))
     if out is not None:
         _put_out(comparison.picture(rounds), out)
@@ -109,11 +98,11 @@ def diff(
 
 def show(
     what: Annotated[Path, typer.Argument(metavar="GRAPH|RUN", help="A graph file, or a run folder.")],
-    set_: Sets = None,
-    variant: VariantName = None,
+    set_: options.Sets = None,
+    variant: options.VariantName = None,
     out: PictureFile = None,
     rounds: Rounds = False,
-    store: StoreFolder = None,
+    store: options.StoreFolder = None,
 ) -> None:
     """Draw a graph or a run; without -o as Mermaid text for Markdown files."""
     from exmesh_graph.api.opening import checked_graph, open_store

@@ -9,6 +9,7 @@ import functools
 import hashlib
 import json
 import os
+import shutil
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -92,6 +93,14 @@ def read_sealed(path: str | Path, *, use: bool = False) -> dict[str, Any]:
 def walk_files(folder: Path) -> list[tuple[str, Path]]:
     """(relative name with /, path) of all files below `folder`, sorted by name."""
     return [(name, folder / name) for name in sorted(sizes(folder))]
+
+
+def copy_files(source: Path, target: Path) -> None:
+    """Copy the files below a folder into another; not by copytree, which hides the reason of a failure."""
+    target.mkdir(parents=True, exist_ok=True)
+    for name, path in walk_files(source):
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target / name)
 
 
 def sizes(folder: str | Path, prefix: str = "") -> dict[str, int]:
@@ -231,6 +240,4 @@ def is_locked(path: Path) -> bool:
 
 def remove_tree(folder: Path) -> None:
     """Remove a folder, read-only files included; gone already is fine."""
-    import shutil
-
     shutil.rmtree(folder, ignore_errors=True)

@@ -5,31 +5,22 @@ Every output is HTML that stands alone and works offline; `repr` says the same i
 
 from __future__ import annotations
 
+import functools
+import importlib
 import sys
 import weakref
-from collections.abc import Callable
 from typing import Any
-
-
-def _shown_by(module: str, function: str) -> Callable[[Any], str | None]:
-    def show(value: Any) -> str | None:
-        from importlib import import_module
-
-        return getattr(import_module(f"exmesh_graph.notebook.{module}"), function)(value)  # type: ignore[no-any-return]
-
-    return show
-
 
 #: (module, class) -> what makes its HTML; named by text, so that nothing is imported for it.
 SHOWN = {
-    ("exmesh_graph.types.artifact", "Artifact"): _shown_by("values", "artifact_html"),
-    ("exmesh_graph.graph.language.check", "Checked"): _shown_by("runs", "checked_html"),
-    ("exmesh_graph.api.builder", "Graph"): _shown_by("runs", "graph_html"),
-    ("exmesh_graph.api.results", "Run"): _shown_by("runs", "run_html"),
-    ("exmesh_graph.api.results", "NodeRun"): _shown_by("runs", "node_html"),
-    ("exmesh_graph.api.planning", "Plan"): _shown_by("runs", "plan_html"),
-    ("exmesh_graph.api.sweeps", "Sweep"): _shown_by("runs", "sweep_html"),
-    ("exmesh_graph.api.differences", "Comparison"): _shown_by("runs", "difference_html"),
+    ("exmesh_graph.types.artifact", "Artifact"): "values.artifact_html",
+    ("exmesh_graph.graph.language.check", "Checked"): "runs.checked_html",
+    ("exmesh_graph.api.builder", "Graph"): "runs.graph_html",
+    ("exmesh_graph.api.results", "Run"): "runs.run_html",
+    ("exmesh_graph.api.results", "NodeRun"): "runs.node_html",
+    ("exmesh_graph.api.planning", "Plan"): "runs.plan_html",
+    ("exmesh_graph.api.sweeps", "Sweep"): "runs.sweep_html",
+    ("exmesh_graph.api.differences", "Comparison"): "runs.difference_html",
 }
 
 _taught: weakref.WeakSet[Any] = weakref.WeakSet()
@@ -44,8 +35,8 @@ def register(shell: Any = None) -> bool:
     html = shell.display_formatter.formatters["text/html"]
     if html not in _taught:  # once: what a user sets afterwards stands
         _taught.add(html)
-        for (module, name), show in SHOWN.items():
-            html.for_type_by_name(module, name, show)
+        for (module, name), function in SHOWN.items():
+            html.for_type_by_name(module, name, functools.partial(_show, function))
     if (progress := sys.modules.get("exmesh_graph.api.progress")) is not None and progress.notebook is None:
         from exmesh_graph.notebook.runs import Cells
 
@@ -56,3 +47,9 @@ def register(shell: Any = None) -> bool:
 def load_ipython_extension(shell: Any) -> None:
     """For `%load_ext exmesh_graph.notebook` where the project was imported before IPython."""
     register(shell)
+
+
+def _show(function: str, value: Any) -> str | None:
+    module, _, name = function.partition(".")
+    show = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    return show(value)  # type: ignore[no-any-return]

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 from exmesh_graph.notebook.cells import frame
 from exmesh_graph.types import Asset, Carrier, Mesh
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _HEIGHT = 404
 _STYLE = """html { background: var(--bg); } body { margin: 0; padding: 4px; max-width: none; } .viewer { margin: 0; }
@@ -48,6 +44,8 @@ def _clay(mesh: Mesh) -> Asset:
     """The mesh in one matte colour under a plain sky; its one UV serves all corners."""
     import numpy as np
 
+    from exmesh_graph.report.view.page import overcast
+
     return Asset(
         **{f.name: getattr(mesh, f.name) for f in fields(Mesh)},
         uvs=np.full((1, 2), 0.5, np.float32),
@@ -56,11 +54,5 @@ def _clay(mesh: Mesh) -> Asset:
         base_color=np.full((4, 4, 3), (0.62, 0.6, 0.56), np.float32),
         roughness=np.full((4, 4), 0.7, np.float32),
         seen=np.ones((4, 4), bool),
-        environment=_plain_sky(),
+        environment=overcast(16),
     )
-
-
-def _plain_sky() -> np.ndarray:
-    from exmesh_graph.report.view.page import overcast
-
-    return overcast(16)

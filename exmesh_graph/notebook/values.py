@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.errors import ExmeshError
@@ -53,10 +53,6 @@ def artifact_html(value: Artifact) -> str | None:
     except ExmeshError as error:
         inside = cells.said(f"Not shown: {error.what}.", "soft")
     return cells.cell(cells.said(repr(value), "soft"), inside)
-
-
-def _mesh(mesh: Mesh) -> str:
-    return turning(mesh)
 
 
 def _carrier(carrier: Carrier) -> str:
@@ -112,16 +108,13 @@ def _env_map(value: EnvMap) -> str:
 
 
 def _metrics(metrics: Metrics) -> str:
-    return figures_html(metrics.values)
-
-
-def figures_html(values: Mapping[str, Any]) -> str:
     """Headline figures as tiles, histories as curves, all other figures in a table."""
     from exmesh_graph.report.charts import line_chart, thin
     from exmesh_graph.report.collect import curves_of
     from exmesh_graph.report.page import metric_rows
     from exmesh_graph.report.text import number
 
+    values = metrics.values
     heads = [entry for entry in values.get("headline") or () if "label" in entry and "value" in entry]
     shown = [
         (str(entry["label"]), f"{number(entry['value'])} {entry.get('unit') or ''}".rstrip(),
@@ -145,9 +138,8 @@ def _gallery(gallery: Gallery) -> str:
 
     parts, budget = [], _MOST_BYTES
     for entry in json.loads((gallery.root / "captions.json").read_text(encoding="utf-8")):
-        file = gallery.root / entry["file"]
+        file, title, caption = gallery.root / entry["file"], entry.get("title", ""), entry.get("caption", "")
         data = file.read_bytes()
-        title, caption = str(entry.get("title", "")), str(entry.get("caption", ""))
         if len(data) > budget:
             parts.append(cells.said(f"{title}: {file} ({size(len(data))})", "soft"))
             continue
@@ -264,7 +256,7 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 _SHOWN: dict[type, Part] = {
-    Mesh: _mesh, Carrier: _carrier, Asset: _asset, Views: _views, DepthMaps: _depths, EnvMap: _env_map,
+    Mesh: turning, Carrier: _carrier, Asset: _asset, Views: _views, DepthMaps: _depths, EnvMap: _env_map,
     Metrics: _metrics, Gallery: _gallery, UsdAsset: _usd, GltfAsset: _gltf, Files: _files,
     ScoredViews: _scored, SceneNeeds: _needs, PlanarGaussians: _gaussians, PointCloud: _points,
 }  # fmt: skip

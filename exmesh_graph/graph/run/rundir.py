@@ -11,7 +11,6 @@ import contextlib
 import fcntl
 import json
 import os
-import shutil
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import Any
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.cache.records import Stored
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import is_locked, walk_files, writing
+from exmesh_graph.graph.files import copy_files, is_locked, writing
 from exmesh_graph.types import Files
 
 OWN_FILES = ("run.json", "graph.yaml", "events.jsonl", "failure.json", "failures", "logs", "report.json", "report.html")
@@ -78,11 +77,7 @@ class RunFolder:
         if taken:
             raise StoreError(f"the output {name} would overwrite {', '.join(sorted(taken))} in {self.path}")
         with writing("the run folder", target, "--runs"):
-            target.mkdir(parents=True, exist_ok=True)
-            for file, path in walk_files(source):  # not copytree, which hides the reason of a failure
-                place = target / file
-                place.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(path, place)
+            copy_files(source, target)
         return target / main if main else target
 
     def close(self) -> None:
