@@ -3,6 +3,7 @@
     python -m benchmarks.scenes make chair padlock --out FOLDER --worlds bpy-5.0.1-cp311-cp311-manylinux_2_28_x86_64.whl
     python -m benchmarks.scenes make --role score --out FOLDER --worlds FOLDER     # all of a role; --quick: 128 pixels
     python -m benchmarks.scenes check --out FOLDER            # digests against benchmarks/scenes.yaml
+    python -m benchmarks.scenes figures --out FOLDER          # what was measured of them; digests: for the register
     python -m benchmarks.scenes sheet --out FOLDER --picture docs/pictures/scenes.jpg
 
 Pictures that lie there are kept: an interrupted run goes on. Wants `pip install mitsuba manifold3d`, and for Mitsuba's
@@ -26,10 +27,10 @@ def main() -> int:
         from benchmarks.scenes.digests import check
 
         return check(options.out, options.names)
-    if options.command == "digests":
-        from benchmarks.scenes.digests import show
+    if options.command in ("digests", "figures"):
+        from benchmarks.scenes import digests
 
-        return show(options.out, options.names)
+        return (digests.show if options.command == "digests" else digests.figures)(options.out, options.names)
     from benchmarks.scenes.sheet import sheet
 
     sheet(options.out, options.names, options.picture)
@@ -65,7 +66,7 @@ def arguments() -> argparse.Namespace:
         prog="python -m benchmarks.scenes", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    for command in ("make", "check", "digests", "sheet"):
+    for command in ("make", "check", "digests", "figures", "sheet"):
         part = commands.add_parser(command)
         part.add_argument("names", nargs="*", help="scenes; none: all that are there")
         part.add_argument("--out", type=Path, required=True, help="the folder of the scenes' folders")

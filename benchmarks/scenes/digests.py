@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -89,4 +90,25 @@ def show(out: Path, names: list[str]) -> int:
     writer = YAML()
     writer.width = 200
     writer.dump({folder.name: measured(folder).model_dump() for folder in _folders(out, names)}, sys.stdout)
+    return 0
+
+
+def figures(out: Path, names: list[str]) -> int:
+    """Print what was measured of the scenes, as the table of docs/scenes.md."""
+    lights = ("train", "sun", "overcast", "lamps", "coloured")
+    print("| scene | " + " | ".join(lights) + " | silhouettes | depth | noise: test; relit | seconds, of a processor |")
+    print("| " + " | ".join(["---"] * 10) + " |")
+    for folder in _folders(out, names):
+        found, noise, made = (json.loads((folder / f"{n}.json").read_text()) for n in ("verify", "noise", "made"))
+        ratios = (found["light"][light]["render_over_sum"] for light in lights)
+        cells = [f"{middle:.3f} ({low:.2f} to {high:.2f})" for low, middle, high in ratios]
+        cells.append(f"{min(found['iou']):.3f}" if "iou" in found else "no masks")
+        cells.append(f"{found['depth_to_mesh_max']:.0e}")
+        parts = [[db for name, db in noise.items() if name.startswith(kind)] for kind in ("test/", "test_rli/")]
+        cells.append("; ".join(f"{np.mean(part) + 6:.1f}" for part in parts if part))
+        print(
+            f"| `{folder.name}` | "
+            + " | ".join([*cells, f"{made['seconds']:.0f}, {made['processor_seconds']:.0f}"])
+            + " |"
+        )
     return 0

@@ -18,7 +18,8 @@ FINE = 4
 @dataclass(frozen=True)
 class Surface:
     """What rays [N, 6] meet: hit bool [N], distance [N], normal [N, 3] (smooth, unit, to the outside), base [N, 3]
-    linear, roughness, metallic, own [N] (1 on the object, 0 on its ground)."""
+    linear, roughness, metallic, own [N] (1 on the object, 0 on its ground);
+    face [N], 0 without a hit."""
 
     hit: np.ndarray
     distance: np.ndarray
@@ -27,6 +28,7 @@ class Surface:
     roughness: np.ndarray
     metallic: np.ndarray
     own: np.ndarray
+    face: np.ndarray
 
 
 class Truth:
@@ -52,11 +54,12 @@ class Truth:
         hit = np.isfinite(distance)
         bary = found["primitive_uvs"].numpy()
         bary = np.concatenate([1 - bary.sum(1, keepdims=True), bary], axis=1)[..., None]
-        corners = model.faces[np.where(hit, found["primitive_ids"].numpy(), 0).astype(np.int64)]
+        face = np.where(hit, found["primitive_ids"].numpy(), 0).astype(np.int64)
+        corners = model.faces[face]
         normal = (model.normals[corners] * bary).sum(1)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-9)
         values = self.read((model.uv[corners] * bary).sum(1))
-        return Surface(hit, distance, normal, values[:, :3], *values[:, 3:].T)
+        return Surface(hit, distance, normal, values[:, :3], *values[:, 3:].T, face)
 
     def read(self, uv: np.ndarray) -> np.ndarray:
         """(base, roughness, metallic, own) [N, 6] at texture coordinates [N, 2], bilinear."""

@@ -45,14 +45,16 @@ def silhouette(stage: Stage, truth: Truth, pose: np.ndarray, size: int) -> float
 
 
 def depth_error(truth: Truth, pose: np.ndarray, size: int) -> float:
-    """Largest distance from the mesh of the points that the depth picture (as float32) stands for."""
-    import open3d as o3d
-
-    depth = truth.view(pose, size)["depth"].astype(np.float32)
-    along = rays(pose, size)
-    step = depth / (along[..., 3:] @ -pose[:3, 2])
-    points = (along[..., :3] + step[..., None] * along[..., 3:])[depth > 0]
-    return float(truth.scene.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy().max())
+    """Largest distance of the points that the depth picture stands for, as float32, from the plane of the face there."""
+    depth = truth.view(pose, size)["depth"].astype(np.float32).reshape(-1)
+    along = rays(pose, size).reshape(-1, 6)
+    met = truth.cast(along)
+    step = depth / (along[:, 3:] @ -pose[:3, 2])
+    points = (along[:, :3] + step[:, None] * along[:, 3:])[met.hit]
+    corners = truth.model.vertices[truth.model.faces[met.face[met.hit]]].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return float(np.abs(((points - corners[:, 0]) * across).sum(1)).max())
 
 
 def direct_light(stage: Stage, truth: Truth, pose: np.ndarray, name: str, light: np.ndarray, size: int) -> np.ndarray:
