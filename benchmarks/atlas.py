@@ -21,8 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.meshes import torus
 from exmesh_graph.geometry.adjacency import components, face_areas
-from exmesh_graph.geometry.shapes import icosphere, torus
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.uv.flatten import flat_corners, stretches
 from exmesh_graph.uv.settings import DiscSettings, XatlasSettings
 from exmesh_graph.uv.unwrap import unwrap

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.shapes import grid, icosphere, torus
+from benchmarks.meshes import grid, torus
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import RayTracer

@@ -19,10 +19,10 @@ import numpy as np
 import torch
 from skimage.measure import marching_cubes
 
+from benchmarks.meshes import write_ply
 from exmesh_graph.geometry.adjacency import area_weighted_normals
 from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.io.images import encode_rgba, write_image
-from exmesh_graph.io.meshes import write_ply
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays.embree import EmbreeTracer
 from exmesh_graph.rays.tracer import offset_origins

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
+from benchmarks.meshes import grid, torus
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.merge import merge
 from exmesh_graph.geometry.settings import MergeSettings, SplitSettings
-from exmesh_graph.geometry.shapes import grid, torus
 from exmesh_graph.geometry.split import split
 from exmesh_graph.losses import d_ssim
 from exmesh_graph.raster import antialias, edge_table, find_silhouette, project, rasterize, rasterize_projected, shade

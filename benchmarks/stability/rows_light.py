@@ -10,8 +10,9 @@ import numpy as np
 import torch
 
 from benchmarks.gradient_seed import independent_gradient
+from benchmarks.meshes import grid
 from benchmarks.stability.table import Reached, row
-from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.env_sampling import EnvSampler

@@ -7,9 +7,10 @@ import time
 import numpy as np
 import torch
 
+from benchmarks.meshes import grid, torus
 from benchmarks.stability.scenes import camera
 from benchmarks.stability.table import Reached, elsewhere, row
-from exmesh_graph.geometry.shapes import grid, icosphere, torus
+from exmesh_graph.geometry.shapes import icosphere
 
 elsewhere("mesh", "Adam's moments after a change of topology", "loss spike < 10 %", "tests/stage1/test_stage1_rules.py")
 elsewhere("mesh", "min-max normalisation of a flat image's gradient (PGSR's weight)", "NaN", "the PGSR initialisation")
@@ -47,12 +48,8 @@ def normals() -> Reached:
 
 @row("mesh", "1000 random splits and collapses", "non-manifold edges, vertices, Euler changes, folds", high=0)
 def fuzz() -> Reached:
-    from exmesh_graph.geometry.adjacency import (
-        euler_characteristic,
-        face_normals,
-        is_vertex_manifold,
-        is_winding_consistent,
-    )
+    from benchmarks.meshes import is_vertex_manifold, is_winding_consistent
+    from exmesh_graph.geometry.adjacency import euler_characteristic, face_normals
     from exmesh_graph.geometry.merge import merge
     from exmesh_graph.geometry.settings import MergeSettings
     from exmesh_graph.geometry.split import split

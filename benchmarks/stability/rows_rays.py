@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.brute_rays import BruteTracer
 from benchmarks.rays import CUBE, CUBE_FACES, box_rays, escapes, surface_rays
 from benchmarks.stability.table import Reached, row
 from exmesh_graph.geometry.adjacency import face_normals
 from exmesh_graph.rays import make_ray_tracer, offset_origins
-from exmesh_graph.rays.reference import BruteTracer
 from exmesh_graph.rays.warp_bvh import WarpTracer
 
 

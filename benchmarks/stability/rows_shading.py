@@ -7,10 +7,10 @@ import math
 import numpy as np
 import torch
 
+from benchmarks.brdf_reference import sample_brdf
 from benchmarks.stability.table import Reached, row
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.monte_carlo.reference import sample_brdf
 from exmesh_graph.shading.point_sets import fibonacci_sphere, hammersley
 from exmesh_graph.shading.specular import PrefilteredStack
 from exmesh_graph.stage2.surface import SurfaceSamples, bent

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.types.edges import Edges, counting_argsort, edges_of, is_edge_manifold
+from exmesh_graph.types.edges import Edges, counting_argsort, edges_of
 
 
 def require_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
@@ -23,21 +23,6 @@ def require_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
     if faces.size and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise DataError(f"faces hold indices from {faces.min()} to {faces.max()}", where=where,
                         expected=f"0 to {len(vertices) - 1}, one for each vertex")  # fmt: skip
-
-
-def is_vertex_manifold(faces: np.ndarray) -> bool:
-    """Whether the faces around every vertex form a single fan (a disc, or a half disc on a boundary)."""
-    if not is_edge_manifold(faces):
-        return False
-    fans, _ = corner_fans(faces)
-    return int(fans.max(initial=-1)) + 1 == len(np.unique(faces))
-
-
-def is_winding_consistent(faces: np.ndarray, edges: Edges | None = None) -> bool:
-    """Whether the two faces of every interior edge run along it in opposite directions."""
-    edges = edges_of(faces) if edges is None else edges
-    start = faces.reshape(-1)[edges.halfedges[edges.interior]]
-    return bool((start[:, 0] != start[:, 1]).all())
 
 
 def corner_fans(

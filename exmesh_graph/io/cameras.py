@@ -135,14 +135,3 @@ def nearest_rotation(rotation: np.ndarray) -> np.ndarray:
     """The rotation closest to a [3, 3] matrix that passed `check_camera` (files carry few digits)."""
     u, _, vt = np.linalg.svd(rotation)
     return u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
-
-
-def project(points: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Project [P, 3] world points with one camera: (pixel coordinates [P, 2], camera z [P]).
-
-    Points at or behind the camera plane (z <= 0) get coordinates that mean nothing; test z.
-    """
-    camera = points @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
-    image = camera @ intrinsics.T
-    depth = camera[:, 2]
-    return image[:, :2] / np.where(np.abs(depth) > 1e-12, depth, 1e-12)[:, None], depth

@@ -204,22 +204,3 @@ def _ply_lists(
             if name == "face" and i in wanted:
                 polygons.append([int(v) for v in values])
     return _fans(polygons), at
-
-
-def write_ply(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Write a binary little-endian PLY: float32 positions, int32 triangles."""
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    table = np.empty(len(faces), dtype=[("n", "u1"), ("v", "<i4", (3,))])
-    table["n"], table["v"] = 3, faces
-    Path(path).write_bytes(header.encode() + np.ascontiguousarray(vertices, "<f4").tobytes() + table.tobytes())
-
-
-def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Write an OBJ with float32 positions (shortest decimals that read back exactly) and triangles."""
-    lines = [f"v {x!s} {y!s} {z!s}" for x, y, z in np.asarray(vertices, np.float32)]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in np.asarray(faces).tolist()]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")

@@ -1,7 +1,7 @@
 """What every ray tracer of the project can do, and where a ray starts.
 
-A tracer is built once for a frozen mesh. Implementations: `embree.EmbreeTracer` (CPU), `warp_bvh.WarpTracer` (CUDA)
-and `reference.BruteTracer` (all pairs, what the tests compare with). `tensors` runs any of them on torch tensors.
+A tracer is built once for a frozen mesh. Implementations: `embree.EmbreeTracer` (CPU) and `warp_bvh.WarpTracer` (CUDA).
+`tensors` runs either of them on torch tensors; `benchmarks.brute_rays`, all pairs, is what the tests compare them with.
 """
 
 from __future__ import annotations

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from benchmarks.meshes import write_ply
 from exmesh_graph.api.opening import checked_graph
 from exmesh_graph.errors import GraphError
 from exmesh_graph.io.images import write_image
-from exmesh_graph.io.meshes import write_ply
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "io"))

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.meshes import write_ply
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.evaluate.protocols.dtu import DtuTruth, cull, dtu_chamfer, points_of_mesh, read_truth, thin
-from exmesh_graph.io.meshes import write_ply
 
 PLANE = np.array([[0.0, 0, 0], [30, 0, 0], [30, 30, 0], [0, 30, 0]])
 TWO = np.array([[0, 1, 2], [0, 2, 3]], np.int32)

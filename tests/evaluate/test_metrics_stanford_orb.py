@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.meshes import grid
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.evaluate.metrics.lpips import Lpips
 from exmesh_graph.evaluate.metrics.weights import expected_shapes
@@ -14,7 +15,6 @@ from exmesh_graph.evaluate.protocols.stanford_orb import (
     shape_error,
     view_scores,
 )
-from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.io.color import linear_to_srgb
 
 FACTORS = np.array([2.0, 3, 4])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from benchmarks.meshes import write_ply
 from exmesh_graph.errors import GeometryError, NumericsError
 from exmesh_graph.evaluate.protocols.nerf_synthetic import full_surface, visible_surface
 from exmesh_graph.evaluate.protocols.speed import ply_bytes, relight_fps
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.io.meshes import write_ply
 from tests.io.io_scenes import look_at
 
 K = np.array([[[80.0, 0, 32], [0, 80, 32], [0, 0, 1]]] * 6)

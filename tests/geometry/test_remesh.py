@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.meshes import grid, is_vertex_manifold, is_winding_consistent, tetrahedron, torus
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh, squared_distance
-from exmesh_graph.geometry.adjacency import euler_characteristic, is_vertex_manifold, is_winding_consistent
+from exmesh_graph.geometry.adjacency import euler_characteristic
 from exmesh_graph.geometry.clean import inspect, largest_components, weld
 from exmesh_graph.geometry.remesh import _spread, remesh
 from exmesh_graph.geometry.repair import drop_crowding_faces, fill_holes, make_manifold, orient
-from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.surface import closest_on_triangles
 from exmesh_graph.types.edges import is_closed
 

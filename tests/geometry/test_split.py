@@ -12,10 +12,11 @@ from pydantic import ValidationError
 from topology_meshes import SHAPES, canonical, check_topology, meshes, same_sharing, unwrapped
 from topology_reference import curvature, split_round
 
+from benchmarks.meshes import grid
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas, signed_volume
 from exmesh_graph.geometry.settings import SplitSettings
-from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.split import apply_splits, face_curvature, plan_splits, split
 from exmesh_graph.geometry.topology import Topology, VertexMap
 from exmesh_graph.types.edges import is_closed

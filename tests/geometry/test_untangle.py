@@ -7,8 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
+from benchmarks.meshes import grid
 from exmesh_graph.evaluate.metrics.mesh import count_self_intersections
-from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.untangle import cutting_pairs, untangle
 
 

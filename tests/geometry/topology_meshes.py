@@ -7,14 +7,9 @@ from functools import lru_cache
 import numpy as np
 from hypothesis import strategies as st
 
-from exmesh_graph.geometry.adjacency import (
-    boundary_edges,
-    components,
-    euler_characteristic,
-    is_vertex_manifold,
-    is_winding_consistent,
-)
-from exmesh_graph.geometry.shapes import grid, icosphere, tetrahedron, torus
+from benchmarks.meshes import grid, is_vertex_manifold, is_winding_consistent, tetrahedron, torus
+from exmesh_graph.geometry.adjacency import boundary_edges, components, euler_characteristic
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.types.edges import edges_of, has_collapsed_faces, is_edge_manifold
 from exmesh_graph.uv.unwrap import unwrap
 

@@ -9,11 +9,11 @@ import pytest
 from exmesh_nodes import data, init
 from io_scenes import ANGLE, CENTRE, RADIUS, SIZE, ring, sphere_picture
 
+from benchmarks.meshes import write_obj, write_ply
 from exmesh_graph.errors import DataError, GeometryError, MissingLibraryError
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.io.images import write_image
-from exmesh_graph.io.meshes import write_obj, write_ply
 from exmesh_graph.io.normalise import FILL, frame_scale, points_to_normalised
 from exmesh_graph.native import import_open3d, import_pymeshlab
 from exmesh_graph.testing import FakeContext

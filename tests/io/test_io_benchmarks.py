@@ -8,12 +8,12 @@ import pytest
 from exmesh_nodes import data
 from io_scenes import ANGLE, CENTRE, RADIUS, blender_from_opencv, edit_json, ring, sphere_picture, write_blender
 
+from benchmarks.meshes import write_obj
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.envmaps import canonical_directions
 from exmesh_graph.io.images import encode_rgba, write_image
-from exmesh_graph.io.meshes import write_obj
 from exmesh_graph.io.normalise import frame_scale
 from exmesh_graph.io.settings import Synthetic4RelightOptions
 from exmesh_graph.io.stanford_orb import load_orb, world_from_panorama

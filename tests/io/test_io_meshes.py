@@ -5,8 +5,9 @@ import struct
 import numpy as np
 import pytest
 
+from benchmarks.meshes import write_obj, write_ply
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.meshes import read_mesh, write_obj, write_ply
+from exmesh_graph.io.meshes import read_mesh
 
 
 @pytest.fixture

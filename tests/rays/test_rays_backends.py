@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_rays_tracers import CUBE, CUBE_FACES
 
+from benchmarks.brute_rays import BruteTracer
 from exmesh_graph.errors import MissingLibraryError
 from exmesh_graph.rays import MISS, make_ray_tracer, offset_origins, tensors
 from exmesh_graph.rays.embree import EmbreeTracer
-from exmesh_graph.rays.reference import BruteTracer
 from exmesh_graph.rays.warp_bvh import WarpTracer
 
 CUDA = pytest.param(

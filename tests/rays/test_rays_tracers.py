@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.brute_rays import BruteTracer
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.rays import MISS, make_ray_tracer, offset_origins
-from exmesh_graph.rays.reference import BruteTracer
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
 CUBE_FACES = np.array(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.shapes import grid
+from benchmarks.meshes import grid
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading.monte_carlo import Material, MeshSurface, Points
 

@@ -7,9 +7,9 @@ import pytest
 import torch
 from shading_statistics import chi_square_excess, sphere_cells, sphere_integral
 
+from benchmarks.brdf_reference import pdf_brdf, sample_brdf
 from exmesh_graph.shading import brdf
 from exmesh_graph.shading.brdf_sampling import basis, specular_share
-from exmesh_graph.shading.monte_carlo.reference import pdf_brdf, sample_brdf
 from exmesh_graph.shading.point_sets import hammersley
 
 NORMAL = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8]], dtype=torch.float64), dim=1)

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
+from benchmarks.brdf_reference import sample_brdf
 from exmesh_graph import losses
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.monte_carlo.reference import sample_brdf
 from exmesh_graph.shading.point_sets import hammersley
 from exmesh_graph.shading.specular import PrefilteredStack
 

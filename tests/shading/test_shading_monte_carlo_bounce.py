@@ -8,7 +8,8 @@ import pytest
 import torch
 from monte_carlo_scenes import bowl, material, on_mesh, studio, tracer_of, wall_and_floor
 
-from exmesh_graph.geometry.shapes import grid, icosphere
+from benchmarks.meshes import grid
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.rays.warp_bvh import WarpTracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler

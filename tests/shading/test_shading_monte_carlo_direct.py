@@ -7,11 +7,11 @@ import pytest
 import torch
 from monte_carlo_scenes import bowl, material, on_mesh, studio, tracer_of, wall_and_floor
 
-from exmesh_graph.rays.reference import BruteTracer
+from benchmarks.brdf_reference import pdf_brdf
+from benchmarks.brute_rays import BruteTracer
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Material, Points, draw_light, make_pool, shade, shade_reference
-from exmesh_graph.shading.monte_carlo.reference import pdf_brdf
 from exmesh_graph.shading.monte_carlo.samples import draw_directions
 
 pytestmark = pytest.mark.usefixtures("one_thread")

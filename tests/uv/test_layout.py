@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.meshes import grid
 from exmesh_graph.geometry.adjacency import components, face_normals
-from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.types.edges import edges_of
 from exmesh_graph.uv.charts import partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches

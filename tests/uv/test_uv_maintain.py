@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.meshes import grid
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import without_unused
-from exmesh_graph.geometry.shapes import grid, icosphere
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.uv.maintain import check_atlas
 from exmesh_graph.uv.unwrap import unwrap
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from exmesh_nodes import topology, uv
 
+from benchmarks.meshes import torus
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.shapes import icosphere, torus
+from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Mesh, Stage1State, Views
 from exmesh_graph.uv.maintain import check_atlas
