@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.geometry.settings import CleanSettings, HullSettings
-from exmesh_graph.gpu.settings import DeviceSettings
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
@@ -37,7 +37,7 @@ class AutoOut(NamedTuple):
     version="1",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
-    resources={"cpu": 0, "gpu?": 1},
+    resources=ON_DEVICE,
 )
 def auto(
     ctx: Context, views: Train, points: PointCloud | None = None, depths: DepthMaps | None = None, *, p: AutoParams

@@ -2,25 +2,19 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
+
+from exmesh_nodes.evaluate import MetricsOut, ScoredOut, TestViews
 
 from exmesh_graph.evaluate.settings import OrbParams, SpeedParams, Synthetic4RelightParams, lpips_weights
+from exmesh_graph.gpu.settings import ON_DEVICE
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, ScoredViews, Views
+from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, Views
 
-TestViews = Annotated[Views, facets(split="test")]
 TrainViews = Annotated[Views, facets(split="train")]
 _RENDER = ("torch", "warp-lang", "embreex", "scipy")
-
-
-class MetricsOut(NamedTuple):
-    metrics: Metrics
-
-
-class ScoredOut(NamedTuple):
-    metrics: Metrics
-    scored: ScoredViews
+_PICTURED = (*_RENDER, "OpenImageIO")
 
 
 class DtuParams(Params):
@@ -61,13 +55,7 @@ def nerf_synthetic(
     return MetricsOut(Metrics(values))
 
 
-@node(
-    "benchmark.synthetic4relight",
-    version="1",
-    libraries=(*_RENDER, "OpenImageIO"),
-    sources=lpips_weights,
-    resources={"cpu": 0, "gpu?": 1},
-)
+@node("benchmark.synthetic4relight", version="1", libraries=_PICTURED, sources=lpips_weights, resources=ON_DEVICE)
 def synthetic4relight(
     ctx: Context,
     asset: Asset,
@@ -85,13 +73,7 @@ def synthetic4relight(
     return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))
 
 
-@node(
-    "benchmark.stanford_orb",
-    version="1",
-    libraries=(*_RENDER, "OpenImageIO"),
-    sources=lpips_weights,
-    resources={"cpu": 0, "gpu?": 1},
-)
+@node("benchmark.stanford_orb", version="1", libraries=_PICTURED, sources=lpips_weights, resources=ON_DEVICE)
 def stanford_orb(
     ctx: Context,
     asset: Asset,
@@ -109,7 +91,7 @@ def stanford_orb(
     return MetricsOut(Metrics(values))
 
 
-@node("benchmark.speed", version="1", libraries=_RENDER, resources={"cpu": 0, "gpu?": 1})
+@node("benchmark.speed", version="1", libraries=_RENDER, resources=ON_DEVICE)
 def speed(ctx: Context, asset: Asset, views: Views, *, p: SpeedParams) -> MetricsOut:
     """Relighting frames per second by the paper's rule, vertices, and the mesh's size as PLY."""
     from exmesh_graph.evaluate.protocols.speed import measure_speed

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from exmesh_nodes.prior import RelativeOut
+
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.io.settings import (
     BlenderOptions,
@@ -17,7 +19,7 @@ from exmesh_graph.io.settings import (
     Synthetic4RelightOptions,
 )
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import DepthMaps, Frame, LitViews, Metrics, PointCloud, SceneTruth, Views
+from exmesh_graph.types import Frame, LitViews, Metrics, PointCloud, SceneTruth, Views
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
@@ -60,9 +62,7 @@ def blender(ctx: Context, *, p: BlenderParams) -> BlenderOut:
 
 
 def _with_truth(ctx: Context, scene: Scene) -> BlenderOut:
-    for note in scene.notes:
-        ctx.warn(note)
-    return BlenderOut(scene.train, scene.test, scene.frame, scene.truth or SceneTruth(names=()))
+    return BlenderOut(*_views(ctx, scene), scene.truth or SceneTruth(names=()))
 
 
 class ViewsOut(NamedTuple):
@@ -190,15 +190,13 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     work = ctx.scratch / "motion"
     work.mkdir()
     scene, points, motion = load_photos(p.path, p, work, ctx.seed)
-    for note in scene.notes:
-        ctx.warn(note)
     figures = motion.figures()
     known = "from what was known" if motion.focal_known else "(found from the pictures alone)"
     ctx.log(
         f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.how} mapping), {len(points)} "
         f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
-    return PhotosOut(scene.train, scene.test, scene.frame, points, Metrics(figures))
+    return PhotosOut(*_views(ctx, scene), points, Metrics(figures))
 
 
 class _MapFolder(Params):
@@ -209,10 +207,6 @@ class DepthFilesParams(DepthOptions, _MapFolder):
     pass
 
 
-class DepthOut(NamedTuple):
-    depths: Annotated[DepthMaps, facets(units=None)]
-
-
 def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
     from exmesh_graph.io.depth import depth_files
 
@@ -220,8 +214,8 @@ def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
 
 
 @node("prior.depth_files", version="1", libraries=_PICTURES, sources=_depth_sources)
-def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *, p: DepthFilesParams) -> DepthOut:
+def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *, p: DepthFilesParams) -> RelativeOut:
     """Depth along the camera's axis, one file for each view."""
     from exmesh_graph.io.depth import load_depths
 
-    return DepthOut(load_depths(views, p.folder, p, frame))
+    return RelativeOut(load_depths(views, p.folder, p, frame))

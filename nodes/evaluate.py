@@ -3,10 +3,12 @@
 from typing import Annotated, NamedTuple
 
 from exmesh_graph.evaluate.settings import AssetParams, Stage1Params, lpips_weights
+from exmesh_graph.gpu.settings import ON_DEVICE
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, SceneTruth, ScoredViews, Views
 
+_DRAWN = ("torch", "warp-lang", "scipy", "OpenImageIO")
 TestViews = Annotated[Views, facets(split="test")]
 
 
@@ -31,13 +33,7 @@ class ScoredOut(NamedTuple):
     scored: ScoredViews
 
 
-@node(
-    "evaluate.stage1",
-    version="1",
-    libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
-    sources=lpips_weights,
-    resources={"cpu": 0, "gpu?": 1},
-)
+@node("evaluate.stage1", version="1", libraries=_DRAWN, sources=lpips_weights, resources=ON_DEVICE)
 def stage1(
     ctx: Context, carrier: Carrier, views: TestViews, region: Mesh | None = None, *, p: Stage1Params
 ) -> ScoredOut:
@@ -58,12 +54,7 @@ class RoundParams(Params):
     max_views: int = param(8, ge=1, doc="Held-out views that the PSNR is taken on, evenly spread.")
 
 
-@node(
-    "evaluate.round",
-    version="1",
-    libraries=("torch", "warp-lang", "scipy", "OpenImageIO"),
-    resources={"cpu": 0, "gpu?": 1},
-)
+@node("evaluate.round", version="1", libraries=_DRAWN, resources=ON_DEVICE)
 def round_(
     ctx: Context, state: Carrier, views: TestViews | None = None, truth: SceneTruth | None = None, *, p: RoundParams
 ) -> MetricsOut:
@@ -76,13 +67,7 @@ def round_(
     return MetricsOut(Metrics(values))
 
 
-@node(
-    "evaluate.asset",
-    version="1",
-    libraries=("torch", "warp-lang", "embreex", "scipy", "OpenImageIO"),
-    sources=lpips_weights,
-    resources={"cpu": 0, "gpu?": 1},
-)
+@node("evaluate.asset", version="1", libraries=(*_DRAWN, "embreex"), sources=lpips_weights, resources=ON_DEVICE)
 def asset(
     ctx: Context,
     asset: Asset,

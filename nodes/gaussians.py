@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.gpu.settings import DeviceSettings
+from exmesh_nodes.prior import DepthOut
+from exmesh_nodes.stage1 import loop_of
+
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
-from exmesh_graph.types import DepthMaps, Files, Frame, Metrics, PlanarGaussians, PointCloud, Views
+from exmesh_graph.types import Files, Frame, Metrics, PlanarGaussians, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
 _LIBRARIES = ("torch", "warp-lang", "scipy", "scikit-image")
@@ -25,7 +28,7 @@ class PgsrOut(NamedTuple):
     history: Metrics
 
 
-@node("init.pgsr", version="1", libraries=_LIBRARIES, resumable=True, resources={"cpu": 0, "gpu?": 1})
+@node("init.pgsr", version="1", libraries=_LIBRARIES, resumable=True, resources=ON_DEVICE)
 def pgsr(
     ctx: Context, views: Train, points: PointCloud | None = None, begin: PlanarGaussians | None = None, *, p: PgsrParams
 ) -> PgsrOut:
@@ -35,17 +38,7 @@ def pgsr(
 
     with computing(p) as device:
         gaussians, history = run(
-            views,
-            p,
-            points=points,
-            begin=begin,
-            seed=ctx.seed,
-            device=device,
-            progress=ctx.progress,
-            log=ctx.log,
-            where=ctx.node,
-            checkpoint=ctx.checkpoint,
-            resumed=ctx.resume(),
+            views, p, points=points, begin=begin, device=device, log=ctx.log, where=ctx.node, **loop_of(ctx)
         )
     if alone := history["alone"]:
         ctx.warn(f"{len(alone)} views have no neighbour within 45 degrees: colour alone shapes them ({alone[0]}, ...)")
@@ -58,16 +51,7 @@ class DepthParams(DeviceSettings, DepthSettings):
     pass
 
 
-class DepthOut(NamedTuple):
-    depths: DepthMaps
-
-
-@node(
-    "prior.depth_from_gaussians",
-    version="1",
-    libraries=("torch", "warp-lang", "scipy"),
-    resources={"cpu": 0, "gpu?": 1},
-)
+@node("prior.depth_from_gaussians", version="1", libraries=("torch", "warp-lang", "scipy"), resources=ON_DEVICE)
 def depth_from_gaussians(ctx: Context, gaussians: PlanarGaussians, views: Views, *, p: DepthParams) -> DepthOut:
     """Depth maps of fitted Gaussians, without grazing planes and what neighbouring views contradict."""
     from exmesh_graph.errors import GeometryError

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.geometry.settings import CleanSettings, HullSettings, TsdfSettings
-from exmesh_graph.gpu.settings import DeviceSettings
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.stage1.settings import PhotometricSettings
@@ -133,7 +133,7 @@ class PhotometricParams(DeviceSettings, PhotometricSettings):
     pass
 
 
-@node("init.photometric", version="1", libraries=("torch", "warp-lang", "scipy"), resources={"cpu": 0, "gpu?": 1})
+@node("init.photometric", version="1", libraries=("torch", "warp-lang", "scipy"), resources=ON_DEVICE)
 def photometric(
     ctx: Context, mesh: Annotated[Mesh, facets(manifold=True)], views: Train, *, p: PhotometricParams
 ) -> ManifoldMeshOut:

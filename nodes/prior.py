@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.gpu.settings import DeviceSettings
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.priors.settings import NetworkSettings, SweepSettings
@@ -23,7 +23,7 @@ class DepthOut(NamedTuple):
     depths: DepthMaps
 
 
-@node("prior.plane_sweep", version="1", libraries=("torch", "warp-lang", "scipy"), resources={"cpu": 0, "gpu?": 1})
+@node("prior.plane_sweep", version="1", libraries=("torch", "warp-lang", "scipy"), resources=ON_DEVICE)
 def plane_sweep(ctx: Context, views: Views, *, p: SweepParams) -> DepthOut:
     """Depth from the photographs alone: where windows of neighbouring views correlate best (plane sweep)."""
     from exmesh_graph.gpu.torch_setup import computing
@@ -82,7 +82,7 @@ def _weights(p: DepthAnythingParams) -> Mapping[str, Path]:
     version="1",
     libraries=("torch", "depth-anything-3"),
     sources=_weights,
-    resources={"cpu": 0, "gpu?": 1},
+    resources=ON_DEVICE,
 )
 def depth_anything(ctx: Context, views: Views, *, p: DepthAnythingParams) -> RelativeOut:
     """Relative depth by Depth Anything 3; needs the optional package and its weights (docs/data.md)."""

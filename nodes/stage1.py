@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
 from pydantic import model_validator
 
-from exmesh_graph.gpu.settings import DeviceSettings
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.stage1.settings import RefineSettings
@@ -29,7 +29,7 @@ class InitOut(NamedTuple):
     state: Stage1State
 
 
-@node("stage1.init", version="1", libraries=_LIBRARIES, resources={"cpu": 0, "gpu?": 1})
+@node("stage1.init", version="1", libraries=_LIBRARIES, resources=ON_DEVICE)
 def init(
     ctx: Context, carrier: Carrier, views: Train, appearance: Appearance | None = None, *, p: InitParams
 ) -> InitOut:
@@ -59,7 +59,7 @@ class RefineOut(NamedTuple):
     history: Metrics
 
 
-@node("stage1.refine", version="1", libraries=_LIBRARIES, resumable=True, resources={"cpu": 0, "gpu?": 1})
+@node("stage1.refine", version="1", libraries=_LIBRARIES, resumable=True, resources=ON_DEVICE)
 def refine(
     ctx: Context,
     state: Stage1State,
@@ -82,20 +82,8 @@ def refine(
     if p.share > 0:
         p = p.replaced(iterations=round(p.share * p.total_iterations))
     with computing(p) as device:
-        new, history = run(
-            state,
-            views,
-            p,
-            smoothness=smoothness,
-            seed=ctx.seed,
-            depths=depths,
-            region=region,
-            progress=ctx.progress,
-            where=ctx.node,
-            device=device,
-            checkpoint=ctx.checkpoint,
-            resumed=ctx.resume(),
-        )
+        wired = {"smoothness": smoothness, "depths": depths, "region": region}
+        new, history = run(state, views, p, **wired, where=ctx.node, device=device, **loop_of(ctx))
     suspects = history.get("suspects", {})
     for view in list(suspects)[:8]:
         ctx.warn(f"view {view!r}: {suspects[view]}")
@@ -104,6 +92,11 @@ def refine(
     if dark := history.get("dark"):
         ctx.warn(f"the object is almost black in {len(dark)} views, where only masks shape it: {_some(dark)}")
     return RefineOut(new, Metrics(history))
+
+
+def loop_of(ctx: Context) -> dict[str, Any]:
+    """What a solver's loop takes of its node: the seed, where to tell of progress, where to stop and go on."""
+    return {"seed": ctx.seed, "progress": ctx.progress, "checkpoint": ctx.checkpoint, "resumed": ctx.resume()}
 
 
 def _some(names: list[str]) -> str:

@@ -2,8 +2,10 @@
 
 from typing import Annotated, NamedTuple
 
+from exmesh_nodes.stage1 import loop_of
 from exmesh_nodes.transport import MonteCarlo
 
+from exmesh_graph.gpu.settings import ON_DEVICE
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
@@ -36,7 +38,7 @@ class FitOut(NamedTuple):
     version="1",
     libraries=("torch", "embreex", "warp-lang", "scipy"),
     resumable=True,
-    resources={"cpu": 0, "gpu?": 1},
+    resources=ON_DEVICE,
 )
 def fit(
     ctx: Context,
@@ -57,26 +59,11 @@ def fit(
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.memory import plan_memory
 
-    def progress(step: int, total: int, figures: dict[str, float]) -> None:
-        ctx.progress(step, total, **figures)
-
     settings = with_decisions(p, needs)
     light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
     traced = light if isinstance(light, Transport) else None
     ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
     with torch_threads(p.threads):
-        asset, curves = run(
-            carrier,
-            views,
-            light,
-            settings,
-            seed=ctx.seed,
-            progress=progress,
-            checkpoint=ctx.checkpoint,
-            resumed=ctx.resume(),
-            warn=ctx.warn,
-            log=ctx.log,
-            start=start,
-        )
+        asset, curves = run(carrier, views, light, settings, start=start, warn=ctx.warn, log=ctx.log, **loop_of(ctx))
     # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
     return FitOut(asset, Metrics({"curves": curves}))

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from exmesh_nodes.topology import StateOut
+
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, Mesh, Stage1State
@@ -41,10 +43,6 @@ class MaintainParams(Params):
 
 class CarrierOut(NamedTuple):
     carrier: Carrier
-
-
-class StateOut(NamedTuple):
-    state: Stage1State
 
 
 @node("uv.unwrap", version="1", libraries=("torch", "warp-lang", "scipy"))
@@ -112,29 +110,6 @@ def _unwrapped(ctx: Context, mesh: Mesh, p: UnwrapParams | XatlasUnwrapParams) -
 
 
 def _regenerated(ctx: Context, state: Stage1State, p: RegenerateParams | XatlasRegenParams) -> StateOut:
-    from dataclasses import replace
-
     from exmesh_graph.uv.unwrap import regenerate
 
-    new = regenerate(
-        state.vertices,
-        state.faces,
-        state.uvs,
-        state.uv_faces,
-        state.texture,
-        state.texture_m,
-        state.texture_v,
-        p.texture_size or state.texture.shape[0],
-        p,
-        warn=ctx.warn,
-    )
-    return StateOut(
-        replace(
-            state,
-            uvs=new.uvs,
-            uv_faces=new.uv_faces,
-            texture=new.texture,
-            texture_m=new.first_moment,
-            texture_v=new.second_moment,
-        )
-    )
+    return StateOut(regenerate(state, p.texture_size or state.texture.shape[0], p, warn=ctx.warn))

@@ -6,6 +6,9 @@ from typing import Literal
 
 from exmesh_graph.params import Params, param
 
+ON_DEVICE = {"cpu": 0, "gpu?": 1}
+"""What a node that computes with torch asks of the machine: no processor of its own, the GPU if there is one."""
+
 
 class DeviceSettings(Params):
     """Of `torch_setup.computing`."""

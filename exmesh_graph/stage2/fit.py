@@ -23,7 +23,7 @@ from exmesh_graph.types import Asset, Carrier, Transport, Views
 if TYPE_CHECKING:
     from exmesh_graph.shading.settings import MonteCarloSettings
 
-Progress = Callable[[int, int, dict[str, float]], None]
+Progress = Callable[..., None]
 Checkpoint = Callable[[int, dict[str, Any]], None]
 Resumed = tuple[int, Mapping[str, Any]]
 
@@ -121,7 +121,7 @@ def _optimise(
             for name, value in figures.items():
                 curves[name].append(value)
             if progress:
-                progress(step + 1, settings.iterations, figures)
+                progress(step + 1, settings.iterations, **figures)
         if checkpoint is not None:
             checkpoint(step + 1, {**_changing(model, optimiser, generator, guard), "curves": curves, "order": order})
     model.settle_factor()

@@ -7,12 +7,13 @@ resolution by up to 30 %, so that the padding shrinks when the atlas is scaled b
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas, require_mesh, signed_areas_2d
+from exmesh_graph.types import Stage1State
 from exmesh_graph.uv.cut import cut_open, defects
 from exmesh_graph.uv.layout import lay_out
 from exmesh_graph.uv.mend import adopt, mend
@@ -76,50 +77,26 @@ def unwrap(
     return np.clip(uvs[used], 0.0, 1.0).astype(np.float32), index.reshape(whole.shape).astype(np.int32)
 
 
-@dataclass(frozen=True, eq=False)
-class NewAtlas:
-    """uvs [T, 2], uv_faces [F, 3], texture and Adam's texture moments [R, R, 3], covered bool [R, R]."""
-
-    uvs: np.ndarray
-    uv_faces: np.ndarray
-    texture: np.ndarray
-    first_moment: np.ndarray
-    second_moment: np.ndarray
-    covered: np.ndarray
-
-
 def regenerate(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    uvs: np.ndarray,
-    uv_faces: np.ndarray,
-    texture: np.ndarray,
-    first_moment: np.ndarray,
-    second_moment: np.ndarray,
+    state: Stage1State,
     texture_size: int,
     settings: AtlasSettings | None = None,
     *,
     warn: Callable[[str], None] | None = None,
-) -> NewAtlas:
-    """Unwrap anew and resample texture and moments (shapes as in types.Stage1State).
+) -> Stage1State:
+    """The state under a new atlas, its texture and texture moments resampled to `texture_size` texels.
 
     A texel's gradient grows with the surface it stands for, so the moments are scaled by the ratio of texel areas.
     """
-    new_uvs, new_faces = unwrap(vertices, faces, texture_size, settings, warn=warn)
-    atlas = (uvs, uv_faces, new_uvs, new_faces, texture_size)
-    colour, covered = transfer_texture({"texture": texture}, *atlas, bounds=(0.0, 1.0))
-    moments, _ = transfer_texture({"m": first_moment, "v": second_moment}, *atlas, sharpen=0)
-    old_area = float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * texture.shape[0] ** 2
-    new_area = float(np.abs(signed_areas_2d(new_uvs, new_faces)).sum()) * texture_size**2
+    uvs, uv_faces = unwrap(state.vertices, state.faces, texture_size, settings, warn=warn)
+    atlas = (state.uvs, state.uv_faces, uvs, uv_faces, texture_size)
+    colour, _ = transfer_texture({"texture": state.texture}, *atlas, bounds=(0.0, 1.0))
+    moments, _ = transfer_texture({"m": state.texture_m, "v": state.texture_v}, *atlas, sharpen=0)
+    old_area = float(np.abs(signed_areas_2d(state.uvs, state.uv_faces)).sum()) * state.texture.shape[0] ** 2
+    new_area = float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * texture_size**2
     growth = np.float32(old_area / max(new_area, 1e-300))  # of the surface under one texel
-    return NewAtlas(
-        new_uvs,
-        new_faces,
-        colour["texture"],
-        moments["m"] * growth,
-        moments["v"] * growth**2,
-        covered,
-    )
+    made = {"texture_m": moments["m"] * growth, "texture_v": moments["v"] * growth**2}
+    return replace(state, uvs=uvs, uv_faces=uv_faces, texture=colour["texture"], **made)
 
 
 def _scaled(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

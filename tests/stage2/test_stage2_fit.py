@@ -50,7 +50,7 @@ def _display(rendered, index):
 def fitted(carrier, train_views, transport):
     steps = []
     asset, curves = fit(
-        carrier, train_views, transport, QUICK, seed=3, progress=lambda i, n, f: steps.append((i, n, f["psnr"]))
+        carrier, train_views, transport, QUICK, seed=3, progress=lambda i, n, **f: steps.append((i, n, f["psnr"]))
     )
     return asset, curves, steps
 

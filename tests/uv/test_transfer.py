@@ -10,6 +10,7 @@ import pytest
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas
 from exmesh_graph.geometry.shapes import icosphere
+from exmesh_graph.types import Stage1State
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.settings import DiscSettings
 from exmesh_graph.uv.transfer import sample_bilinear, transfer_texture
@@ -127,19 +128,24 @@ def test_moments_move_with_their_texels():
     vertices, faces, one, _ = atlases()
     m, _ = paint(lambda p: p[:, 0], *one)
     v, _ = paint(lambda p: p[:, 0] ** 2, *one)
-    m, v = np.repeat(m, 3, axis=2), np.repeat(v, 3, axis=2)
+    m, v = (np.repeat(moment, 3, axis=2).astype(np.float32) for moment in (m, v))
+    still = np.zeros((len(vertices), 3), np.float32)
+    state = Stage1State(
+        vertices, faces, *one, np.clip(m, 0, 1), vertex_m=still, vertex_v=still[:, 0], texture_m=m, texture_v=v,
+        gradient_ema=still[:, 0],
+    )  # fmt: skip
     for size in (SIZE, 2 * SIZE):
-        new = regenerate(vertices, faces, *one, np.clip(m, 0, 1), m, v, size, DiscSettings(bend=0.1))
-        assert new.second_moment.min() >= 0
-        assert new.texture.shape == new.first_moment.shape == (size, size, 3)
-        x, _ = paint(lambda p: p[:, 0], new.uvs, new.uv_faces, size)
-        strong = (np.abs(x[..., 0]) > 0.2) & new.covered
-        ratio = (new.first_moment[..., 0] / np.where(x[..., 0] == 0, 1, x[..., 0]))[strong]
+        new = regenerate(state, size, DiscSettings(bend=0.1))
+        assert new.texture_v.min() >= 0
+        assert new.texture.shape == new.texture_m.shape == (size, size, 3)
+        x, covered = paint(lambda p: p[:, 0], new.uvs, new.uv_faces, size)
+        strong = (np.abs(x[..., 0]) > 0.2) & covered
+        ratio = (new.texture_m[..., 0] / np.where(x[..., 0] == 0, 1, x[..., 0]))[strong]
         growth = np.median(ratio)
         np.testing.assert_allclose(ratio, growth, rtol=0.1)
         assert 0.75 < growth * (size / SIZE) ** 2 < 1.5  # a texel of half the side gathers a quarter of the gradient
         # Adam's step m / sqrt(v) is what it was
-        step = new.first_moment[strong] / np.sqrt(new.second_moment[strong])
+        step = new.texture_m[strong] / np.sqrt(new.texture_v[strong])
         np.testing.assert_allclose(np.abs(step), 1.0, atol=0.05)
 
 

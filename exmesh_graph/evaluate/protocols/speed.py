@@ -76,7 +76,7 @@ def relight_fps(
 
 
 def ply_bytes(vertices: int, faces: int) -> int:
-    """Size of a mesh as binary PLY (`benchmarks.meshes.write_ply`): float32 positions and int32 triangles, nothing else.
+    """Size of a mesh as binary PLY (`benchmarks.meshes.write_ply`): float32 positions, int32 triangles, nothing else.
 
     The paper's "unified PLY format" is not described; its 52 K vertices in 2.63 MB are 0.6 MB more than this form
     takes, as much as normals would.
