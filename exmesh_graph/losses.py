@@ -49,11 +49,6 @@ def pair_variation(values: torch.Tensor, pairs: torch.Tensor) -> torch.Tensor:
     return (values[pairs[:, 0]] - values[pairs[:, 1]]).abs().mean()
 
 
-def silhouette_l1(alpha: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-    """mean |alpha - mask|."""
-    return l1(alpha, mask)
-
-
 def silhouette_bce(alpha: torch.Tensor, mask: torch.Tensor, epsilon: float = 1e-3) -> torch.Tensor:
     """Binary cross-entropy of coverage, the paper's L_m; `alpha` is held inside [epsilon, 1 - epsilon].
 

@@ -136,7 +136,7 @@ def test_silhouette_losses_at_zero_and_one():
     assert bool(torch.isfinite(gradient).all())
     expected = -(2 * np.log(1 - 1e-3) + np.log(0.5) + np.log(1e-3)) / 4
     assert float(value.detach()) == pytest.approx(expected, rel=1e-4)
-    assert float(losses.silhouette_l1(alpha, mask).detach()) == pytest.approx(1.6 / 4)
+    assert float(losses.l1(alpha, mask).detach()) == pytest.approx(1.6 / 4)
 
 
 def test_pearson_depth_ignores_scale_and_shift():

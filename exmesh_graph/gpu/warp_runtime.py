@@ -44,6 +44,8 @@ def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:
     converted = []
     for argument, slot in zip(arguments, kernel.adj.args, strict=True):
         if isinstance(argument, torch.Tensor):
+            if slot.type.ndim == 1:  # pictures as lists of pixels
+                argument = argument.view(-1, *getattr(slot.type.dtype, "_shape_", ()))
             argument = wp.from_torch(argument.detach(), dtype=slot.type.dtype, requires_grad=False)
         converted.append(argument)
     stream = wp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None

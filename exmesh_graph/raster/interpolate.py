@@ -11,7 +11,7 @@ from torch.autograd.function import once_differentiable
 
 from exmesh_graph.gpu.limits import check_indices, check_size
 from exmesh_graph.gpu.warp_runtime import launch
-from exmesh_graph.raster.runtime import kernels
+from exmesh_graph.raster.runtime import each_view, kernels
 from exmesh_graph.raster.texture import sample_adjoint, sample_texture
 
 
@@ -121,15 +121,8 @@ def shade(
     faces, uv_faces = (f.to(device, torch.int32).contiguous() for f in (faces, uv_faces))
     check_indices("faces", faces, projected.shape[-2])
     check_indices("uv_faces", uv_faces, len(uvs))
-    return _Shade.apply(
-        projected,
-        texture,
-        faces,
-        uvs.to(device, torch.float32).contiguous(),
-        uv_faces,
-        face_id,
-        sparse,
-    )
+    uvs = uvs.to(device, torch.float32).contiguous()
+    return _Shade.apply(projected, texture, faces, uvs, uv_faces, face_id, sparse)
 
 
 def shade_reference(
@@ -156,30 +149,12 @@ class _Shade(torch.autograd.Function):
     def forward(ctx, projected, texture, faces, uvs, uv_faces, face_id, sparse):
         projected, texture, face_id = projected.contiguous(), texture.contiguous(), face_id.contiguous()
         height, width = face_id.shape[-2:]
-        rows, columns, channels = texture.shape
         uv = torch.full((*face_id.shape, 2), -1.0, dtype=torch.float32, device=projected.device)
-        out = torch.zeros((*face_id.shape, channels), dtype=torch.float32, device=projected.device)
+        out = torch.zeros((*face_id.shape, texture.shape[-1]), dtype=torch.float32, device=projected.device)
         if len(faces) and out.numel() and texture.numel():
-            count = height * width
-            views = (projected.view(-1, *projected.shape[-2:]), face_id.view(-1, count))
-            results = (uv.view(-1, count, 2), out.view(-1, count * channels))
-            for points, ids, uv_here, out_here in zip(*views, *results, strict=True):
-                launch(
-                    kernels("texture").shade,
-                    count,
-                    points,
-                    faces,
-                    uvs,
-                    uv_faces,
-                    texture.view(-1),
-                    ids,
-                    width,
-                    rows,
-                    columns,
-                    channels,
-                    uv_here,
-                    out_here,
-                )
+            atlas = (faces, uvs, uv_faces, texture)
+            for points, ids, *results in each_view(projected, face_id, uv, out):
+                launch(kernels("texture").shade, height * width, points, *atlas, ids, width, *texture.shape, *results)
         ctx.save_for_backward(projected, texture, faces, uvs, uv_faces, face_id, uv)
         ctx.sparse = sparse
         return out
@@ -199,26 +174,8 @@ class _Shade(torch.autograd.Function):
         if grad_uv is not None:
             grad_vertices = torch.zeros_like(projected)
             height, width = face_id.shape[-2:]
-            count = height * width
             if len(faces) and grad.numel():
-                views = zip(
-                    projected.view(-1, *projected.shape[-2:]),
-                    face_id.view(-1, count),
-                    grad_uv.view(-1, count, 2),
-                    grad_vertices.view(-1, *projected.shape[-2:]),
-                    strict=True,
-                )
-                for points, ids, by_uv, by_vertex in views:
-                    launch(
-                        kernels("texture").shade_vertices_adjoint,
-                        count,
-                        points,
-                        faces,
-                        uvs,
-                        uv_faces,
-                        ids,
-                        by_uv,
-                        width,
-                        by_vertex,
-                    )
+                adjoint, atlas = kernels("texture").shade_vertices_adjoint, (faces, uvs, uv_faces)
+                for points, *pixels, by_vertex in each_view(projected, face_id, grad_uv, grad_vertices):
+                    launch(adjoint, height * width, points, *atlas, *pixels, width, by_vertex)
         return grad_vertices, grad_texture, None, None, None, None, None

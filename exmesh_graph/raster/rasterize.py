@@ -11,7 +11,7 @@ from exmesh_graph.gpu.limits import EMPTY_KEY, check_indices, check_near, check_
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.raster.camera import project
-from exmesh_graph.raster.runtime import kernels
+from exmesh_graph.raster.runtime import each_view, kernels
 
 NEAR = 1e-3
 """Near plane in world units; the normalised world has the object inside the unit sphere."""
@@ -92,18 +92,9 @@ def rasterize_projected(
     bary = torch.zeros((*shape, 3), dtype=torch.float32, device=device)
     depth = torch.zeros(shape, dtype=torch.float32, device=device)
     if len(faces) and height * width:
-        count = height * width
-        views = zip(
-            projected.view(-1, *projected.shape[-2:]),
-            keys.view(-1, count),
-            face_id.view(-1, count),
-            bary.view(-1, count, 3),
-            depth.view(-1, count),
-            strict=True,
-        )
-        for points, key, *fragments in views:
+        for points, key, *fragments in each_view(projected, keys, face_id, bary, depth):
             _cover(points, faces, height, width, near, cull_back, large_face, key)
-            launch(kernels().resolve_fragments, count, points, faces, key, width, *fragments)
+            launch(kernels().resolve_fragments, height * width, points, faces, key, width, *fragments)
     return Fragments(face_id, bary, depth)
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from exmesh_graph.gpu.warp_runtime import warp
+
+if TYPE_CHECKING:
+    import torch
 
 
 @cache
@@ -26,3 +30,8 @@ def kernels(of: Literal["visibility", "texture", "silhouette"] = "visibility") -
     from exmesh_graph.raster import kernels as kernels_visibility
 
     return kernels_visibility
+
+
+def each_view(projected: torch.Tensor, *pictures: torch.Tensor) -> Iterator[tuple[torch.Tensor, ...]]:
+    """The tensors of one view after the other: of each of a batch (`projected` [N, V, 3]), or of the one there is."""
+    return zip(projected, *pictures, strict=True) if projected.dim() == 3 else iter([(projected, *pictures)])

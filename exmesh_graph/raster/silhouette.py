@@ -23,7 +23,7 @@ import torch
 from exmesh_graph.gpu.limits import EMPTY_KEY, check_near, check_size
 from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.raster.rasterize import NEAR, Fragments
-from exmesh_graph.raster.runtime import kernels
+from exmesh_graph.raster.runtime import each_view, kernels
 
 BEHIND = 5e-4
 """An edge must lie this share of its depth before the far pixel's surface: equal surfaces make no silhouette."""
@@ -115,30 +115,11 @@ def find_silhouette(
     count, corners = height * width, projected.shape[-2]
     keys = torch.full((*projected.shape[:-2], 2 * count), EMPTY_KEY, dtype=torch.int64, device=projected.device)
     if len(table.edges) and count:
-        views = zip(
-            projected.to(torch.float32).contiguous().view(-1, corners, 3),
-            fragments.face_id.view(-1, count),
-            fragments.depth.view(-1, count),
-            keys.view(-1, 2 * count),
-            strict=True,
-        )
-        for points, face_id, depth, key in views:
-            launch(
-                kernels("silhouette").find_silhouette,
-                len(table.edges),
-                points,
-                table.edges,
-                table.opposite,
-                face_id,
-                depth,
-                height,
-                width,
-                near,
-                BEHIND,
-                IN_FRONT,
-                min(REACH * extent, 1e30),
-                key,
-            )
+        scan, size = kernels("silhouette").find_silhouette, (height, width)
+        limits = (near, BEHIND, IN_FRONT, min(REACH * extent, 1e30))
+        places = projected.to(torch.float32).contiguous()
+        for points, face_id, depth, key in each_view(places, fragments.face_id, fragments.depth, keys):
+            launch(scan, len(table.edges), points, *table, face_id, depth, *size, *limits, key)
     keys = keys.view(-1)
     slots = torch.nonzero(keys != EMPTY_KEY)[:, 0]
     code = keys[slots] & 0xFFFFFFFF

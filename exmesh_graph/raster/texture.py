@@ -67,6 +67,7 @@ def sample_adjoint(
     Contiguous float32; `seen` bool [...] leaves points out.
     """
     height, width, channels = texture.shape
+    code = _wrap_code(wrap)
     nothing = uv.numel() == 0 or texture.numel() == 0
     grad_uv = torch.zeros_like(uv) if with_uv else None
     place = torch.empty(0, dtype=torch.int32, device=texture.device)
@@ -76,16 +77,7 @@ def sample_adjoint(
     if with_texture and sparse:
         if not nothing:
             marks = torch.zeros(height * width, dtype=torch.bool, device=texture.device)
-            launch(
-                kernels("texture").mark_texels,
-                uv.numel() // 2,
-                uv.view(-1, 2),
-                seen,
-                height,
-                width,
-                _wrap_code(wrap),
-                marks,
-            )
+            launch(kernels("texture").mark_texels, uv.numel() // 2, uv, seen, height, width, code, marks)
             touched = torch.nonzero(marks)[:, 0]
             # written where touched only: the memory of the rest is never paged in
             place = torch.empty(height * width, dtype=torch.int32, device=texture.device)
@@ -95,23 +87,12 @@ def sample_adjoint(
         grad_texture = torch.zeros_like(texture)
     if not nothing and (with_texture or with_uv):
         unused = texture.new_zeros(2)
+        asked = (code, int(with_uv), int(with_texture))
+        results = [unused if result is None else result for result in (grad_texture, grad_uv)]
         launch(
-            kernels("texture").sample_bilinear_adjoint,
-            uv.numel() // 2,
-            texture.view(-1),
-            uv.view(-1, 2),
-            grad.view(-1),
-            seen,
-            height,
-            width,
-            channels,
-            _wrap_code(wrap),
-            int(with_uv),
-            int(with_texture),
-            place,
-            unused if grad_texture is None else grad_texture.view(-1),
-            unused.view(1, 2) if grad_uv is None else grad_uv.view(-1, 2),
-        )
+            kernels("texture").sample_bilinear_adjoint, uv.numel() // 2, texture, uv, grad, seen, *texture.shape,
+            *asked, place, *results,
+        )  # fmt: skip
     if grad_texture is not None and sparse:
         indices = torch.stack([touched // max(width, 1), touched % max(width, 1)])
         grad_texture = torch.sparse_coo_tensor(
@@ -197,20 +178,9 @@ class _SampleTexture(torch.autograd.Function):
         texture, uv = texture.contiguous(), uv.contiguous()
         ctx.save_for_backward(texture, uv)
         ctx.wrap, ctx.sparse = get_args(Wrap)[code], sparse
-        height, width, channels = texture.shape
-        out = torch.zeros((*uv.shape[:-1], channels), dtype=torch.float32, device=texture.device)
+        out = torch.zeros((*uv.shape[:-1], texture.shape[-1]), dtype=torch.float32, device=texture.device)
         if out.numel() and texture.numel():
-            launch(
-                kernels("texture").sample_bilinear,
-                uv.numel() // 2,
-                texture.view(-1),
-                uv.view(-1, 2),
-                height,
-                width,
-                channels,
-                code,
-                out.view(-1),
-            )
+            launch(kernels("texture").sample_bilinear, uv.numel() // 2, texture, uv, *texture.shape, code, out)
         return out
 
     @staticmethod

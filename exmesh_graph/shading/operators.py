@@ -53,7 +53,7 @@ class LightTransport:
             assert light.gather_point is not None
             assert light.gather_weight is not None
             shape = (len(light.points), len(light.points))
-            self.gather = _csr(light.gather_start, light.gather_point, light.gather_weight, shape, device)
+            self.gather = csr_tensor(light.gather_start, light.gather_point, light.gather_weight, shape).to(device)
             self.gather_transposed = _transposed(light, shape, device)
 
     def bin_matrix(self, height: int, width: int) -> torch.Tensor:
@@ -193,12 +193,6 @@ class _Bounces(torch.autograd.Function):
         return operators.direct_adjoint(direct), to_diffuse, None, None
 
 
-def _csr(
-    start: np.ndarray, index: np.ndarray, value: np.ndarray, shape: tuple[int, int], device: torch.device | str
-) -> torch.Tensor:
-    return csr_tensor(start, index, value, shape).to(device)
-
-
 def _transposed(light: Transport, shape: tuple[int, int], device: torch.device | str) -> torch.Tensor:
     assert light.gather_start is not None
     assert light.gather_point is not None
@@ -206,7 +200,7 @@ def _transposed(light: Transport, shape: tuple[int, int], device: torch.device |
     row = np.repeat(np.arange(shape[0]), np.diff(light.gather_start))
     order = np.lexsort((row, light.gather_point))
     start = np.concatenate([[0], np.cumsum(np.bincount(light.gather_point, minlength=shape[1]))])
-    return _csr(start, row[order], light.gather_weight[order], shape, device)
+    return csr_tensor(start, row[order], light.gather_weight[order], shape).to(device)
 
 
 def _component(operators: LightTransport, axis: int) -> torch.Tensor:

@@ -1,14 +1,12 @@
 """Warp kernel of Adam's step over rows of parameters (`optimiser.GaussianAdam`); plain form: `optim.adam_step`."""
 
 # mypy: ignore-errors
+# ruff: noqa: F821
 # See kernels_camera.py.
 
 import warp as wp
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-REAL = globals().get("REAL", wp.float32)
-ONE = wp.constant(REAL(1.0))
 
 
 @wp.kernel

@@ -13,23 +13,13 @@ a picture's part in the cache, and small on CUDA, where they are the parallelism
 """
 
 # mypy: ignore-errors
+# ruff: noqa: F821
 # See kernels_camera.py.
 
 import warp as wp
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-REAL = globals().get("REAL", wp.float32)
-Vec2 = wp.types.vector(2, REAL)
-Vec4 = wp.types.vector(4, REAL)
-Vec8 = wp.types.vector(8, REAL)
-Vec16 = wp.types.vector(16, REAL)
-
-ZERO = wp.constant(REAL(0.0))
-HALF = wp.constant(REAL(0.5))
-ONE = wp.constant(REAL(1.0))
-TWO = wp.constant(REAL(2.0))
-LEAST = wp.constant(REAL(1.0 / 255.0))
 MOST = wp.constant(REAL(0.99))
 OPAQUE = wp.constant(REAL(1e-4))
 

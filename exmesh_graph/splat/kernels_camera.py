@@ -1,20 +1,12 @@
 """Warp functions that projection and its adjoint share: rotations, the camera, the local affine map."""
 
 # mypy: ignore-errors
+# ruff: noqa: F821
 # Kernels are written in Warp's own language, which only looks like Python. This file is loaded once for each float
-# type (`runtime.kernels`), which sets REAL beforehand.
+# type (`runtime.kernels`), which sets REAL, its vectors and its numbers beforehand.
 
 import warp as wp
 
-REAL = globals().get("REAL", wp.float32)
-Vec3 = wp.types.vector(3, REAL)
-Vec4 = wp.types.vector(4, REAL)
-Mat23 = wp.types.matrix((2, 3), REAL)
-Mat33 = wp.types.matrix((3, 3), REAL)
-
-ZERO = wp.constant(REAL(0.0))
-ONE = wp.constant(REAL(1.0))
-TWO = wp.constant(REAL(2.0))
 MARGIN = wp.constant(REAL(0.15))
 """J is taken at a point at most this share of the picture outside it: far outside, the affine map is meaningless."""
 

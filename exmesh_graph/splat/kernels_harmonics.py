@@ -1,16 +1,11 @@
 """Warp functions of real spherical harmonics to degree 3, and their adjoint (constants: Sloan 2008)."""
 
 # mypy: ignore-errors
+# ruff: noqa: F821
 # See kernels_camera.py.
 
 import warp as wp
 
-REAL = globals().get("REAL", wp.float32)
-Vec3 = wp.types.vector(3, REAL)
-
-ZERO = wp.constant(REAL(0.0))
-HALF = wp.constant(REAL(0.5))
-TWO = wp.constant(REAL(2.0))
 THREE = wp.constant(REAL(3.0))
 FOUR = wp.constant(REAL(4.0))
 Y0 = wp.constant(REAL(0.28209479177387814))

@@ -13,32 +13,14 @@ d = n . x_c < 0 (planar Gaussians: Chen et al. 2024). Colour is spherical harmon
 """
 
 # mypy: ignore-errors
-# Kernels are written in Warp's own language, which only looks like Python. This file is loaded once for each float
-# type (`runtime.kernels`), which sets REAL, and CAMERA and HARMONICS, the modules of functions, beforehand.
+# ruff: noqa: F821
+# See kernels_camera.py; the functions of that file and of kernels_harmonics.py are set beforehand too.
 
 import warp as wp
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-REAL = globals().get("REAL", wp.float32)
-Vec2 = wp.types.vector(2, REAL)
-Vec3 = wp.types.vector(3, REAL)
-Vec4 = wp.types.vector(4, REAL)
-Vec8 = wp.types.vector(8, REAL)
-Vec16 = wp.types.vector(16, REAL)
-
-ZERO = wp.constant(REAL(0.0))
-HALF = wp.constant(REAL(0.5))
-ONE = wp.constant(REAL(1.0))
-TWO = wp.constant(REAL(2.0))
 BLUR = wp.constant(REAL(0.1))
-LEAST = wp.constant(REAL(1.0 / 255.0))
-
-CAMERA, HARMONICS = globals()["CAMERA"], globals()["HARMONICS"]
-rotation_of, shortest, axis_of, clamped = CAMERA.rotation_of, CAMERA.shortest, CAMERA.axis_of, CAMERA.clamped
-camera_rotation, view_direction = CAMERA.camera_rotation, CAMERA.view_direction
-slopes, affine_row, screen_axes = CAMERA.slopes, CAMERA.affine_row, CAMERA.screen_axes
-harmonics, harmonics_adjoint = HARMONICS.harmonics, HARMONICS.harmonics_adjoint
 
 
 @wp.kernel

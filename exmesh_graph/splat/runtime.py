@@ -24,6 +24,9 @@ if TYPE_CHECKING:  # the files are loaded by a computed name: these lines tell t
 _USES = {"project": ("camera", "harmonics")}
 """Files whose functions a file of kernels calls."""
 
+_NUMBERS = {"ZERO": 0.0, "HALF": 0.5, "ONE": 1.0, "TWO": 2.0, "LEAST": 1.0 / 255.0}
+"""Constants that several files name; LEAST is the least opacity that is drawn."""
+
 
 @cache
 def kernels(of: Literal["project", "blend", "adam", "camera", "harmonics"], dtype: torch.dtype) -> Any:
@@ -36,9 +39,13 @@ def kernels(of: Literal["project", "blend", "adam", "camera", "harmonics"], dtyp
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    module.REAL = real  # type: ignore[attr-defined]
+    names = {"REAL": real, **{f"Vec{n}": wp.types.vector(n, real) for n in (2, 3, 4, 8, 16)}}
+    names |= {"Mat23": wp.types.matrix((2, 3), real), "Mat33": wp.types.matrix((3, 3), real)}
+    names |= {name: wp.constant(real(value)) for name, value in _NUMBERS.items()}
     for used in _USES.get(of, ()):
-        setattr(module, used.upper(), kernels(used, dtype))  # type: ignore[arg-type]
+        functions = vars(kernels(used, dtype)).items()  # type: ignore[arg-type]
+        names |= {name: function for name, function in functions if isinstance(function, wp.Function)}
+    vars(module).update(names)
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module

@@ -111,7 +111,7 @@ def phase_shift(one: torch.Tensor, two: torch.Tensor, weight: torch.Tensor | Non
 
 def _suspects(figures: Residuals, targets: Targets, gains: bool) -> dict[str, str]:
     size = figures.shift.norm(dim=1)
-    stops = figures.stops - _median(figures.stops)
+    stops = figures.stops - figures.stops.nanmedian()
     far_shift, far_mask, far_colour = _far(size, _SHIFT), _far(figures.mask, _MASK), _far(figures.colour, _COLOUR)
     words = {}
     for i, name in enumerate(targets.names):
@@ -140,18 +140,14 @@ def _suspects(figures: Residuals, targets: Targets, gains: bool) -> dict[str, st
         elif far_colour[i]:
             words[name] = (
                 f"its colours differ by {float(figures.colour[i]):.3f}, the others by "
-                f"{float(_median(figures.colour)):.3f}, though its outline fits: look for a moved light, "
+                f"{float(figures.colour.nanmedian()):.3f}, though its outline fits: look for a moved light, "
                 "a shadow, a blurred picture"
             )
     return words
 
 
-def _median(values: torch.Tensor) -> torch.Tensor:
-    return values.nanmedian()
-
-
 def _far(values: torch.Tensor, least: float) -> list[bool]:
     """Which values lie far above the middle of all, and are at least `least` above it. NaN never does."""
-    middle = _median(values)
-    spread = 1.4826 * float(_median((values - middle).abs()))
+    middle = values.nanmedian()
+    spread = 1.4826 * float((values - middle).abs().nanmedian())
     return [float(v) > float(middle) + max(_FAR * spread, least) for v in values]

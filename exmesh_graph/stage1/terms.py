@@ -55,7 +55,7 @@ class Terms:
                 settings.ssim_weight * share * losses.d_ssim(box.crop(image), self.targets.ssim_target(view))
             )
         if bool(self.targets.masked[view]) and settings.silhouette_weight > 0:
-            of = losses.silhouette_l1 if settings.silhouette == "l1" else losses.silhouette_bce
+            of = losses.l1 if settings.silhouette == "l1" else losses.silhouette_bce
             terms["silhouette"] = settings.silhouette_weight * of(picture.alpha, mask)
         if self.targets.inside is not None and settings.coverage_weight > 0:
             uncovered = torch.where(self.targets.inside[view], 1 - picture.alpha, 0.0).clamp(min=0)

@@ -159,24 +159,16 @@ def _place(items: Items, side: int, order: int) -> tuple[np.ndarray, np.ndarray]
 
 def _lowest_place(taken: np.ndarray, cells: np.ndarray, rows: int, columns: int) -> tuple[int, int] | None:
     """The free (row, column) with the lowest row, then column, below (rows, columns); None without one."""
-    from exmesh_graph.gpu.warp_runtime import warp
+    import torch
 
-    wp = warp()
+    from exmesh_graph.gpu.warp_runtime import launch, warp
+
+    warp()
     from exmesh_graph.uv.kernels import first_free
 
     if rows <= 0 or columns <= 0:
         return None
     nowhere = np.iinfo(np.int32).max
-    lowest = np.array([nowhere], np.int32)
-    with wp.ScopedDevice("cpu"):
-        wp.launch(
-            first_free,
-            dim=rows * columns,
-            inputs=[
-                wp.array(taken, dtype=wp.uint8, copy=False),
-                wp.array(cells, dtype=wp.vec2i, copy=False),
-                columns,
-                wp.array(lowest, dtype=int, copy=False),
-            ],
-        )
-    return None if lowest[0] == nowhere else divmod(int(lowest[0]), columns)
+    lowest = torch.tensor([nowhere], dtype=torch.int32)
+    launch(first_free, rows * columns, torch.from_numpy(taken), torch.from_numpy(cells), columns, lowest)
+    return None if int(lowest) == nowhere else divmod(int(lowest), columns)

@@ -20,7 +20,7 @@ from exmesh_graph.shading.monte_carlo.bounce import (
     secondary_pool,
 )
 from exmesh_graph.shading.monte_carlo.points import Coarse, Material, Points, Query, Surface
-from exmesh_graph.shading.monte_carlo.samples import LightPool, LightSamples, draw_light, make_pool
+from exmesh_graph.shading.monte_carlo.samples import LightSamples, draw_light, make_pool
 from exmesh_graph.shading.monte_carlo.shade import shade
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class MonteCarloLight:
                 self.tracer,
                 sampler,
                 s.secondary_rays,
-                self._hit_pool(pool, sampler, first + 2),
+                secondary_pool(pool, sampler, s.secondary_samples, first + 2),
                 first + 4,
                 self.memory_mib,
             )
@@ -127,9 +127,6 @@ class MonteCarloLight:
         """`draw` and `shade` in one; samples follow `sampler`, None: the environment as it is now."""
         drawn = self.draw(points, material, query, sampler or EnvSampler(environment), seed, coarse)
         return self.shade(drawn, points, material, query, environment, strength)
-
-    def _hit_pool(self, pool: LightPool, sampler: EnvSampler, seed: int) -> LightPool:
-        return secondary_pool(pool, sampler, self.settings.secondary_samples, seed)
 
 
 class SampleCache:

@@ -144,29 +144,12 @@ def draw_directions(
     own_uv = torch.empty(count * pool.own_samples, 2, device=device)
     weight = torch.empty(count * samples, device=device)
     if count:
-        launch(
-            _kernels().draw_light,
-            count,
-            normal,
-            flat,
-            view,
-            roughness,
-            share,
-            pool.direction,
-            pool.pdf,
-            pool.density,
-            *pool.shape,
-            pool.lobe_points,
-            pool.pool_samples,
-            pool.own_samples,
-            max(len(pool.direction) // max(pool.pool_samples, 1), 1),
-            pool.seed & 0x7FFFFFFF,
-            int(turning),
-            block,
-            own if len(own) else weight.new_empty(1, 3),
-            own_uv if len(own) else weight.new_empty(1, 2),
-            weight,
-        )
+        blocks = max(len(pool.direction) // max(pool.pool_samples, 1), 1)
+        places = (normal, flat, view, roughness, share)
+        source = (pool.direction, pool.pdf, pool.density, *pool.shape, pool.lobe_points)
+        counts = (pool.pool_samples, pool.own_samples, blocks, pool.seed & 0x7FFFFFFF, int(turning))
+        results = [t if len(t) else t.new_empty(1, t.shape[1]) for t in (own, own_uv)]
+        launch(_kernels().draw_light, count, *places, *source, *counts, block, *results, weight)
     spread = (count, pool.own_samples)
     return LightSamples(pool, block, own.view(*spread, 3), own_uv.view(*spread, 2), weight.view(count, samples))
 
@@ -180,18 +163,9 @@ def _occlude(drawn: LightSamples, rows: slice, origins: torch.Tensor, tracer: Ra
     own = drawn.own_direction[rows].reshape(-1, 3)
     row = torch.empty(len(chosen), dtype=torch.int32, device=chosen.device)
     direction = torch.empty(len(chosen), 3, device=chosen.device)
-    launch(
-        _kernels().ray_directions,
-        len(chosen),
-        chosen,
-        drawn.block[rows],
-        pool.direction,
-        own if len(own) else direction,
-        pool.pool_samples,
-        pool.own_samples,
-        row,
-        direction,
-    )
+    source = (drawn.block[rows], pool.direction, own if len(own) else direction)
+    counts = (pool.pool_samples, pool.own_samples)
+    launch(_kernels().ray_directions, len(chosen), chosen, *source, *counts, row, direction)
     weight[chosen[any_hit(tracer, origins[rows][row], direction)]] = 0
 
 

@@ -42,20 +42,10 @@ def shade(
         pool_radiance = gather_rows(environment.reshape(-1, 3), *envmap.bilinear(height, width, u, v))
     else:
         pool_radiance = environment.new_zeros(1, 3)
-    specular = material.roughness is not None
-    count = len(normal)
-    zero = normal.new_zeros(count)
-    return _Shade.apply(
-        normal,
-        material.base_color,
-        material.roughness if material.roughness is not None else zero,
-        material.metallic if material.metallic is not None else zero,
-        pool_radiance,
-        environment,
-        view,
-        samples,
-        specular,
-    )
+    zero = normal.new_zeros(len(normal))
+    rough, metal = (zero if value is None else value for value in (material.roughness, material.metallic))
+    inputs = (normal, material.base_color, rough, metal, pool_radiance, environment)
+    return _Shade.apply(*inputs, view, samples, material.roughness is not None)
 
 
 def shade_reference(
@@ -102,47 +92,21 @@ class _Shade(torch.autograd.Function):
         *inputs, view = ctx.saved_tensors
         outputs = [torch.zeros_like(t) for t in inputs]
         if len(grad):
-            to_normal, to_base, to_roughness, to_metallic, to_pool, to_environment = outputs
-            launch(
-                _kernels().shade_light_adjoint,
-                len(grad),
-                *_arguments(inputs, view, ctx.samples, ctx.specular),
-                grad.contiguous(),
-                int(ctx.needs_input_grad[4] or ctx.needs_input_grad[5]),
-                to_normal,
-                to_base,
-                to_roughness,
-                to_metallic,
-                to_pool,
-                to_environment.view(-1, 3),
-            )
+            given = _arguments(inputs, view, ctx.samples, ctx.specular)
+            with_environment = int(ctx.needs_input_grad[4] or ctx.needs_input_grad[5])
+            adjoint = _kernels().shade_light_adjoint
+            launch(adjoint, len(grad), *given, grad.contiguous(), with_environment, *outputs)
         kept = [t if need else None for t, need in zip(outputs, ctx.needs_input_grad, strict=False)]
         return (*kept, None, None, None)
 
 
 def _arguments(inputs: list[torch.Tensor], view: torch.Tensor, samples: LightSamples, specular: bool) -> list[Any]:
-    normal, base, roughness, metallic, pool_radiance, environment = inputs
+    normal, *material, pool_radiance, environment = inputs
     pool = samples.pool
-    own, own_uv = samples.own_direction.reshape(-1, 3), samples.own_uv.reshape(-1, 2)
-    return [
-        normal,
-        view,
-        base,
-        roughness,
-        metallic,
-        int(specular),
-        pool.direction,
-        pool_radiance,
-        samples.block,
-        own if len(own) else environment.new_zeros(1, 3),
-        own_uv if len(own) else environment.new_zeros(1, 2),
-        samples.weight.reshape(-1),
-        environment.view(-1, 3),
-        environment.shape[0],
-        environment.shape[1],
-        pool.pool_samples,
-        pool.own_samples,
-    ]
+    own = [t.reshape(-1, t.shape[-1]) for t in (samples.own_direction, samples.own_uv)]
+    own = [t if len(t) else environment.new_zeros(1, t.shape[-1]) for t in own]
+    light = (pool.direction, pool_radiance, samples.block, *own, samples.weight, environment, *environment.shape[:2])
+    return [normal, view, *material, int(specular), *light, pool.pool_samples, pool.own_samples]
 
 
 @cache
