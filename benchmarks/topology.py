@@ -225,15 +225,15 @@ def merged_texture(rows: Result, mesh: tuple, size: int = 1024) -> None:
 
     def half_way(state: Topology, plan: module.Collapses) -> Topology:
         """Every moved corner gets a coordinate of its own between its old one and the survivor's."""
-        target, _ = moved(state.faces, state.uv_faces, plan, len(state.vertices))
+        target = moved(state.faces, state.uv_faces, plan, len(state.vertices))
         where = target != state.uv_faces
         between = 0.5 * (state.uvs[target[where]] + state.uvs[state.uv_faces[where]])
         target[where] = len(state.uvs) + np.arange(int(where.sum()))
-        module._moved_corners = lambda *_: (target, None)
+        module._moved_corners = lambda *_: target
         return carry_out(replace(state, uvs=np.concatenate([state.uvs, between])), plan)
 
-    def kept(_: np.ndarray, corners: np.ndarray, *__: Any) -> tuple[np.ndarray, None]:
-        return corners, None
+    def kept(_: np.ndarray, corners: np.ndarray, *__: Any) -> np.ndarray:
+        return corners
 
     ways = (("survivor's UV", moved, carry_out), ("own UV kept", kept, carry_out), ("half way", moved, half_way))
     for name, rule, operation in ways:

@@ -40,15 +40,7 @@ def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedM
     from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.geometry.hull import visual_hull as hull
 
-    field = SilhouetteField.from_masks(
-        views.alpha,
-        views.intrinsics,
-        views.world_to_camera,
-        wrong_masks=p.wrong_masks,
-        names=views.names,
-        chunk=p.chunk,
-    )
-    vertices, faces = hull(field, resolution=p.resolution)
+    vertices, faces = hull(SilhouetteField.of_views(views, p.wrong_masks, p.chunk), resolution=p.resolution)
     vertices = taubin(vertices, faces, p.smooth)
     require_sound(vertices, faces, closed=True, where=ctx.node)
     return ClosedMeshOut(Mesh(vertices, faces))
@@ -101,10 +93,7 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
             raise DataError(
                 "solid needs a mask for every view", where=ctx.node, fix="set solid: false, then init.clean close_holes"
             )
-        field = SilhouetteField.from_masks(
-            views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=p.wrong_masks, names=views.names
-        )
-        vertices, faces = carve(field, views, depths, p)
+        vertices, faces = carve(SilhouetteField.of_views(views, p.wrong_masks), views, depths, p)
     else:
         from exmesh_graph.geometry.tsdf import fuse
 

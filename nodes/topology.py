@@ -68,15 +68,8 @@ def merge(
 
     rendered = None
     if views is not None:
-        rendered = contribution_counts(
-            state.vertices,
-            state.faces,
-            views.intrinsics,
-            views.camera_to_world,
-            views.height,
-            views.width,
-            p.supersample,
-        )
+        cameras = (views.intrinsics, views.camera_to_world, views.height, views.width)
+        rendered = contribution_counts(state.vertices, state.faces, *cameras, p.supersample)
     done = merge_mesh(state.vertices, state.faces, state.uvs, state.uv_faces, rendered, p, seed=ctx.seed)
     unseen = "" if rendered is None else f", {int((rendered == 0).sum())} faces never rendered"
     ctx.log(f"{len(state.faces)} -> {len(done.faces)} faces ({done.count} collapses{unseen})")
@@ -97,14 +90,9 @@ def flip(ctx: Context, state: Stage1State, *, p: FlipParams) -> StateOut:
     if p.relax:
         colours = state.model if state.appearance == "per_vertex" else {}
         vertices, uvs, moved = relax(
-            done.vertices,
-            done.faces,
-            done.uvs,
-            done.uv_faces,
-            steps=p.relax,
-            max_bend=p.max_bend,
-            colours=tuple(colours.values()),
-        )
+            done.vertices, done.faces, done.uvs, done.uv_faces,
+            steps=p.relax, max_bend=p.max_bend, colours=tuple(colours.values()),
+        )  # fmt: skip
         model = {**state.model, **dict(zip(colours, moved, strict=True))}
         state = replace(state, vertices=vertices, uvs=uvs, model=model)
     return StateOut(state)

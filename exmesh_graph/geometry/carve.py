@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.hull import Grid, SilhouetteField, occupied_box, surface
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.types import DepthMaps, Views
@@ -36,10 +35,7 @@ def carve(
     Raises DataError where views and depth maps do not belong together or the masks have nothing in common.
     """
     settings = settings or TsdfSettings()
-    if tuple(depths.names) != tuple(views.names) or depths.depth.shape != views.alpha.shape:
-        raise DataError("the depth maps are not those of the views", where="init.tsdf",
-                        expected=f"{len(views)} maps of {views.width} x {views.height}: {views.names[0]} ...",
-                        fix="make them from these views")  # fmt: skip
+    depths.require_of(views, "init.tsdf")
     low, high = occupied_box(field, np.full(3, -1.05), np.full(3, 1.05))
     grid = Grid.over(low, high, settings.resolution)
     points = grid.points()

@@ -15,7 +15,7 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import area_vectors, incident_faces, lengths, next_halfedge
 from exmesh_graph.geometry.merge import Collapses, apply_merges, collapse_ends, shape_is_kept
 from exmesh_graph.geometry.settings import MergeSettings
-from exmesh_graph.geometry.topology import Topology, VertexMap, greedy_disjoint, link_condition, ranges
+from exmesh_graph.geometry.topology import Topology, VertexMap, disjoint_pairs, link_condition
 from exmesh_graph.types.edges import edges_of
 
 #: Faces keep their normals within 60 degrees a collapse; lines of the outline and of seams turn by 25 degrees at most.
@@ -77,18 +77,14 @@ def _plan(state: Topology, quadrics: np.ndarray, budget: int) -> Collapses:
     removed, survivor, legal = collapse_ends(state, edges, halfedge, SETTINGS, prefer=cost[0] <= cost[1])
     span = lengths(place[i, :3] - place[j, :3])
     price = np.where(removed == i, cost[0], cost[1]) + _LENGTH * span**4
-    start, around = incident_faces(faces, n)
+    incident = incident_faces(faces, n)
     order = np.flatnonzero(legal)
     order = order[np.argsort(price[order], kind="stable")]
     for share in (_ROUND, 1.0):  # all of them only when the cheap ones are stuck
         at = order[: max(int(share * len(order)), 64)]
         at = at[link_condition(faces, edges, edges.face_edges.reshape(-1)[halfedge[at]], n)]
-        at = at[shape_is_kept(state, removed[at], survivor[at], SETTINGS, start, around)]
+        at = at[shape_is_kept(state, removed[at], survivor[at], SETTINGS, incident)]
         if len(at):
             break
-    pair = np.stack([removed[at], survivor[at]], axis=1).reshape(-1)
-    size = (start[pair + 1] - start[pair]).reshape(-1, 2)
-    touched = around[ranges(start[pair], size.reshape(-1))]
-    offsets = np.concatenate([[0], np.cumsum(size.sum(axis=1))])
-    chosen = at[greedy_disjoint(np.arange(len(at)), offsets, touched, len(faces))][:budget]
+    chosen = at[disjoint_pairs(removed[at], survivor[at], incident, len(faces))][:budget]
     return Collapses(removed[chosen], survivor[chosen])

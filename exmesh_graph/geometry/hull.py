@@ -15,6 +15,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
+from exmesh_graph.types import Views
 
 # A field this many voxels below zero is certainly outside: the remaining views need not be asked.
 _DROP = 2.5
@@ -91,6 +92,12 @@ class SilhouetteField:
             )
         distances = np.stack([silhouette_distance(a) for a in alpha])
         return cls(distances, np.asarray(intrinsics, float), np.asarray(world_to_camera, float), wrong_masks, chunk)
+
+    @classmethod
+    def of_views(cls, views: Views, wrong_masks: int = 0, chunk: int = 1 << 18) -> SilhouetteField:
+        """Field of the masks of `views`. Raises as `from_masks`."""
+        cameras = (views.intrinsics, views.world_to_camera)
+        return cls.from_masks(views.alpha, *cameras, wrong_masks=wrong_masks, names=views.names, chunk=chunk)
 
     def __call__(self, points: np.ndarray, floor: float = -np.inf) -> np.ndarray:
         """Field float32 [P], world units, at points [P, 3]. Values below `floor` may be any value below it."""

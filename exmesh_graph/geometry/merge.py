@@ -27,14 +27,16 @@ from exmesh_graph.geometry.topology import (
     Step,
     Topology,
     VertexMap,
+    around,
     corner_edge_lengths,
     degeneracy,
-    greedy_disjoint,
+    disjoint_pairs,
     link_condition,
-    ranges,
     rounded,
 )
 from exmesh_graph.types.edges import Edges, edges_of
+
+Incident = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +107,13 @@ def plan_merges(
     halfedge = (3 * candidate[:, None] + options)[order]
     removed, survivor, legal = collapse_ends(state, edges, halfedge.reshape(-1), settings)
     legal &= link_condition(faces, edges, edges.face_edges.reshape(-1)[halfedge.reshape(-1)], len(vertices))
-    start, around = incident_faces(faces, len(vertices))
+    incident = incident_faces(faces, len(vertices))
     # Of each face the first edge that may collapse; several faces may ask for the same collapse: the first one counts.
     choice = np.full(len(halfedge), -1)
     for option in range(halfedge.shape[1]):
         at = np.arange(len(halfedge)) * halfedge.shape[1] + option
         at = at[(choice < 0) & legal[at]]
-        at = at[shape_is_kept(state, removed[at], survivor[at], settings, start, around)]
+        at = at[shape_is_kept(state, removed[at], survivor[at], settings, incident)]
         choice[at // halfedge.shape[1]] = at
     choice = choice[choice >= 0]
     removed, survivor = removed[choice], survivor[choice]
@@ -119,11 +121,7 @@ def plan_merges(
     first.sort()
     removed, survivor = removed[first], survivor[first]
 
-    pair = np.stack([removed, survivor], axis=1).reshape(-1)
-    size = (start[pair + 1] - start[pair]).reshape(-1, 2)
-    touched = around[ranges(start[pair], size.reshape(-1))]
-    offsets = np.concatenate([[0], np.cumsum(size.sum(axis=1))])
-    go = greedy_disjoint(np.arange(len(removed)), offsets, touched, len(faces))
+    go = disjoint_pairs(removed, survivor, incident, len(faces))
     return Collapses(removed[go], survivor[go])
 
 
@@ -132,7 +130,7 @@ def apply_merges(state: Topology, plan: Collapses) -> Topology:
     goes_to = np.arange(len(state.vertices))
     goes_to[plan.removed] = plan.survivor
     faces = goes_to[state.faces]
-    corners = _moved_corners(state.faces, state.uv_faces, plan, len(state.vertices))[0]
+    corners = _moved_corners(state.faces, state.uv_faces, plan, len(state.vertices))
     a, b, c = faces.T
     alive = (a != b) & (b != c) & (c != a)
     faces, corners = faces[alive], corners[alive]
@@ -234,19 +232,11 @@ def _outline_cosine(points: np.ndarray, faces: np.ndarray, border: np.ndarray) -
 
 
 def shape_is_kept(
-    state: Topology,
-    removed: np.ndarray,
-    survivor: np.ndarray,
-    settings: MergeSettings,
-    start: np.ndarray,
-    around: np.ndarray,
+    state: Topology, removed: np.ndarray, survivor: np.ndarray, settings: MergeSettings, incident: Incident
 ) -> np.ndarray:
     """bool [N]: no remaining face turns over, folds in the atlas or becomes a sliver, and every corner finds its UV."""
     vertices, faces, corners = state.vertices, state.faces, state.uv_faces
-    n = len(removed)
-    size = start[removed + 1] - start[removed]
-    owner = np.repeat(np.arange(n), size)
-    face = around[ranges(start[removed], size)]
+    owner, face = around(removed, incident)
     stays = (faces[face] != survivor[owner, None]).all(axis=1)
     owner, face = owner[stays], face[stays]
 
@@ -261,14 +251,14 @@ def shape_is_kept(
     bad |= shape_new < np.minimum(shape_old, settings.degenerate) * (1.0 - 1e-5)
     bad |= shape_new < 1e-6
 
-    target, known = _uv_target(faces, corners, removed, survivor, owner, face, is_removed, start, around)
+    target, known = _uv_target(faces, corners, removed, survivor, owner, face, is_removed, incident)
     bad |= ~known
     k = is_removed.argmax(axis=1)
     moved = corners[face].astype(np.int64)
     moved[np.arange(len(face)), k] = np.where(known, target, moved[np.arange(len(face)), k])
     area_old, area_new = signed_areas_2d(state.uvs, corners[face]), signed_areas_2d(state.uvs, moved)
     bad |= (area_old > 0) & (area_new <= 1e-3 * area_old * np.minimum(1.0, settings.degenerate))
-    safe = np.ones(n, bool)
+    safe = np.ones(len(removed), bool)
     safe[owner[bad]] = False
     return safe
 
@@ -281,16 +271,13 @@ def _uv_target(
     owner: np.ndarray,
     face: np.ndarray,
     is_removed: np.ndarray,
-    start: np.ndarray,
-    around: np.ndarray,
+    incident: Incident,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(UV index of the survivor for the removed corner of `face`, whether it is known and unambiguous).
 
     Every face that vanishes says which UV of the survivor lies in the same chart as a UV of the removed vertex.
     """
-    size = start[removed + 1] - start[removed]
-    own = np.repeat(np.arange(len(removed)), size)
-    star = around[ranges(start[removed], size)]
+    own, star = around(removed, incident)
     dies = (faces[star] == survivor[own, None]).any(axis=1)
     own, star = own[dies], star[dies]
     rows = np.arange(len(star))
@@ -307,19 +294,15 @@ def _uv_target(
     return value[left], known
 
 
-def _moved_corners(
-    faces: np.ndarray, corners: np.ndarray, plan: Collapses, n_vertices: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """(corners after the plan int64 [F, 3], faces changed): the corners of removed vertices take the survivor's UV."""
-    start, around = incident_faces(faces, n_vertices)
-    size = start[plan.removed + 1] - start[plan.removed]
-    owner = np.repeat(np.arange(len(plan.removed)), size)
-    face = around[ranges(start[plan.removed], size)]
+def _moved_corners(faces: np.ndarray, corners: np.ndarray, plan: Collapses, n_vertices: int) -> np.ndarray:
+    """Corners after the plan, int64 [F, 3]: those of removed vertices take the survivor's UV."""
+    incident = incident_faces(faces, n_vertices)
+    owner, face = around(plan.removed, incident)
     stays = (faces[face] != plan.survivor[owner, None]).all(axis=1)
     owner, face = owner[stays], face[stays]
     moved = corners.astype(np.int64)
     if len(face):
         is_removed = faces[face] == plan.removed[owner, None]
-        target, _ = _uv_target(faces, corners, plan.removed, plan.survivor, owner, face, is_removed, start, around)
+        target, _ = _uv_target(faces, corners, plan.removed, plan.survivor, owner, face, is_removed, incident)
         moved[face, is_removed.argmax(axis=1)] = target
-    return moved, face
+    return moved

@@ -15,7 +15,7 @@ from exmesh_graph.geometry.adjacency import (
     signed_areas_2d,
 )
 from exmesh_graph.geometry.surface import closest_on_triangles
-from exmesh_graph.geometry.topology import degeneracy, ranges
+from exmesh_graph.geometry.topology import around, degeneracy
 from exmesh_graph.types.edges import edges_of
 
 
@@ -49,7 +49,7 @@ def relax(
     mark[marks // len(uvs)] = marks % len(uvs)
     low, high = edges.vertices.T
     degree = np.maximum(np.bincount(edges.vertices.reshape(-1), minlength=count), 1)
-    start, around = incident_faces(faces, count)
+    incident = incident_faces(faces, count)
     points, marked, colours = vertices.astype(np.float64), uvs.astype(np.float64), list(colours)
     for _ in range(steps):
         movable = free & _is_flat(points, faces, count, max_bend)
@@ -62,7 +62,7 @@ def relax(
         move -= normal * np.einsum("ij,ij->i", move, normal)[:, None]
         which = np.flatnonzero(movable)
         aim = points[which] + strength * move[which]
-        place, face, weights = _on_old_faces(points, faces, which, aim, start, around)
+        place, face, weights = _on_old_faces(points, faces, which, aim, incident)
         own = np.where(faces[face] == which[:, None], weights, 0.0).sum(axis=1)
         place += own[:, None] * (aim - place)
         place_uv = np.einsum("nk,nkc->nc", weights, marked[uv_faces[face]])
@@ -89,19 +89,16 @@ def _on_old_faces(
     faces: np.ndarray,
     which: np.ndarray,
     aim: np.ndarray,
-    start: np.ndarray,
-    around: np.ndarray,
+    incident: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The point [N, 3] of the faces around each vertex `which` that is nearest to `aim`, its face [N] and its weights
     [N, 3] in it."""
-    size = start[which + 1] - start[which]
-    owner = np.repeat(np.arange(len(which)), size)
-    face = around[ranges(start[which], size)]
+    owner, face = around(which, incident)
     corner = points[faces[face]]
     near = closest_on_triangles(aim[owner], corner)
     squared = ((near - aim[owner]) ** 2).sum(axis=1)
     order = np.lexsort((squared, owner))
-    first = order[np.concatenate([[0], np.cumsum(size)[:-1]])] if len(which) else order
+    first = order[np.searchsorted(owner, np.arange(len(which)))] if len(which) else order
     corner, near, face = corner[first], near[first], face[first]
     whole = area_vectors(points, faces[face])
     scale = np.maximum(np.einsum("ij,ij->i", whole, whole), 1e-300)

@@ -146,6 +146,23 @@ def ranges(first: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.arange(int(size.sum())) + np.repeat(first - (np.cumsum(size) - size), size)
 
 
+def around(items: np.ndarray, incident: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(place in `items`, face) of each face around each of the vertices `items`; `incident`: `incident_faces`."""
+    start, faces = incident
+    size = start[items + 1] - start[items]
+    return np.repeat(np.arange(len(items)), size), faces[ranges(start[items], size)]
+
+
+def disjoint_pairs(
+    removed: np.ndarray, survivor: np.ndarray, incident: tuple[np.ndarray, np.ndarray], n_faces: int
+) -> np.ndarray:
+    """The pairs of vertices, in order, whose faces no earlier pair has touched (`greedy_disjoint`)."""
+    pair = np.stack([removed, survivor], axis=1).reshape(-1)
+    owner, touched = around(pair, incident)
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(owner // 2, minlength=len(removed)))])
+    return greedy_disjoint(np.arange(len(removed)), offsets, touched, n_faces)
+
+
 def degeneracy(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """float64 [F], D_f = Area(f) / l_max(f)^2 (eq. 4): sqrt(3)/4 when equilateral, 0 for a sliver or a point.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.clean import weld
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.native import import_open3d
@@ -26,13 +26,7 @@ def fuse(
     """
     settings = settings or TsdfSettings()
     voxel, truncation = 2.0 / settings.resolution, settings.truncation
-    if tuple(depths.names) != tuple(views.names):
-        raise DataError(
-            "the depth maps are not those of the views", expected=f"names {views.names[0]} ...",
-            fix="load them for these views (prior.depth_files)",
-        )  # fmt: skip
-    if depths.depth.shape != views.alpha.shape:
-        raise DataError(f"the depth maps are {depths.depth.shape}, the views {views.alpha.shape}")
+    depths.require_of(views, "init.tsdf")
     o3d = import_open3d()
     device = o3d.core.Device("CPU:0")
     blocks = int((2.4 / (voxel * _BLOCK)) ** 2 * 12) + 1000
@@ -54,18 +48,9 @@ def fuse(
         # (measured: shifting the principal point by half a pixel makes the error 2.7 times larger).
         intrinsic = o3d.core.Tensor(np.ascontiguousarray(views.intrinsics[view], np.float64))
         extrinsic = o3d.core.Tensor(np.ascontiguousarray(views.world_to_camera[view], np.float64))
-        touched = grid.compute_unique_block_coordinates(
-            image,
-            intrinsic,
-            extrinsic,
-            depth_scale=1.0,
-            depth_max=_DEPTH_MAX,
-            trunc_voxel_multiplier=float(truncation),
-        )
-        grid.integrate(
-            touched, image, intrinsic, extrinsic, depth_scale=1.0, depth_max=_DEPTH_MAX,
-            trunc_voxel_multiplier=float(truncation),
-        )  # fmt: skip
+        seen = (image, intrinsic, extrinsic)
+        options = {"depth_scale": 1.0, "depth_max": _DEPTH_MAX, "trunc_voxel_multiplier": float(truncation)}
+        grid.integrate(grid.compute_unique_block_coordinates(*seen, **options), *seen, **options)
     # Extraction from a grid without a single block is an internal error of Open3D.
     mesh = grid.extract_triangle_mesh(weight_threshold=settings.min_weight - 0.5) if grid.hashmap().size() else None
     if mesh is None or "indices" not in mesh.triangle or len(mesh.triangle.indices) == 0:

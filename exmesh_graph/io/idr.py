@@ -15,7 +15,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import camera_to_world_from_rt, decompose_projection
 from exmesh_graph.io.settings import IdrOptions
-from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
+from exmesh_graph.io.shots import Shot, need_folder, relative_names, shot_files, split
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
@@ -42,12 +42,8 @@ def list_idr(path: Path, options: IdrOptions) -> tuple[list[Shot], list[Shot], t
         k, rotation, translation = decompose_projection(world[:3], f"{file}, world_mat_{i} (view {image.stem})")
         k[:2, 2] += options.pixel_offset
         shots.append(Shot(image.stem, image, camera_to_world_from_rt(rotation, translation), k, masks[i]))
-    kept, held = hold_out(len(shots), options.holdout, options.first)
-    if not held or not kept:
-        raise DataError(f"{len(shots)} views cannot be split", where=str(path), fix="lower `holdout` or `first`")
-    kept = [kept[i] for i in spread(len(kept), options.max_views)]
-    sphere = _sphere(matrices, file, count)
-    return [shots[i] for i in kept], [shots[i] for i in held], sphere
+    train, test = split(shots, options.holdout, options.first, path, options.max_views)
+    return train, test, _sphere(matrices, file, count)
 
 
 def load_idr(path: Path, options: IdrOptions | None = None) -> Scene:

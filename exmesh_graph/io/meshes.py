@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +23,11 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises DataError for a missing, malformed or empty file, indices out of range, and positions that are not finite.
     """
     path = Path(path)
-    if not path.is_file():
-        raise DataError("the mesh does not exist", where=str(path), fix="correct the path")
     readers = {".obj": _read_obj, ".ply": _read_ply}
-    if path.suffix.lower() not in readers:
-        raise DataError(f"cannot read {path.suffix!r} meshes", where=str(path), expected=".obj or .ply")
-    try:
+    with _reading(path, "the mesh", "export it again"):
+        if path.suffix.lower() not in readers:
+            raise DataError(f"cannot read {path.suffix!r} meshes", where=str(path), expected=".obj or .ply")
         vertices, faces = readers[path.suffix.lower()](path)
-    except (ValueError, IndexError, UnicodeDecodeError, KeyError) as error:
-        raise DataError(f"the mesh cannot be read ({error})", where=str(path), fix="export it again") from error
     check_mesh(vertices, faces, str(path))
     return vertices, faces
 
@@ -37,12 +35,8 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def read_points(path: Path) -> np.ndarray:
     """Positions float64 [N, 3] of a PLY file, which may be a point cloud. DataError as for `read_mesh`."""
     path = Path(path)
-    if not path.is_file():
-        raise DataError("the point cloud does not exist", where=str(path), fix="correct the path")
-    try:
+    with _reading(path, "the point cloud", "copy it again"):
         points, _ = _read_ply(path)
-    except (ValueError, IndexError, UnicodeDecodeError, KeyError) as error:
-        raise DataError(f"the point cloud cannot be read ({error})", where=str(path), fix="copy it again") from error
     if len(points) == 0 or not np.isfinite(points).all():
         raise DataError(f"the point cloud has {len(points)} points or values that are not finite", where=str(path))
     return points
@@ -54,9 +48,7 @@ def read_vertex_table(path: Path) -> np.ndarray:
     Raises DataError for a file that is missing, cut short, not a binary PLY, or whose first element is not vertices.
     """
     path = Path(path)
-    if not path.is_file():
-        raise DataError("the file does not exist", where=str(path), fix="correct `path`")
-    try:
+    with _reading(path, "the file", "export or copy it again", expected="a binary PLY file"):
         form, elements, body = _ply_parts(path.read_bytes())
         name, count, properties = elements[0]
         if form == "ascii" or name != "vertex" or any(len(p) > 2 for p in properties):
@@ -67,9 +59,16 @@ def read_vertex_table(path: Path) -> np.ndarray:
         if len(body) < count * layout.itemsize:
             raise ValueError(f"it ends early: {count} vertices are announced")
         return np.frombuffer(body, layout, count)
+
+
+@contextmanager
+def _reading(path: Path, what: str, fix: str, expected: str = "") -> Iterator[None]:
+    if not path.is_file():
+        raise DataError(f"{what} does not exist", where=str(path), fix="correct the path")
+    try:
+        yield
     except (ValueError, IndexError, KeyError) as error:
-        raise DataError(f"the file cannot be read ({error})", where=str(path), expected="a binary PLY file",
-                        fix="export or copy it again") from error  # fmt: skip
+        raise DataError(f"{what} cannot be read ({error})", where=str(path), expected=expected, fix=fix) from error
 
 
 def check_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:

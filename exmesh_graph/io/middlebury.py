@@ -13,7 +13,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import camera_to_world_from_rt
 from exmesh_graph.io.settings import MiddleburyOptions
-from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
+from exmesh_graph.io.shots import Shot, need_folder, relative_names, shot_files, split
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
@@ -21,15 +21,7 @@ if TYPE_CHECKING:
 
 def list_middlebury(path: Path, options: MiddleburyOptions) -> tuple[list[Shot], list[Shot]]:
     """(train, test) without reading a picture. Test views are `first`, `first` + `holdout`, ... (0-based)."""
-    shots = read_par(find_par(path), options)
-    kept, held = hold_out(len(shots), options.holdout, options.first)
-    if not held or not kept:
-        raise DataError(
-            f"{len(shots)} views cannot be split: every {options.holdout}-th from index {options.first} is for testing",
-            where=str(path), fix="lower `holdout` or `first`",
-        )  # fmt: skip
-    kept = [kept[i] for i in spread(len(kept), options.max_views)]
-    return [shots[i] for i in kept], [shots[i] for i in held]
+    return split(read_par(find_par(path), options), options.holdout, options.first, path, options.max_views)
 
 
 def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Scene:

@@ -18,7 +18,7 @@ from exmesh_graph.io.images import picture_size, read_mask, read_photo
 from exmesh_graph.io.motion import Motion, find_motion
 from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
 from exmesh_graph.io.settings import PhotosOptions
-from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names
+from exmesh_graph.io.shots import Shot, need_folder, relative_names, split
 from exmesh_graph.io.undistort import pinhole
 from exmesh_graph.types import PointCloud
 
@@ -79,10 +79,7 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
     ignored = _alphas(listed) if options.keep == "object" else {}
     motion = find_motion([picture for picture, _ in listed], ignored, options, work, seed)
     shots = _shots(listed, motion)
-    kept, held = hold_out(len(shots), options.holdout, options.first)
-    if not kept or not held:
-        raise DataError(f"{len(shots)} views cannot be split", where=str(path), fix="lower `holdout` or `first`")
-    train, test = [shots[i] for i in kept], [shots[i] for i in held]
+    train, test = split(shots, options.holdout, options.first, path)
     poses = np.stack([shot.camera_to_world for shot in shots])
     turn, note = _upright(poses)
     train, test = ([replace(s, camera_to_world=turn @ s.camera_to_world) for s in part] for part in (train, test))

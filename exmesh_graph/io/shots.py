@@ -40,6 +40,26 @@ def hold_out(count: int, every: int, first: int) -> tuple[list[int], list[int]]:
     return [i for i in range(count) if i not in set(test)], test
 
 
+def split(shots: Sequence[Shot], every: int, first: int, path: Path, most: int = 0) -> tuple[list[Shot], list[Shot]]:
+    """(train, at most `most`, evenly spread; test) of a ring of views. DataError where either would be empty."""
+    kept, held = hold_out(len(shots), every, first)
+    if not kept or not held:
+        raise DataError(
+            f"{len(shots)} views cannot be split: every {every}-th from index {first} is for testing",
+            where=str(path), fix="lower `holdout` or `first`",
+        )  # fmt: skip
+    return [shots[kept[i]] for i in spread(len(kept), most)], [shots[i] for i in held]
+
+
+def all_or_none(files: list[Path], what: str, fix: str) -> list[Path]:
+    """`files`, one of each test view, or none of them; DataError where only some are there."""
+    there = [file for file in files if file.is_file()]
+    if there and len(there) < len(files):
+        missing = next(file for file in files if not file.is_file())
+        raise DataError(f"{what} does not exist, though those of other test views do", where=str(missing), fix=fix)
+    return there
+
+
 def spread(count: int, most: int) -> list[int]:
     """At most `most` of `count` indices, evenly spread (all of them for most = 0)."""
     if most <= 0 or most >= count:

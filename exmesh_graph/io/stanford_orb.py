@@ -25,7 +25,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.blender import read_frame, read_frames, read_json
 from exmesh_graph.io.settings import OrbOptions
-from exmesh_graph.io.shots import Shot, need_folder, relative_names, shot_files, spread
+from exmesh_graph.io.shots import Shot, all_or_none, need_folder, relative_names, shot_files, spread
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
@@ -131,12 +131,7 @@ def _maps(shots: OrbShots) -> list[tuple[str, list[Path]]]:
         ("albedo", "pseudo_gt_albedo", ".png"),
     ):
         files = [shots.truth / place / f"{shot.image.stem}{ending}" for shot in shots.test]
-        there = [file for file in files if file.is_file()]
-        if there and len(there) < len(files):
-            missing = next(file for file in files if not file.is_file())
-            raise DataError("the truth map does not exist, though those of other test views do", where=str(missing),
-                            fix="unpack ground_truth again")  # fmt: skip
-        if there:
+        if there := all_or_none(files, "the truth map", "unpack ground_truth again"):
             maps.append((name, there))
     return maps
 

@@ -53,7 +53,7 @@ def load_truth(
         names=tuple(shot.name for shot in test),
         mesh_vertices=vertices,
         mesh_faces=faces,
-        albedo=_covered_mean(test_maps(test, "_albedo.png"), downscale, color=True),
+        albedo=_covered_mean(test_maps(test, "_albedo.png"), downscale),
         roughness=_roughness(test, downscale),
         environment=canonical_from_blender(read_environment(light)) if light else None,
         relit=relit,
@@ -62,7 +62,7 @@ def load_truth(
     return truth, notes
 
 
-def _covered_mean(files: Sequence[Path], factor: int, *, color: bool) -> np.ndarray | None:
+def _covered_mean(files: Sequence[Path], factor: int) -> np.ndarray | None:
     """Stack of maps reduced by `factor`, each pixel weighted with its own alpha (RGBA pictures)."""
     if not files:
         return None
@@ -72,8 +72,7 @@ def _covered_mean(files: Sequence[Path], factor: int, *, color: bool) -> np.ndar
         if pixels.shape[2] not in (3, 4):
             raise DataError(f"the albedo map has {pixels.shape[2]} channels", where=str(file), expected="RGB or RGBA")
         weight = pixels[..., 3] if pixels.shape[2] == 4 else np.ones(pixels.shape[:2], np.float32)
-        values = srgb_to_linear(pixels[..., :3]) if color else pixels[..., :3]
-        out.append(_weighted(values, weight, factor))
+        out.append(_weighted(srgb_to_linear(pixels[..., :3]), weight, factor))
     return np.stack(out)
 
 

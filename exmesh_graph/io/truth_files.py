@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from exmesh_graph.errors import DataError
 from exmesh_graph.io.settings import UpAxis
-from exmesh_graph.io.shots import Shot
+from exmesh_graph.io.shots import Shot, all_or_none
 
 MESHES = ("mesh/mesh.obj", "mesh/mesh.ply", "mesh.obj", "mesh.ply")
 LIGHTS = ("env_train.exr", "env_train.hdr")
@@ -37,14 +36,7 @@ def _base(shot: Shot) -> str:
 def test_maps(test: Sequence[Shot], ending: str) -> list[Path]:
     """The map of each test view; none at all, or DataError where only some are there."""
     files = [shot.image.with_name(_base(shot) + ending) for shot in test]
-    there = [file for file in files if file.is_file()]
-    if there and len(there) < len(files):
-        missing = next(file for file in files if not file.is_file())
-        raise DataError(
-            "the truth map does not exist, though those of other test views do", where=str(missing),
-            fix="restore it, or set truth: false",
-        )  # fmt: skip
-    return there
+    return all_or_none(files, "the truth map", "restore it, or set truth: false")
 
 
 def relit_pictures(folder: Path, test: Sequence[Shot], hdr: bool) -> dict[str, list[Path]]:
@@ -55,17 +47,8 @@ def relit_pictures(folder: Path, test: Sequence[Shot], hdr: bool) -> dict[str, l
     ending = ".exr" if hdr and any(place.glob("*.exr")) else ".png"
     last = _base(test[0])
     names = sorted(f.name.removesuffix(f"_{last}{ending}") for f in place.glob(f"*_{last}{ending}"))
-    pictures = {}
-    for name in names:
-        files = [place / f"{name}_{_base(shot)}{ending}" for shot in test]
-        missing = [file for file in files if not file.is_file()]
-        if missing:
-            raise DataError(
-                "the relit picture does not exist, though those of other test views do", where=str(missing[0]),
-                fix="restore it, or set truth: false",
-            )  # fmt: skip
-        pictures[name] = files
-    return pictures
+    files = {name: [place / f"{name}_{_base(shot)}{ending}" for shot in test] for name in names}
+    return {name: all_or_none(of, "the relit picture", "restore it, or set truth: false") for name, of in files.items()}
 
 
 def relit_light(folder: Path, name: str) -> Path | None:

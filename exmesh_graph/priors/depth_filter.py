@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from exmesh_graph.errors import DataError
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.types import DepthMaps, Views
 
@@ -24,10 +23,7 @@ def filtered(
                neighbours asks those it has; 0: none asked
     Raises DataError where views and depth maps do not belong together.
     """
-    if tuple(depths.names) != tuple(views.names) or depths.depth.shape != views.alpha.shape:
-        raise DataError("the depth maps are not those of the views", where="init.tsdf",
-                        expected=f"{len(views)} maps of {views.width} x {views.height}: {views.names[0]} ...",
-                        fix="make them from these views, or load them for these views (prior.depth_files)")  # fmt: skip
+    depths.require_of(views, "init.tsdf")
     stack = torch.from_numpy(depths.depth.copy())
     intrinsics, poses = torch.from_numpy(views.intrinsics), torch.from_numpy(views.world_to_camera)
     if incidence > 0:

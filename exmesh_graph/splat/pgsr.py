@@ -93,10 +93,7 @@ def started(
                 f"start: hull needs a mask for every view; {len(bare)} of {len(views)} have none, {bare[0]!r} first",
                 where=where, fix="add masks, leave these views out, or set start: random",
             )  # fmt: skip
-        field = SilhouetteField.from_masks(
-            views.alpha, views.intrinsics, views.world_to_camera, wrong_masks=settings.wrong_masks, names=views.names
-        )
-        places, normals = hull_points(field, count, seed=seed)
+        places, normals = hull_points(SilhouetteField.of_views(views, settings.wrong_masks), count, seed=seed)
         log(f"starts from {len(places)} points on and in the visual hull")
         return gaussians_at(places, mean_colours(places, targets, normals), normals, seed=seed)
     places = random_points(count, seed=seed)

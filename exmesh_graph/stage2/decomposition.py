@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -116,6 +117,17 @@ class Decomposition:
         """Let the light model measure again, at the current maps and environment."""
         now = Appearance(self.maps, self.maps.values(), envmap.radiance_of(self.environment), strength)
         self.light.measure(now, self.buffers, generator)
+
+    def state(self) -> dict[str, Any]:
+        """What steps change besides the optimised parameters."""
+        exposure = None if self.exposure is None else self.exposure.logs
+        return {"light": self.light.state(self.buffers.held), "exposure": exposure}
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Go on from `state`."""
+        self.light.restore(self.buffers.held, kept["light"])
+        if self.exposure is not None:
+            self.exposure.logs = kept["exposure"].to(self.exposure.logs)
 
     @torch.no_grad()
     def level_light(self) -> None:

@@ -92,7 +92,10 @@ def _optimise(
     else:
         first, kept = resumed
         curves, order = kept["curves"], kept["order"]
-        _restore(model, optimiser, generator, guard, kept)
+        optimiser.restore(kept["optimiser"])
+        generator.set_state(kept["generator"])
+        model.restore(kept)
+        guard.restore(kept["guard"])
     for step in range(first, settings.iterations):
         if step in refresh:
             model.settle_factor()
@@ -123,28 +126,7 @@ def _optimise(
             if progress:
                 progress(step + 1, settings.iterations, **figures)
         if checkpoint is not None:
-            checkpoint(step + 1, {**_changing(model, optimiser, generator, guard), "curves": curves, "order": order})
+            changed = {"optimiser": optimiser.state(), "generator": generator.get_state(), **model.state()}
+            checkpoint(step + 1, {**changed, "guard": guard.state(), "curves": curves, "order": order})
     model.settle_factor()
     return curves
-
-
-def _changing(model: Decomposition, optimiser: Adam, generator: torch.Generator, guard: Guard) -> dict[str, Any]:
-    """All that steps change: with the arguments of `fit` it determines what follows."""
-    return {
-        "optimiser": optimiser.state(),
-        "generator": generator.get_state(),
-        "light": model.light.state(model.buffers.held),
-        "guard": guard.state(),
-        "exposure": None if model.exposure is None else model.exposure.logs,
-    }
-
-
-def _restore(
-    model: Decomposition, optimiser: Adam, generator: torch.Generator, guard: Guard, kept: Mapping[str, Any]
-) -> None:
-    optimiser.restore(kept["optimiser"])
-    generator.set_state(kept["generator"])
-    model.light.restore(model.buffers.held, kept["light"])
-    guard.restore(kept["guard"])
-    if model.exposure is not None:
-        model.exposure.logs = kept["exposure"].to(model.exposure.logs)

@@ -165,15 +165,11 @@ class Guard:
 
     def _snapshot(self) -> Mapping[str, Any]:
         # what a light model measured and the gains are replaced, never changed in place: they need not be copied
-        light = self.model.light.state(self.model.buffers.held)
-        exposure = None if self.model.exposure is None else self.model.exposure.logs
-        return {"optimiser": _copied(self.optimiser.state()), "light": light, "exposure": exposure}
+        return {"optimiser": _copied(self.optimiser.state()), **self.model.state()}
 
     def _restore(self, kept: Mapping[str, Any]) -> None:
         self.optimiser.restore(kept["optimiser"])
-        self.model.light.restore(self.model.buffers.held, kept["light"])
-        if self.model.exposure is not None:
-            self.model.exposure.logs = kept["exposure"].to(self.model.exposure.logs)
+        self.model.restore(kept)
 
     def _need_views(self) -> None:
         buffers = self.model.buffers

@@ -141,6 +141,15 @@ class DepthMaps(ArrayArtifact):
         super().__post_init__()
         _check_names(self, len(self.depth))
 
+    def require_of(self, views: Views, where: str) -> None:
+        """DataError naming `where` unless these are maps of `views`, in their order and size."""
+        if tuple(self.names) != tuple(views.names) or self.depth.shape != views.alpha.shape:
+            raise DataError(
+                "the depth maps are not those of the views", where=where,
+                expected=f"{len(views)} maps of {views.width} x {views.height}: {views.names[0]} ...",
+                fix="make them from these views, or load them for these views (prior.depth_files)",
+            )  # fmt: skip
+
     def facets(self) -> dict[str, Any]:
         return {"units": self.units}
 

@@ -121,7 +121,7 @@ def test_one_round_is_the_sequential_pass(sphere):
         _, removed, survivor, edge = price[h]
         if not link_condition(faces, edges, np.array([edge]), len(vertices))[0]:
             continue
-        if not shape_is_kept(state, np.array([removed]), np.array([survivor]), module.SETTINGS, start, around)[0]:
+        if not shape_is_kept(state, np.array([removed]), np.array([survivor]), module.SETTINGS, (start, around))[0]:
             continue
         star = set(np.flatnonzero((faces == removed).any(1) | (faces == survivor).any(1)).tolist())
         if not star & touched:

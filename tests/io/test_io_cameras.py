@@ -14,10 +14,10 @@ from exmesh_graph.io.cameras import (
     decompose_projection,
     intrinsics_from_fov,
     opencv_from_blender,
-    project,
     scale_intrinsics,
     scene_from_dataset,
 )
+from tests.io.projecting import project
 
 
 def random_rotation(seed):
