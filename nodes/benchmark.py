@@ -2,19 +2,27 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
-
-from exmesh_nodes.evaluate import MetricsOut, ScoredOut, TestViews
+from typing import Annotated, NamedTuple
 
 from exmesh_graph.evaluate.settings import OrbParams, SpeedParams, Synthetic4RelightParams, lpips_weights
 from exmesh_graph.gpu.settings import ON_DEVICE
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, Views
+from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, ScoredViews, Views
 
+TestViews = Annotated[Views, facets(split="test")]
 TrainViews = Annotated[Views, facets(split="train")]
 _RENDER = ("torch", "warp-lang", "embreex", "scipy")
 _PICTURED = (*_RENDER, "OpenImageIO")
+
+
+class MetricsOut(NamedTuple):
+    metrics: Metrics
+
+
+class ScoredOut(NamedTuple):
+    metrics: Metrics
+    scored: ScoredViews
 
 
 class DtuParams(Params):

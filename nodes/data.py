@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from exmesh_nodes.prior import RelativeOut
-
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.io.settings import (
     BlenderOptions,
@@ -19,7 +17,7 @@ from exmesh_graph.io.settings import (
     Synthetic4RelightOptions,
 )
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import Frame, LitViews, Metrics, PointCloud, SceneTruth, Views
+from exmesh_graph.types import DepthMaps, Frame, LitViews, Metrics, PointCloud, SceneTruth, Views
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
@@ -207,6 +205,10 @@ class DepthFilesParams(DepthOptions, _MapFolder):
     pass
 
 
+class DepthOut(NamedTuple):
+    depths: Annotated[DepthMaps, facets(units=None)]
+
+
 def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
     from exmesh_graph.io.depth import depth_files
 
@@ -214,8 +216,8 @@ def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
 
 
 @node("prior.depth_files", version="1", libraries=_PICTURES, sources=_depth_sources)
-def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *, p: DepthFilesParams) -> RelativeOut:
+def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *, p: DepthFilesParams) -> DepthOut:
     """Depth along the camera's axis, one file for each view."""
     from exmesh_graph.io.depth import load_depths
 
-    return RelativeOut(load_depths(views, p.folder, p, frame))
+    return DepthOut(load_depths(views, p.folder, p, frame))

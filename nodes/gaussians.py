@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_nodes.prior import DepthOut
-from exmesh_nodes.stage1 import loop_of
-
-from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings, loop_of
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.splat.settings import DepthSettings, PgsrSettings
-from exmesh_graph.types import Files, Frame, Metrics, PlanarGaussians, PointCloud, Views
+from exmesh_graph.types import DepthMaps, Files, Frame, Metrics, PlanarGaussians, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
 _LIBRARIES = ("torch", "warp-lang", "scipy", "scikit-image")
@@ -49,6 +46,10 @@ def pgsr(
 
 class DepthParams(DeviceSettings, DepthSettings):
     pass
+
+
+class DepthOut(NamedTuple):
+    depths: DepthMaps
 
 
 @node("prior.depth_from_gaussians", version="1", libraries=("torch", "warp-lang", "scipy"), resources=ON_DEVICE)

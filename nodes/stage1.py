@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
 from pydantic import model_validator
 
-from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings, loop_of
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.stage1.settings import RefineSettings
@@ -92,11 +92,6 @@ def refine(
     if dark := history.get("dark"):
         ctx.warn(f"the object is almost black in {len(dark)} views, where only masks shape it: {_some(dark)}")
     return RefineOut(new, Metrics(history))
-
-
-def loop_of(ctx: Context) -> dict[str, Any]:
-    """What a solver's loop takes of its node: the seed, where to tell of progress, where to stop and go on."""
-    return {"seed": ctx.seed, "progress": ctx.progress, "checkpoint": ctx.checkpoint, "resumed": ctx.resume()}
 
 
 def _some(names: list[str]) -> str:

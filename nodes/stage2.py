@@ -2,10 +2,9 @@
 
 from typing import Annotated, NamedTuple
 
-from exmesh_nodes.stage1 import loop_of
 from exmesh_nodes.transport import MonteCarlo
 
-from exmesh_graph.gpu.settings import ON_DEVICE
+from exmesh_graph.gpu.settings import ON_DEVICE, loop_of
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings

@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-from exmesh_nodes.topology import StateOut
-
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, Mesh, Stage1State
@@ -43,6 +41,10 @@ class MaintainParams(Params):
 
 class CarrierOut(NamedTuple):
     carrier: Carrier
+
+
+class StateOut(NamedTuple):
+    state: Stage1State
 
 
 @node("uv.unwrap", version="1", libraries=("torch", "warp-lang", "scipy"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from exmesh_graph.params import Params, param
 
@@ -17,3 +17,8 @@ class DeviceSettings(Params):
         "auto", doc="Where to compute; auto takes a CUDA device if there is one."
     )
     threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+
+
+def loop_of(ctx: Any) -> dict[str, Any]:
+    """What a solver's loop takes of its node's context: the seed, progress, and where to stop and go on."""
+    return {"seed": ctx.seed, "progress": ctx.progress, "checkpoint": ctx.checkpoint, "resumed": ctx.resume()}
