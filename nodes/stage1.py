@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
@@ -82,7 +82,7 @@ def refine(
     if p.share > 0:
         p = p.replaced(iterations=round(p.share * p.total_iterations))
     with computing(p) as device:
-        wired = {"smoothness": smoothness, "depths": depths, "region": region}
+        wired: dict[str, Any] = {"smoothness": smoothness, "depths": depths, "region": region}
         new, history = run(state, views, p, **wired, where=ctx.node, device=device, **loop_of(ctx))
     suspects = history.get("suspects", {})
     for view in list(suspects)[:8]:

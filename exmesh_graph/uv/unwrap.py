@@ -95,8 +95,8 @@ def regenerate(
     old_area = float(np.abs(signed_areas_2d(state.uvs, state.uv_faces)).sum()) * state.texture.shape[0] ** 2
     new_area = float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * texture_size**2
     growth = np.float32(old_area / max(new_area, 1e-300))  # of the surface under one texel
-    made = {"texture_m": moments["m"] * growth, "texture_v": moments["v"] * growth**2}
-    return replace(state, uvs=uvs, uv_faces=uv_faces, texture=colour["texture"], **made)
+    first, second = moments["m"] * growth, moments["v"] * growth**2
+    return replace(state, uvs=uvs, uv_faces=uv_faces, texture=colour["texture"], texture_m=first, texture_v=second)
 
 
 def _scaled(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
