@@ -45,7 +45,7 @@ def silhouette(stage: Stage, truth: Truth, pose: np.ndarray, size: int) -> float
 
 
 def depth_error(truth: Truth, pose: np.ndarray, size: int) -> float:
-    """Largest distance of the points that the depth picture stands for, as float32, from the plane of the face there."""
+    """Largest distance of the points which the depth picture stands for, as float32, to the plane of the face there."""
     depth = truth.view(pose, size)["depth"].astype(np.float32).reshape(-1)
     along = rays(pose, size).reshape(-1, 6)
     met = truth.cast(along)
