@@ -28,7 +28,7 @@ ROOT = Path(__file__).parent.parent
 QUICKSTART = ROOT / "graphs" / "quickstart.yaml"
 #: Seconds of a run where nothing was measured: so many, and so many a million pixels of training views (quickstart on
 #: two cores of an AMD EPYC of 2022 with other work beside it).
-MODEL = (120.0, 10.0)
+MODEL = (100.0, 30.0)
 #: Laid over the graph where a scene has no masks.
 NO_MASKS = """\
 # Written by benchmarks.scores: the graph below, begun without masks.
@@ -77,7 +77,8 @@ def score_scenes(
         raise ValueError(f"no scene of the role {role!r} is in {', '.join(map(str, data)) or 'the repository'}")
     out.mkdir(parents=True, exist_ok=True)
     memory = _read(out / "seconds.json")
-    times = {scene.name: expected(scene, graph.stem, memory) for scene, _ in there}
+    way = " ".join([graph.stem, *(f"{key}={value}" for key, value in sorted((settings or {}).items()))])
+    times = {scene.name: expected(scene, way, memory) for scene, _ in there}
     say(f"{processor()}; {len(there)} scenes by {graph.name}, about {clock(sum(times.values()))} in all")
     for scene, _ in there:
         say(f"  {scene.name:14s} {clock(times[scene.name]):>8s}  {scene.kind}")
@@ -88,7 +89,7 @@ def score_scenes(
         row = _run(scene, folder, graph, out, store or out / "store", settings or {})
         rows.append(row)
         if row["ran"] and "failed" not in row:  # a run that was read from the store says nothing of its seconds
-            memory.setdefault(graph.stem, {})[scene.name] = round(row["seconds"], 1)
+            memory.setdefault(way, {})[scene.name] = round(row["seconds"], 1)
             _write(out / "seconds.json", memory)
         say(line(row))
         record = {"processor": processor(), "role": role, "graph": graph.name, "rows": rows}
@@ -103,9 +104,10 @@ def place_of(scene: Scene, data: Sequence[Path]) -> Path | None:
     return next((place for place in places if (place / "transforms_train.json").is_file()), None)
 
 
-def expected(scene: Scene, graph: str, memory: dict[str, dict[str, float]]) -> float:
-    """Seconds of a scene: as measured before, else scaled from others by pixels of training views, else by MODEL."""
-    known = memory.get(graph, {})
+def expected(scene: Scene, way: str, memory: dict[str, dict[str, float]]) -> float:
+    """Seconds of a scene by a graph with its settings: as measured before, else scaled from others by pixels of training
+    views, else by MODEL."""
+    known = memory.get(way, {})
     if scene.name in known:
         return known[scene.name]
     if known:
