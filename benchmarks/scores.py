@@ -105,8 +105,8 @@ def place_of(scene: Scene, data: Sequence[Path]) -> Path | None:
 
 
 def expected(scene: Scene, way: str, memory: dict[str, dict[str, float]]) -> float:
-    """Seconds of a scene by a graph with its settings: as measured before, else scaled from others by pixels of training
-    views, else by MODEL."""
+    """Seconds of a scene by a graph with its settings: as measured before, else scaled from others by the pixels of
+    training views, else by MODEL."""
     known = memory.get(way, {})
     if scene.name in known:
         return known[scene.name]
