@@ -176,28 +176,28 @@ class _Data(Family):
         path: Lat-long picture: EXR or HDR.
         convention: Where the picture's middle looks: +Z of the Y-up world, or Blender's +X of its z-up world.
         """
-    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
+    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = "auto", checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the IDR / NeuS layout (DTU and others), with masks or without.
 
         path: Folder with cameras_sphere.npz and image/.
         holdout: Every how many views one is held out for testing. [views, >= 2]
         first: Index of the first test view, counted from 0. [>= 0]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
-        pixel_offset: Added to the principal point: 0.5 where the file's pixel centres are whole numbers. [px, >= 0, <= 0.5]
+        pixel_offset: Added to the principal point: 0.5 where the file's pixel centres are whole numbers; auto: matches between the pictures decide between 0 and 0.5. [px]
         checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         up: The up axis of the files' world; auto: the direction level cameras agree on.
         masks: Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
+    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the Middlebury multi-view layout (templeRing and others).
 
         path: Folder with <name>_par.txt, image/ and mask/.
         holdout: Every how many views one is held out for testing. [views, >= 2]
         first: Index of the first test view, counted from 0. [>= 0]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
-        pixel_offset: Added to the principal point: 0.5 where the file's pixel centres are whole numbers. [px, >= 0, <= 0.5]
+        pixel_offset: Added to the principal point: 0.5 where the file's pixel centres are whole numbers; auto: matches between the pictures decide between 0 and 0.5. [px]
         checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         up: The up axis of the files' world; auto: found from level cameras.

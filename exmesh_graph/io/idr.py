@@ -14,7 +14,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import camera_to_world_from_rt, decompose_projection
-from exmesh_graph.io.settings import IdrOptions
+from exmesh_graph.io.settings import IdrOptions, known_offset
 from exmesh_graph.io.shots import Shot, need_folder, relative_names, shot_files, split
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def list_idr(path: Path, options: IdrOptions) -> tuple[list[Shot], list[Shot], t
     for i, image in enumerate(images):
         world = matrices[f"world_mat_{i}"]
         k, rotation, translation = decompose_projection(world[:3], f"{file}, world_mat_{i} (view {image.stem})")
-        k[:2, 2] += options.pixel_offset
+        k[:2, 2] += known_offset(options)
         shots.append(Shot(image.stem, image, camera_to_world_from_rt(rotation, translation), k, masks[i]))
     train, test = split(shots, options.holdout, options.first, path, options.max_views)
     return train, test, _sphere(matrices, file, count)
@@ -54,7 +54,7 @@ def load_idr(path: Path, options: IdrOptions | None = None) -> Scene:
     train, test, sphere = list_idr(path, options)
     return load_scene(
         train, test, up=options.up, downscale=options.downscale, sphere=sphere,
-        metres_per_unit=options.metres_per_unit, checks=options.checks,
+        metres_per_unit=options.metres_per_unit, checks=options.checks, half_pixel=options.pixel_offset == "auto",
     )  # fmt: skip
 
 

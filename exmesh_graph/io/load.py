@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,7 @@ class Loaded:
     digests: tuple[str, ...]
     silhouettes: np.ndarray
     silhouette_intrinsics: np.ndarray
+    downscale: int = 1
 
 
 def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Loaded:
@@ -79,7 +80,18 @@ def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Load
         digests=tuple(photo.digest() for photo in photos),
         silhouettes=np.stack([_crop_and_reduce(photo.alpha, reduction) for photo in photos]),
         silhouette_intrinsics=scale_intrinsics(np.stack(full_intrinsics), reduction),
+        downscale=downscale,
     )
+
+
+def shifted(loaded: Loaded, offset: float) -> Loaded:
+    """With `offset` pixels of the files added to all principal points, in x and y."""
+    changed = {}
+    for name in ("intrinsics", "silhouette_intrinsics"):
+        k = getattr(loaded, name).copy()
+        k[:, :2, 2] += (offset / loaded.downscale * k[:, 0, 0] / loaded.intrinsics[:, 0, 0])[:, None]
+        changed[name] = k
+    return replace(loaded, **changed)
 
 
 def _crop_and_reduce(alpha: np.ndarray, factor: int) -> np.ndarray:

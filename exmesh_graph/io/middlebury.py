@@ -12,7 +12,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import camera_to_world_from_rt
-from exmesh_graph.io.settings import MiddleburyOptions
+from exmesh_graph.io.settings import MiddleburyOptions, known_offset
 from exmesh_graph.io.shots import Shot, need_folder, relative_names, shot_files, split
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Sce
     train, test = list_middlebury(path, options)
     return load_scene(
         train, test, up=options.up, downscale=options.downscale, wrong_masks=options.wrong_masks, box=options.box,
-        metres_per_unit=options.metres_per_unit, checks=options.checks,
+        metres_per_unit=options.metres_per_unit, checks=options.checks, half_pixel=options.pixel_offset == "auto",
     )  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def _shot(file: Path, number: int, line: str, options: MiddleburyOptions) -> Sho
             expected="name, K (9), R (9), t (3)",
         )  # fmt: skip
     intrinsics = values[:9].reshape(3, 3)
-    intrinsics[:2, 2] += options.pixel_offset  # from the file's pixel centres to ours at +0.5
+    intrinsics[:2, 2] += known_offset(options)  # from the file's pixel centres to ours at +0.5
     rotation, translation = values[9:18].reshape(3, 3), values[18:]
     folder = file.parent
     image = folder / "image" / words[0]

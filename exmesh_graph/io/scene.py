@@ -10,8 +10,8 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import scene_from_dataset
 from exmesh_graph.io.checks.finding import settle
-from exmesh_graph.io.checks.scene import check_cameras, check_world
-from exmesh_graph.io.load import check_no_leak, load_shots, to_views
+from exmesh_graph.io.checks.scene import check_cameras, check_world, principal_shift
+from exmesh_graph.io.load import check_no_leak, load_shots, shifted, to_views
 from exmesh_graph.io.normalise import (
     looking_away,
     make_frame,
@@ -47,12 +47,14 @@ def load_scene(
     sphere: tuple[np.ndarray, float] | None = None,
     metres_per_unit: float = 0.0,
     checks: Checks = "error",
+    half_pixel: bool = False,
 ) -> Scene:
     """Read both splits, check them, and normalise: by `box` or `sphere` (data set's units) where given, else by the
     training masks (`wrong_masks` of which may be wrong at a point), else by the cameras alone.
 
     Cameras and pictures are checked against each other (`io.checks`): what is found becomes notes, and a DataError
-    where it is grave and `checks` is "error"; "off" leaves the checks out.
+    where it is grave and `checks` is "error"; "off" leaves the checks out. With `half_pixel` matches
+    between the pictures decide whether half a pixel is added to all principal points.
     """
     fit = load_shots(train, split="training", downscale=downscale)
     held = load_shots(test, split="test", downscale=downscale)
@@ -75,6 +77,11 @@ def load_scene(
             expected="cameras around the object",
             fix="correct the poses, or give the object's box in the loader's `box`",
         )
+    notes = []
+    if half_pixel:
+        offset, note = principal_shift(fit)
+        fit, held = shifted(fit, offset), shifted(held, offset)
+        notes = [note] if note else []
     few = min(wrong_masks, max(len(train) - 2, 0))
     found = settle(check_cameras(fit, few), checks) if checks != "off" else []
     if box is not None:
@@ -97,7 +104,7 @@ def load_scene(
         train=views,
         test=to_views(held, frame, "test", has_masks=held.has_masks),
         frame=frame,
-        notes=[*_notes(views), *found],
+        notes=[*_notes(views), *notes, *found],
     )
 
 

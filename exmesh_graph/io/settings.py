@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import field_validator
+
 from exmesh_graph.params import Params, param
 
 UpAxis = Literal["y", "-y", "z", "-z", "x", "-x", "auto"]
@@ -52,14 +54,25 @@ class RingOptions(Params):
     holdout: int = param(8, ge=2, unit="views", doc=_HOLDOUT)
     first: int = param(3, ge=0, doc=_FIRST)
     max_views: int = param(0, ge=0, unit="views", doc=_MAX_VIEWS)
-    pixel_offset: float = param(
+    pixel_offset: float | Literal["auto"] = param(
         0.5,
-        ge=0,
-        le=0.5,
         unit="px",
-        doc="Added to the principal point: 0.5 where the file's pixel centres are whole numbers.",
+        doc="Added to the principal point: 0.5 where the file's pixel centres are whole numbers; auto: matches between "
+        "the pictures decide between 0 and 0.5.",
     )
     checks: Checks = param("error", doc=_CHECKS)
+
+    @field_validator("pixel_offset")
+    @classmethod
+    def _at_most_half(cls, value: float | Literal["auto"]) -> float | Literal["auto"]:
+        if value != "auto" and not 0 <= value <= 0.5:
+            raise ValueError("pixel_offset is 0 to 0.5 pixels, or auto")
+        return value
+
+
+def known_offset(options: RingOptions) -> float:
+    """`pixel_offset`, 0 until the pictures have decided."""
+    return 0.0 if options.pixel_offset == "auto" else float(options.pixel_offset)
 
 
 class MiddleburyOptions(RingOptions):
@@ -80,6 +93,12 @@ class IdrOptions(RingOptions):
     up: UpAxis = param("auto", doc="The up axis of the files' world; auto: the direction level cameras agree on.")
     masks: str = param("auto", doc="Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.")
     metres_per_unit: float = param(0.001, ge=0, unit="m", doc=_METRES)
+    pixel_offset: float | Literal["auto"] = param(
+        "auto",
+        unit="px",
+        doc="Added to the principal point: 0.5 where the file's pixel centres are whole numbers; auto: matches between "
+        "the pictures decide between 0 and 0.5.",
+    )
 
 
 class Synthetic4RelightOptions(Params):

@@ -24,7 +24,20 @@ def cameras(count=14, width=WIDTH, height=HEIGHT):
     return Cameras(names, np.repeat(k[None], count, axis=0), np.stack(poses), width, height)
 
 
-def drawn(camera, view, gain=1.0):
+def close_cameras(count=24, width=192, height=160):
+    """An arc around the body above the ground, ten degrees apart, as photographs for matching are taken."""
+    poses = []
+    for i in range(count):
+        angle = np.radians(10 * i)
+        eye = (2.4 + 0.15 * (i % 3)) * np.array([np.cos(angle), np.sin(angle), 0.8 + 0.25 * (i % 2)])
+        poses.append(look_at(eye, np.array([0.1, 0.05, -0.1]), np.array([0, 0, 1.0])))
+    k = intrinsics_from_fov(0.75, width, height)
+    return Cameras(
+        tuple(f"v{i + 1}" for i in range(count)), np.repeat(k[None], count, 0), np.stack(poses), width, height
+    )
+
+
+def drawn(camera, view, gain=1.0, ground=False):
     """(rgb [H, W, 3] linear, alpha [H, W]) at pixel centres; the texture is fixed to the surface."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     pose, k = camera.camera_to_world[view], camera.intrinsics[view]
@@ -37,6 +50,10 @@ def drawn(camera, view, gain=1.0):
         inside = b * b - c
         at = np.where(inside > 0, -b - np.sqrt(np.maximum(inside, 0)), np.inf)
         nearest = np.minimum(nearest, at)
+    if ground:
+        with np.errstate(divide="ignore"):
+            at = (-0.7 - pose[2, 3]) / rays[..., 2]
+        nearest = np.minimum(nearest, np.where(at > 0, at, np.inf))
     alpha = np.isfinite(nearest).astype(np.float32)
     points = pose[:3, 3] + np.where(alpha > 0, nearest, 0)[..., None] * rays
     rng = np.random.default_rng(5)

@@ -5,19 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from check_scenes import BALLS, cameras, drawn, outlines
+from check_scenes import BALLS, cameras, close_cameras, drawn, outlines
 from io_scenes import blender_from_opencv
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.checks.finding import Finding, settle
+from exmesh_graph.io.checks.half_pixel import find_half_pixel, told
 from exmesh_graph.io.checks.lens import check_lens
 from exmesh_graph.io.checks.light import check_light
 from exmesh_graph.io.checks.masks import check_masks
 from exmesh_graph.io.checks.outlines import Outlines
+from exmesh_graph.io.checks.pictures import check_pictures
 from exmesh_graph.io.checks.places import check_places
+from exmesh_graph.io.idr import list_idr, load_idr
 from exmesh_graph.io.images import encode_rgba, write_image
-from exmesh_graph.io.settings import BlenderOptions
+from exmesh_graph.io.load import load_shots, shifted
+from exmesh_graph.io.settings import BlenderOptions, IdrOptions
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -161,6 +165,8 @@ class TestPlaces:
         [large] = check_places(clean.cameras, np.zeros(3), 90.0, None, True)
         assert "14 of 14 cameras stand inside" in large.what
         assert large.grave
+        [masked] = check_places(clean.cameras, np.zeros(3), 90.0, clean, True)
+        assert masked == large
         [small] = check_places(clean.cameras, np.zeros(3), 0.01, None, True)
         assert "pixels wide" in small.what
 
@@ -199,6 +205,67 @@ class TestLight:
     def test_white_balance(self):
         [finding] = check_light(*self.colours(np.array([1.2, 1.0, 0.85])))
         assert finding.check == "white balance"
+
+
+@pytest.fixture(scope="module")
+def photographs():
+    """Pictures of close neighbours on a textured ground, without masks, and their cameras."""
+    seen = close_cameras()
+    return np.sqrt(np.stack([drawn(seen, view, ground=True)[0] for view in range(24)])), seen
+
+
+class TestPictures:
+    def test_clean(self, photographs):
+        assert check_pictures(*photographs) == ([], True)
+
+    @pytest.mark.parametrize(
+        ("change", "cause"),
+        [
+            (lambda c: replace(c, intrinsics=c.intrinsics * [[2, 1, 2], [1, 2, 2], [1, 1, 1]]), "half the size"),
+            (lambda c: replace(c, camera_to_world=c.camera_to_world @ FLIP), "axes are those of the other"),
+            (lambda c: replace(c, camera_to_world=np.linalg.inv(c.camera_to_world)), "are world-to-camera"),
+            (lambda c: replace(c, camera_to_world=MIRROR @ c.camera_to_world @ MIRROR), "left-handed"),
+            (
+                lambda c: replace(c, camera_to_world=c.camera_to_world[np.random.default_rng(2).permutation(24)]),
+                "order",
+            ),
+        ],
+    )
+    def test_a_fault_of_all_views(self, photographs, change, cause):
+        pictures, seen = photographs
+        findings, supported = check_pictures(pictures, change(seen))
+        assert not supported
+        assert findings[0].grave
+        assert cause in findings[0].cause
+
+    def test_two_swapped_are_named(self, photographs):
+        pictures, seen = photographs
+        poses = seen.camera_to_world.copy()
+        poses[[4, 19]] = poses[[19, 4]]
+        [finding], _ = check_pictures(pictures, replace(seen, camera_to_world=poses))
+        assert finding.views
+        assert {*finding.views} <= {"v5", "v20"}  # of the other too few matches are left to say so
+        assert not finding.grave
+
+    def test_pictures_without_texture_say_nothing(self, photographs):
+        pictures, seen = photographs
+        assert check_pictures(np.full_like(pictures, 0.5), seen) == ([], False)
+
+    @pytest.mark.parametrize("truth", [0.0, 0.5])
+    def test_half_a_pixel(self, photographs, truth):
+        pictures, seen = photographs
+        k = seen.intrinsics.copy()
+        k[:, :2, 2] -= truth
+        offset, found, decided = find_half_pixel(pictures, replace(seen, intrinsics=k), 1)
+        assert decided
+        assert offset == truth
+        assert abs(found.best - truth) < 4 * found.error < 0.4
+
+    def test_half_a_pixel_that_cannot_be_told_is_said(self, photographs):
+        pictures, seen = photographs
+        offset, found, decided = find_half_pixel(np.full_like(pictures, 0.5), seen, 1)
+        assert (offset, found, decided) == (0.5, None, False)
+        assert "too few matches" in told(offset, found, decided)
 
 
 def test_grave_findings_are_one_error_that_says_how_to_go_on():
@@ -249,3 +316,22 @@ class TestLoader:
         write_scene(tmp_path, seen.subset(range(0, 14, 2)), seen.subset(range(1, 14, 4)), gain=0.6)
         [note] = load_blender(tmp_path, self.options).notes
         assert "times as dark as training pictures" in note
+
+
+def test_idr_asks_the_pictures_for_the_half_pixel(idr_scene):
+    told = load_idr(idr_scene)
+    given = load_idr(idr_scene, IdrOptions(pixel_offset=0.5))
+    assert np.array_equal(told.train.intrinsics, given.train.intrinsics)
+    assert [note for note in told.notes if note not in given.notes] == [
+        "too few matches to tell where the camera file's pixel centres lie: pixel_offset 0.5 is taken"
+    ]
+    with pytest.raises(ValueError, match=r"0 to 0\.5 pixels, or auto"):
+        IdrOptions(pixel_offset=0.7)
+
+
+def test_all_principal_points_move_alike(idr_scene):
+    train, _, _ = list_idr(idr_scene, IdrOptions())
+    loaded = load_shots(train, split="training", downscale=2)
+    moved = shifted(loaded, 0.5)
+    assert np.allclose(moved.intrinsics[:, :2, 2] - loaded.intrinsics[:, :2, 2], 0.25)
+    assert np.allclose(moved.silhouette_intrinsics[:, :2, 2] - loaded.silhouette_intrinsics[:, :2, 2], 0.5)

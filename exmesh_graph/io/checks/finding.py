@@ -20,6 +20,7 @@ class Finding:
     cause  the probable cause
     cure   what to do
     grave  whether a result would be worthless
+    explained  whether the cause was tried and found to explain everything
     """
 
     check: str
@@ -28,6 +29,7 @@ class Finding:
     cure: str
     views: tuple[str, ...] = ()
     grave: bool = True
+    explained: bool = False
 
     def __str__(self) -> str:
         where = f" ({some(self.views)})" if self.views else ""

@@ -6,7 +6,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.checks.finding import Finding
-from exmesh_graph.io.checks.outlines import Outlines, common_shape, covered, overlap, rays_of_masks
+from exmesh_graph.io.checks.outlines import Outlines, common_shape, covered, depths_of, overlap, rays_of_masks
 from exmesh_graph.io.checks.readings import Reading, readings
 from exmesh_graph.io.normalise import centre_of_masks
 from exmesh_graph.io.shots import spread
@@ -81,8 +81,9 @@ def _to_blame(outlines: Outlines) -> list[int]:
     if radius <= 0:
         return []
     count = len(outlines)
-    rays = max(12, min(80, int(5e6 / (count * count * 40))))
-    against = ~rays_of_masks(outlines, centre, radius, rays, 40).held(outlines)
+    depths = depths_of(outlines)
+    rays = max(12, min(80, int(1e7 / (count * count * depths))))
+    against = ~rays_of_masks(outlines, centre, radius, rays, depths).held(outlines)
     kept = np.ones(count, bool)
     for _ in range(max(2, count // 6) + 1):
         number = against[kept].sum(axis=0, dtype=np.uint16)
@@ -143,7 +144,9 @@ def _all(outlines: Outlines, shares: np.ndarray) -> Finding:
     views = poor if len(poor) < len(names) else ()
     if found is not None:
         reading, share = found
-        return Finding("masks", f"{what}; read otherwise, {share:.0%}", reading.cause, reading.cure, views)
+        return Finding(
+            "masks", f"{what}; read otherwise, {share:.0%}", reading.cause, reading.cure, views, explained=True
+        )
     return Finding(
         "masks", what, "cameras or masks of other pictures, pictures in another order than the cameras, or masks that "
         "are wrong in many views",
@@ -156,9 +159,9 @@ def fitting(outlines: Outlines) -> tuple[Reading, float] | None:
     """The reading of the cameras under which the masks have a common shape, and how much of them it explains."""
     rows = spread(len(outlines), _READ)
     best: tuple[Reading, float] | None = None
-    for reading in readings(outlines.cameras):
-        if reading.inverted and _rim(outlines) < _RIM:
-            continue
+    inside_out = _rim(outlines) >= _RIM
+    listed = [reading for reading in readings(outlines.cameras) if inside_out or not reading.inverted]
+    for reading in sorted(listed, key=lambda reading: not reading.inverted):
         share = common_shape(outlines.read(reading, rows))
         if best is None or share > best[1] + 0.005:
             best = reading, share

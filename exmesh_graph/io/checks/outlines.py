@@ -68,11 +68,20 @@ def rays_of_masks(outlines: Outlines, centre: np.ndarray, radius: float, rays: i
     ]))  # fmt: skip
 
 
-def covered(outlines: Outlines, centre: np.ndarray, radius: float, rays: int = 80, depths: int = 48) -> np.ndarray:
-    """Share [N] of each mask's rays that the shape common to all masks explains."""
+def depths_of(outlines: Outlines) -> int:
+    """Points on a ray so that they lie about a pixel and a half apart as other views see them: thin parts are met."""
+    sides = [
+        np.hypot(np.ptp(np.flatnonzero(m.any(0))), np.ptp(np.flatnonzero(m.any(1)))) for m in outlines.masks if m.any()
+    ]
+    return int(np.clip(_ROOM * np.median(sides or [0]) / 1.5, 40, 256))
+
+
+def covered(outlines: Outlines, centre: np.ndarray, radius: float, most: int = 4000) -> np.ndarray:
+    """Share [N] of each mask's rays that the shape common to all masks explains, by about `most` points a view."""
     if not np.isfinite(radius) or radius <= 0:
         return np.zeros(len(outlines))
-    points = rays_of_masks(outlines, centre, radius, rays, depths).points
+    depths = depths_of(outlines)
+    points = rays_of_masks(outlines, centre, radius, max(24, most // depths), depths).points
     flat = points.reshape(-1, 3)
     live = np.flatnonzero(np.isfinite(flat[:, 0]))
     for view in _far_apart(len(outlines)):  # masks from unlike sides first: what is left for the others is little
@@ -88,7 +97,7 @@ def common_shape(outlines: Outlines) -> float:
         centre, radius = centre_of_masks(outlines.masks, outlines.cameras.intrinsics, outlines.cameras.camera_to_world)
     except DataError:
         return 0.0
-    return float(np.quantile(covered(outlines, centre, radius, 60, 40), 0.1))
+    return float(np.quantile(covered(outlines, centre, radius, 2400), 0.1))
 
 
 def overlap(rest: Outlines, camera: Cameras, masks: Sequence[np.ndarray], rays: int = 600) -> list[float]:
@@ -98,7 +107,7 @@ def overlap(rest: Outlines, camera: Cameras, masks: Sequence[np.ndarray], rays: 
     """
     centre, radius = centre_of_masks(rest.masks, rest.cameras.intrinsics, rest.cameras.camera_to_world)
     pixels = _spread(np.ones(masks[0].shape, bool), 4 * rays)
-    points = _along(camera, 0, pixels, centre, radius, 48)
+    points = _along(camera, 0, pixels, centre, radius, depths_of(rest))
     flat = points.reshape(-1, 3)
     live = np.flatnonzero(np.isfinite(flat[:, 0]))
     for view in _far_apart(len(rest)):

@@ -17,16 +17,18 @@ def check_places(
 ) -> list[Finding]:
     """Findings on cameras against the object's sphere, which was `given` by the file or a box, or found.
 
-    Where there are masks, a camera is inside the object if all other masks hold its place; else if it is in the sphere.
+    Where there are masks, a camera is inside the object if all other masks hold its place; else, and where a given
+    sphere holds most cameras, if it is in the sphere.
     """
     places = cameras.camera_to_world[:, :3, 3]
     distance = np.linalg.norm(places - centre, axis=1)
     inside = distance < radius
-    if outlines is not None and inside.any():
+    sphere_wrong = given and inside.mean() >= _MANY
+    if outlines is not None and inside.any() and not sphere_wrong:
         inside &= _in_all_masks(outlines, places)
     findings = []
     if inside.any():
-        whose = "the object that the masks show" if outlines is not None else "the object's sphere"
+        whose = "the object that the masks show" if outlines is not None and not sphere_wrong else "the object's sphere"
         cause = (
             "the box (or scale_mat) is in other units than the cameras' positions, or too large" if given
             else "positions are in other units than the rest, or the object does not stand amidst the cameras"
