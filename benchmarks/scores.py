@@ -41,7 +41,6 @@ nodes:
     nodes:
       refine: {{region: "@coarse.mesh"}}
   settle: {{region: "@coarse.mesh"}}
-  look: {{region: "@coarse.mesh"}}
 """
 
 

@@ -68,3 +68,10 @@ def test_a_scene_of_another_role_is_refused(data, tmp_path):
         scores.score_scenes("score", tmp_path / "out", data=[data], names=["chair"])
     with pytest.raises(ValueError, match="no scene"):
         scores.score_scenes("score", tmp_path / "out", data=[tmp_path / "nothing"])
+
+
+def test_the_graph_for_scenes_without_masks_is_sound(tmp_path):
+    file = tmp_path / "no_masks.yaml"
+    file.write_text(scores.NO_MASKS.format(graph=scores.QUICKSTART, name="quickstart"))
+    checked = ex.check(file, scene=str(scores.ROOT / "graphs" / "samples" / "chair"))
+    assert checked.name == "quickstart_no_masks"
