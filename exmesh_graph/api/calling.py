@@ -22,7 +22,7 @@ from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, fail
-from exmesh_graph.graph.run import contracts
+from exmesh_graph.graph.run.execute import check_input, check_untouched, outputs_of
 from exmesh_graph.graph.run.memory import mark_of
 from exmesh_graph.graph.session import Session, current_session
 from exmesh_graph.types import Artifact
@@ -96,8 +96,8 @@ def call(
     if known.params_name:
         words[known.params_name] = bound.params
     result = definition.function(CallContext(kind, seed, _folder(folder), progress), **inputs, **words)
-    contracts.check_untouched(bound, inputs, marks)
-    contracts.outputs_of(bound, result)
+    check_untouched(bound, inputs, marks)
+    outputs_of(bound, result)
     return result
 
 
@@ -165,7 +165,7 @@ class _Written:
 def _check_facets(bound: Bound, port: str, value: Artifact) -> None:
     """What the port asks of the value, where a graph would have it promised by a wire. Raises GraphError."""
     try:
-        contracts.check_input(bound, port, value, {})
+        check_input(bound, port, value, {})
     except GraphError as error:
         what = error.what.replace(f"the wire {bound.wire(port)} carries", f"{bound.name}.{port} cannot be")
         fix = "bring it into that form first (docs/conventions.md); units are normalised inside the unit sphere"

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_graph, named, open_store, using
 from exmesh_graph.graph.cache.fingerprint import fingerprint
-from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN
+from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, differences, explain, record_time
 from exmesh_graph.graph.run.plan import plan as steps_of
-from exmesh_graph.graph.run.why import differences, explain, record_time
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store

@@ -221,7 +221,7 @@ def backend_of(workers: int | None, store: Store, kind: str = "local", address: 
         return RayCluster(store, address)
     if kind != "local":
         raise GraphError(f"there is no backend {kind!r}", expected="local or ray")
-    from exmesh_graph.graph.run.backends.inline import Inline
+    from exmesh_graph.graph.run.backends import Inline
     from exmesh_graph.graph.run.backends.local import Local
 
     return Inline(store) if workers == 0 else Local(workers)

@@ -20,8 +20,8 @@ from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.problems import GraphErrors, Problem, nearest
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.variants.checked import CheckedVariant, variant_names
+from exmesh_graph.graph.variants.compare import Merged, merge
 from exmesh_graph.graph.variants.declared import rows_of
-from exmesh_graph.graph.variants.merge import Merged, merge
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store

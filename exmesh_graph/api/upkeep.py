@@ -13,7 +13,7 @@ from exmesh_graph.api.opening import Folder, open_store
 from exmesh_graph.api.results import read_run
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.upkeep import collect, pins
-from exmesh_graph.graph.upkeep import verify as verifying
+from exmesh_graph.graph.upkeep.collect import verify as faults_of
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -31,7 +31,7 @@ def existing(store: Folder = None) -> Store:
 
 def verify(store: Folder = None) -> Iterator[tuple[str, str]]:
     """Read every byte of a store; yields (what, why) of each thing that was broken and went to quarantine."""
-    return verifying.verify(existing(store))
+    return faults_of(existing(store))
 
 
 def pin(what: str, name: str, *, store: Folder = None, runs: Folder = "runs") -> pins.Pin:

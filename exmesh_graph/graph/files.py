@@ -185,7 +185,7 @@ def own_folder(parent: Path) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        remove_tree(folder)
+        shutil.rmtree(folder, ignore_errors=True)
         os.close(handle)
 
 
@@ -198,7 +198,7 @@ def sweep_abandoned(parent: Path) -> None:
                 continue  # being made right now
             handle = lock(entry / "lock")
             if handle is not None:
-                remove_tree(entry)
+                shutil.rmtree(entry, ignore_errors=True)
                 os.close(handle)
 
 
@@ -236,8 +236,3 @@ def is_locked(path: Path) -> bool:
             return True
         os.close(handle)
     return False
-
-
-def remove_tree(folder: Path) -> None:
-    """Remove a folder, read-only files included; gone already is fine."""
-    shutil.rmtree(folder, ignore_errors=True)

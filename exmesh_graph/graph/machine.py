@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import getpass
 import os
 import platform
+import resource
 import sys
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ def machine_facts() -> dict[str, Any]:
         "exmesh_graph": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "processor": _processor(),
+        "processor": _told("/proc/cpuinfo", "model name") or platform.processor(),
         "cpus": len(os.sched_getaffinity(0)),
         "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
     }
@@ -29,17 +30,6 @@ def machine_facts() -> dict[str, Any]:
         if torch.cuda.is_available():
             facts["gpu"] = torch.cuda.get_device_name()
     return facts
-
-
-@functools.cache
-def _processor() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor()
 
 
 def user_and_host() -> str:
@@ -53,10 +43,8 @@ def user_and_host() -> str:
 
 def reset_peak_memory() -> None:
     """Start a new peak for `peak_memory`, where the system allows it (Linux)."""
-    try:
+    with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except OSError:
-        return
 
 
 def memory_in_use() -> int:
@@ -66,12 +54,14 @@ def memory_in_use() -> int:
 
 def peak_memory() -> int:
     """Peak resident bytes since `reset_peak_memory` (since the process began where that is not possible)."""
-    try:
-        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    except OSError:
-        pass
-    import resource
+    peak = _told("/proc/self/status", "VmHWM")
+    return int(peak.split()[0] if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
 
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+def _told(file: str, label: str) -> str:
+    """What a file of the kernel says under a label, in its first line of that name; nothing where there is none."""
+    with contextlib.suppress(OSError), open(file, encoding="utf-8") as lines:
+        for line in lines:
+            if line.startswith(label):
+                return line.partition(":")[2].strip()
+    return ""

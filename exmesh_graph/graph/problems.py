@@ -60,16 +60,10 @@ class Problem:
 
     def __str__(self) -> str:
         more = f" (and in {self.rounds - 1} more rounds)" if self.rounds > 1 else ""
-        lines = [f"{self.where}: [{self.code}] {self.what}{more}"]
-        for label in ("wire", "expected", "found"):
-            text = getattr(self, label)
-            if text:
-                lines.append(f"    {label}: {text}")
-        if self.nearest:
-            lines.append(f"    nearest: {', '.join(self.nearest)}")
-        if self.fix:
-            lines.append(f"    fix: {self.fix}")
-        return "\n".join(lines)
+        told = {label: getattr(self, label) for label in ("wire", "expected", "found", "nearest", "fix")}
+        told["nearest"] = ", ".join(self.nearest)
+        lines = [f"    {label}: {text}" for label, text in told.items() if text]
+        return "\n".join([f"{self.where}: [{self.code}] {self.what}{more}", *lines])
 
 
 class GraphErrors(GraphError):
@@ -88,12 +82,9 @@ class Problems:
 
     def add(self, code: str, where: Where, what: str, *, nearest: Iterable[str] = (), **more: Any) -> None:
         """Note one problem; `more` are Problem's wire, expected, found and fix."""
-        problem = Problem(code, where, what, nearest=tuple(nearest), **more)
         key = (code, str(where), without_rounds(what))
-        if key in self.noted:
-            seen = self.noted[key]
-            problem = replace(seen, rounds=seen.rounds + 1)
-        self.noted[key] = problem
+        seen = self.noted.get(key) or Problem(code, where, what, nearest=tuple(nearest), rounds=0, **more)
+        self.noted[key] = replace(seen, rounds=seen.rounds + 1)
 
     @contextlib.contextmanager
     def caught(self) -> Iterator[None]:

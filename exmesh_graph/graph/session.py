@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.packs import DEFAULT, Packs, current
+from exmesh_graph.graph.declare.packs import Packs, current
 from exmesh_graph.graph.files import Memo
-from exmesh_graph.graph.language import check, parsed, yamlfile
+from exmesh_graph.graph.language import check, yamlfile
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef
@@ -103,31 +103,23 @@ class Session:
     def reading(self, store: Folder) -> Iterator[None]:
         """Read graph files in this session, through the store's memory of parsed ones where there is a store."""
         root = store_folder(store)
-        memo, reader = Memo(root / "graphs.json", root / "work"), self._packs.part(yamlfile.Reader)
-        reader.read = parsed.remembered(memo, yamlfile.parse_yaml) if root.is_dir() else yamlfile.parse_yaml
+        memo = Memo(root / "graphs.json", root / "work")
+        self._packs.part(yamlfile.Reader).memo = memo if root.is_dir() else None
         with self:
             yield
         memo.save()
 
 
 def current_session() -> Session:
-    """The session of this thread: that of the innermost `with session:`, else the default one."""
-    return _session_of(current())
-
-
-def default_session() -> Session:
-    """The session of the installed packs, which declarations and commands use where no other is current."""
-    return _session_of(DEFAULT)
-
-
-def store_folder(given: Folder = None) -> Path:
-    """`given`, $EXMESH_STORE or ./.exmesh."""
-    return Path(given or os.environ.get("EXMESH_STORE") or ".exmesh").absolute()
-
-
-def _session_of(packs: Packs) -> Session:
+    """The session of this thread: that of the innermost `with session:`, else the default one (installed packs)."""
+    packs = current()
     if Session not in packs.parts:
         session = Session()
         session._packs = packs
         packs.parts.setdefault(Session, session)
     return packs.parts[Session]  # type: ignore[no-any-return]
+
+
+def store_folder(given: Folder = None) -> Path:
+    """`given`, $EXMESH_STORE or ./.exmesh."""
+    return Path(given or os.environ.get("EXMESH_STORE") or ".exmesh").absolute()

@@ -12,7 +12,7 @@ import exmesh_graph as ex
 from exmesh_graph.api.opening import checked_graph
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.variants.checked import variant_names
-from exmesh_graph.graph.variants.merge import identities
+from exmesh_graph.graph.variants.compare import identities
 from exmesh_graph.types import Mesh
 
 GRAPHS = Path(__file__).parent.parent.parent / "graphs"

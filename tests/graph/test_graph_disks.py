@@ -14,8 +14,8 @@ import pytest
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
+from exmesh_graph.graph.cache.keys import Stored
 from exmesh_graph.graph.cache.lease import Lease, Leases
-from exmesh_graph.graph.cache.records import Stored
 from exmesh_graph.graph.cache.store import Store, writable
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.rundir import RunFolder

@@ -12,7 +12,7 @@ import pytest
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.backends import Inline
 from exmesh_graph.graph.run.execute import execute
 from exmesh_graph.graph.run.job import BROKEN, FAILED, Job, Outcome
 from exmesh_graph.graph.run.memory import Memory

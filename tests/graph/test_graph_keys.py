@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.cache.keys import canonical, digest_of, key_of, preimage_of
-from exmesh_graph.graph.cache.records import artifact_digest
+from exmesh_graph.graph.cache.keys import artifact_digest, canonical, digest_of, key_of, preimage_of
 
 INPUTS = {"a": ("Number", "1" * 64), "b": ("Number", "2" * 64)}
 

@@ -13,8 +13,7 @@ import pytest
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache import keys
-from exmesh_graph.graph.cache.keys import digest_of
-from exmesh_graph.graph.cache.records import Stored
+from exmesh_graph.graph.cache.keys import Stored, digest_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.run.plan import plan

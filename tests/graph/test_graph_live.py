@@ -323,8 +323,8 @@ if __name__ == "__main__":
     from exmesh_graph.graph.run.backends.local import Local
     from exmesh_graph.graph.run.rundir import RunFolder
     from exmesh_graph.graph.run.runner import NodeFailed, Runner
-    from exmesh_graph.graph.session import default_session
-    session = default_session()
+    from exmesh_graph.graph.session import current_session
+    session = current_session()
     graph = session.check("g.yaml")
     folder, store = RunFolder(Path("runs"), "g"), session.open_store("store")
     record = Runner(graph, store, folder, lambda e: None, backend=Local(1)).run()

@@ -10,9 +10,8 @@ import pytest
 
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo
-from exmesh_graph.graph.language import parsed, yamlfile
-from exmesh_graph.graph.language.parsed import remembered
-from exmesh_graph.graph.language.yamlfile import Map, load_yaml, parse_yaml
+from exmesh_graph.graph.language import yamlfile
+from exmesh_graph.graph.language.yamlfile import Map, Reader, load_yaml, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors
 
 TEXT = """
@@ -27,9 +26,9 @@ nodes:
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(parsed, "SHORT", 0)
+    monkeypatch.setattr(yamlfile, "SHORT", 0)
     yield
-    current().part(yamlfile.Reader).read = parse_yaml
+    current().part(Reader).memo = None
 
 
 def told(value: Any) -> Any:
@@ -45,23 +44,30 @@ def refuse(text: str, file: Path | None) -> Any:
     pytest.fail("parsed again")
 
 
+def reader(memo: Memo) -> Reader:
+    made = Reader()
+    made.memo = memo
+    return made
+
+
 def memo_in(tmp_path: Path) -> Memo:
     return Memo(tmp_path / "graphs.json", tmp_path / "work")
 
 
-def test_the_same_tree_with_the_same_lines(tmp_path: Path) -> None:
+def test_the_same_tree_with_the_same_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     memo = memo_in(tmp_path)
-    first = remembered(memo, parse_yaml)(TEXT, Path("a.yaml"))
+    first = reader(memo).read(TEXT, Path("a.yaml"))
     memo.save()
+    monkeypatch.setattr(yamlfile, "parse_yaml", refuse)
     for name in ("a.yaml", "b.yaml"):
-        again = remembered(memo_in(tmp_path), refuse)(TEXT, Path(name))
+        again = reader(memo_in(tmp_path)).read(TEXT, Path(name))
         assert told(again) == told(parse_yaml(TEXT, Path(name)))
     assert told(first) == told(parse_yaml(TEXT, Path("a.yaml")))
 
 
 def test_another_text_is_another_tree(tmp_path: Path) -> None:
     memo = memo_in(tmp_path)
-    read = remembered(memo, parse_yaml)
+    read = reader(memo).read
     read(TEXT, None)
     assert read(TEXT.replace("2.5", "2.6"), None)["params"]["b"] == 2.6
     with pytest.raises(GraphErrors, match="given twice"):
@@ -73,27 +79,27 @@ def test_another_text_is_another_tree(tmp_path: Path) -> None:
 def test_what_json_cannot_hold_is_parsed_again(tmp_path: Path) -> None:
     memo = memo_in(tmp_path)
     for text in ("a: [1, .inf]", "a: {b: .nan}"):
-        remembered(memo, parse_yaml)(text, None)
+        reader(memo).read(text, None)
     memo.save()
     assert memo.known == {}
 
 
 def test_few_are_kept_and_spoilt_ones_are_forgotten(tmp_path: Path) -> None:
     memo = memo_in(tmp_path)
-    for number in range(parsed.MOST + 3):
-        remembered(memo, parse_yaml)(TEXT + f"# {number}", None)
-    assert len(memo.known) == parsed.MOST
+    for number in range(yamlfile.MOST + 3):
+        reader(memo).read(TEXT + f"# {number}", None)
+    assert len(memo.known) == yamlfile.MOST
     memo.save()
     memo.path.write_text(memo.path.read_text().replace("seven", "eight"))
-    again = remembered(memo_in(tmp_path), parse_yaml)(TEXT + f"# {number}", None)
+    again = reader(memo_in(tmp_path)).read(TEXT + f"# {number}", None)
     assert again["params"][7] == "seven"
 
 
-def test_load_yaml_uses_it(tmp_path: Path) -> None:
+def test_load_yaml_uses_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "g.yaml"
     path.write_text(TEXT)
     memo = memo_in(tmp_path)
-    current().part(yamlfile.Reader).read = remembered(memo, parse_yaml)
+    current().part(Reader).memo = memo
     first = load_yaml(path)
-    current().part(yamlfile.Reader).read = remembered(memo, refuse)
+    monkeypatch.setattr(yamlfile, "parse_yaml", refuse)
     assert told(load_yaml(path)) == told(first)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import MissingLibraryError, StoreError
-from exmesh_graph.graph.cache.records import NOTHING, Stored
+from exmesh_graph.graph.cache.keys import NOTHING, Stored
 from exmesh_graph.graph.cache.remote import Remote
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import seal_text, unseal

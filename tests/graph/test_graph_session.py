@@ -21,7 +21,7 @@ from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Runner
-from exmesh_graph.graph.session import Session, current_session, default_session
+from exmesh_graph.graph.session import Session, current_session
 
 NODES = """
 import json
@@ -173,8 +173,8 @@ from pathlib import Path
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Runner
-from exmesh_graph.graph.session import default_session
-home, session = Path({str(packs_there)!r}), default_session()
+from exmesh_graph.graph.session import current_session
+home, session = Path({str(packs_there)!r}), current_session()
 graph = session.check(home / "left_pack.yaml")
 runs = RunFolder(home / "r", "g")
 record = Runner(graph, session.open_store(home / "s"), runs, lambda e: None, backend=Local(1)).run()
@@ -185,9 +185,10 @@ print(record["state"])
 
 
 def test_declarations_go_to_the_current_session() -> None:
-    session = Session([])
+    session, outer = Session([]), current_session()
     before = dict(current().types)
     with session:
+        assert current_session() is session
 
         @node("here.only", version="1")
         def here(ctx: Any) -> Any:
@@ -195,7 +196,7 @@ def test_declarations_go_to_the_current_session() -> None:
 
     assert session.types["here.only"].function is here
     assert current().types == before
-    assert current_session() is default_session()
+    assert current_session() is outer
     with session, Session([]) as inner:
         assert current_session() is inner
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.graph.cache.records import Stored
+from exmesh_graph.graph.cache.keys import Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import SourceDigests, own_folder, seal_text, sweep_abandoned, unseal
 from exmesh_graph.types import Files, Metrics

@@ -23,11 +23,13 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache.live import MAIN, Live
-from exmesh_graph.graph.cache.moduletext import OWN, ModuleText, is_ignored, sha
-from exmesh_graph.graph.cache.sourcefile import (
+from exmesh_graph.graph.cache.moduletext import (
+    OWN,
+    ModuleText,
     bytecode_is_older,
     drop_stale_bytecode,
-    is_edited,
+    is_ignored,
+    sha,
     source_file,
     spec_of,
     stamp_of,
@@ -62,7 +64,7 @@ def sources_changed(definition: NodeDef) -> list[str]:
     """Modules of the fingerprint whose code was edited since: what ran may not be what was fingerprinted."""
     sources = current().part(Sources)
     names = sources.fingerprint(definition).modules
-    return [name for name in names if is_edited(sources.module(name)) or sources.outlived(name)]
+    return [name for name in names if sources.module(name).is_edited() or sources.outlived(name)]
 
 
 def outside_imports(definition: NodeDef) -> set[str]:
@@ -112,9 +114,7 @@ class Sources:
 
     def refresh(self) -> None:
         """Look again at modules whose file was edited, or which were loaded anew: a session may live for days."""
-        changed = [
-            m.name for m in self.modules.values() if m.stamp != stamp_of(m.path) or m.spec is not spec_of(m.name)
-        ]
+        changed = [module.name for module in self.modules.values() if not module.is_current()]
         if changed:
             _loads.append(len(_loads))
             self.fingerprints.clear()

@@ -1,4 +1,4 @@
-"""The key of an action: sha256 over the canonical JSON of everything that can change its result.
+"""Keys of actions and records of them. A key: sha256 over the canonical JSON of everything that can change a result.
 
     {epoch, type, version, code, params, seed, libraries, sources: {name: digest}, inputs: {port: [type, digest]},
      components: {port: {type, version, code, params, libraries, components}}, where any are plugged in}
@@ -13,14 +13,18 @@ from __future__ import annotations
 import enum
 import hashlib
 import json
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
 from exmesh_graph.errors import GraphError
+from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.components import BoundComponent
-from exmesh_graph.graph.declare.packs import library_version
+from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.graph.language.check import Bound
 
@@ -60,7 +64,7 @@ def preimage_of(
         "code": code,
         "params": _plain(kept),
         "seed": bound.seed,
-        "libraries": {name: library_version(name) for name in sorted(bound.definition.libraries)},
+        "libraries": _versions(bound.definition),
         "sources": dict(sorted(sources.items())),
         "inputs": {port: list(pair) for port, pair in sorted(inputs.items())},
         **({"components": _components(bound.components)} if bound.components else {}),
@@ -77,10 +81,14 @@ def _components(plugs: Mapping[str, BoundComponent]) -> dict[str, Any]:
             "version": definition.version,
             "code": fingerprint(definition).digest,
             "params": _plain({name: value for name, value in plug.params("python").items() if name not in tuning}),
-            "libraries": {name: library_version(name) for name in sorted(definition.libraries)},
+            "libraries": _versions(definition),
             "components": _components(plug.nested),
         }
     return table
+
+
+def _versions(definition: NodeDef) -> dict[str, str]:
+    return {name: current().library_version(name) for name in sorted(definition.libraries)}
 
 
 def _without_paths(value: Any) -> Any:
@@ -111,3 +119,54 @@ def _plain(value: Any) -> Any:
         f"a {type(value).__name__} cannot be part of a key",
         expected="null, bool, int, float, str, lists and mappings of them",
     )
+
+
+FORMAT = 1
+_DIGEST = re.compile(r"[0-9a-f]{64}\Z")
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An artifact in the store; (`none`, `none`, 0) stands for an optional output that stayed empty."""
+
+    type: str
+    digest: str
+    bytes: int
+
+
+NOTHING = Stored(*ABSENT, 0)
+
+
+@dataclass(frozen=True)
+class Action:
+    """A record read back and found sound."""
+
+    key: str
+    preimage: Mapping[str, Any]
+    outputs: Mapping[str, Stored]
+    info: Mapping[str, Any]
+
+
+def sound_action(key: str, text: str) -> Action | None:
+    """The action in the text of a record, None when it is not sound."""
+    try:
+        return action_of(key, files.unseal(text))
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def action_of(key: str, record: dict[str, Any]) -> Action:
+    """The action in an unsealed record. Raises ValueError, KeyError or TypeError when it is not that of `key`."""
+    outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
+    preimage = record.pop("preimage")
+    if not all(_DIGEST.match(stored.digest) or stored == NOTHING for stored in outputs.values()):
+        raise ValueError("a digest is none")  # and could name any folder
+    if record.pop("key") != key or key_of(preimage) != key or record.pop("format") != FORMAT:
+        raise ValueError("the key does not belong to the pre-image")
+    return Action(key, preimage, outputs, record)
+
+
+def artifact_digest(type_name: str, table: Mapping[str, Any]) -> str:
+    """sha256 over type name and sorted (file name, size, sha256 of its bytes)."""
+    rows = [[name, size, digest] for name, (size, digest) in sorted(table.items())]
+    return digest_of(["exmesh.artifact", type_name, rows])

@@ -1,13 +1,22 @@
-"""The text of one module: what it imports and re-exports, its digest, and the part that one of its functions uses."""
+"""The text of one module: what it imports and re-exports, its digest, and the part that one of its functions uses.
+
+And which text this process has loaded: an edit must not pass for what runs.
+"""
 
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
+import importlib.util
+import marshal
+import os
+import struct
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.util import MAGIC_NUMBER
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +73,20 @@ class ModuleText:
         """{name: where it comes from} of a module that only re-exports, None for any other."""
         known = self.fact(self, "exports", lambda: _exports(self.tree, self.package))
         return None if known is None else {name: (item[0], item[1]) for name, item in known.items()}
+
+    def is_current(self) -> bool:
+        """Whether the file, and what was loaded of it, are still those that this text was read from."""
+        return self.stamp == stamp_of(self.path) and self.spec is spec_of(self.name)
+
+    def is_edited(self) -> bool:
+        """Whether its code is another one now, or was when it was loaded."""
+        if self.stale or self.stamp == stamp_of(self.path):
+            return self.stale
+        try:
+            data = self.path.read_bytes()
+        except OSError:
+            return True
+        return data != self.data and text_of(data) != text_of(self.data)
 
     def slice(self, function: str) -> tuple[str, list[Import]]:
         """(digest, imports) of the part of the module that `function` uses."""
@@ -166,3 +189,77 @@ def _reader() -> str:
 
 def sha(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def source_file(name: str) -> Path | None:
+    top, _, rest = name.partition(".")
+    roots: list[str] = []
+    if top in sys.modules:
+        loaded = sys.modules[top]
+        file, roots = getattr(loaded, "__file__", None), list(getattr(loaded, "__path__", []))
+    else:
+        try:
+            spec = importlib.util.find_spec(top)
+        except (ImportError, ValueError):
+            spec = None
+        file = spec.origin if spec else None
+        roots = list(spec.submodule_search_locations or []) if spec else []
+    if not rest:
+        return Path(file) if file and file.endswith(".py") else None
+    for root in roots:
+        base = os.path.join(root, *rest.split("."))
+        for path in (os.path.join(base, "__init__.py"), base + ".py"):
+            if os.path.isfile(path):
+                return Path(path)
+    return None
+
+
+def spec_of(name: str) -> Any:
+    """Stands for one loading of a module: another one after a reload; None where it is not loaded."""
+    return getattr(sys.modules.get(name), "__spec__", None)
+
+
+def stamp_of(path: Path) -> tuple[int, ...] | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size
+
+
+def drop_stale_bytecode(path: Path, data: bytes) -> bool:
+    """Whether Python took, or would take, bytecode of other source for this file, which is removed.
+
+    Python goes by size and whole seconds: a second edit within a second, or one that keeps the time, escapes it.
+    """
+    with contextlib.suppress(OSError, ValueError, EOFError, TypeError, SyntaxError):
+        cache, status = Path(importlib.util.cache_from_source(str(path))), path.stat()
+        if cache.stat().st_mtime_ns > status.st_ctime_ns:
+            return False
+        held = cache.read_bytes()
+        taken = struct.pack("<4sLLL", MAGIC_NUMBER, 0, int(status.st_mtime) & 0xFFFFFFFF, len(data) & 0xFFFFFFFF)
+        if held[:16] == taken and marshal.loads(held[16:]) != compile(data, str(path), "exec", dont_inherit=True):
+            cache.unlink()
+            return True
+    return False
+
+
+def bytecode_is_older(path: Path) -> bool:
+    """Whether the bytecode that Python wrote when it loaded a module is of an earlier text than the file's.
+
+    Where Python writes none (PYTHONDONTWRITEBYTECODE), what lies there is of an earlier process and says nothing.
+    """
+    with contextlib.suppress(OSError, NotImplementedError):
+        cache, status = Path(importlib.util.cache_from_source(str(path))), path.stat()
+        head = cache.read_bytes()[:16]
+        written = not sys.dont_write_bytecode and os.access(cache.parent, os.W_OK)
+        if written and len(head) == 16 and head[4:8] == bytes(4):
+            return head[8:] != struct.pack("<LL", int(status.st_mtime) & 0xFFFFFFFF, status.st_size & 0xFFFFFFFF)
+    return False
+
+
+def text_of(data: bytes) -> str:
+    try:
+        return normalised(ast.parse(data))
+    except SyntaxError:
+        return repr(data)

@@ -12,13 +12,13 @@ import contextlib
 import re
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from exmesh_graph.errors import MissingLibraryError, StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.cache.records import NOTHING, Action, sound_action
+from exmesh_graph.graph.cache.keys import NOTHING, Action, sound_action
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -44,7 +44,6 @@ class Remote:
         self.renames = "file" in (self.fs.protocol if isinstance(self.fs.protocol, tuple) else (self.fs.protocol,))
         self.broken: set[str] = set()
         self.pool: ThreadPoolExecutor | None = None
-        self.sent: list[Future[None]] = []
 
     def peek(self, key: str) -> Action | None:
         """The sound record of `key` there, without its objects."""
@@ -58,7 +57,7 @@ class Remote:
         """Send a recorded result, in the background."""
         if not self.down:
             self.pool = self.pool or ThreadPoolExecutor(1, "shared store")
-            self.sent.append(self.pool.submit(lambda: self._guarded(lambda: self._push(key))))
+            self.pool.submit(self._guarded, lambda: self._push(key))
 
     def close(self) -> None:
         """Wait for what is being sent."""

@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.cache.keys import digest_of, key_of
-from exmesh_graph.graph.cache.records import FORMAT, NOTHING, Action, Stored, action_of, artifact_digest
+from exmesh_graph.graph.cache.keys import FORMAT, NOTHING, Action, Stored, action_of, artifact_digest, digest_of, key_of
 from exmesh_graph.types import Artifact
 
 if TYPE_CHECKING:
@@ -143,7 +142,7 @@ class Store:
         except OSError:
             if not self.holds(digest):
                 raise
-            files.remove_tree(draft)
+            shutil.rmtree(draft, ignore_errors=True)
             with contextlib.suppress(OSError):
                 os.utime(target)  # `gc` leaves alone what was made or used a short while ago
 
@@ -295,17 +294,14 @@ class Store:
         if self.below is not None and path.is_relative_to(self.below):
             self.notes.append(f"{path} is not used: {reason}")
             return
-        name = path.relative_to(self.root)
-        home = self.root / "quarantine"
+        home, what = self.root / "quarantine", "moved to quarantine"
         try:
             home.mkdir(parents=True, exist_ok=True)
-            os.rename(path, home / f"{path.name}.{time.time_ns()}")
-        except FileNotFoundError:  # another process was quicker
-            self.notes.append(f"{name} moved to quarantine: {reason}")
+            with contextlib.suppress(FileNotFoundError):  # another process was quicker
+                os.rename(path, home / f"{path.name}.{time.time_ns()}")
         except OSError as error:  # a store that may only be read: still a miss
-            self.notes.append(f"{name} is not used and could not be moved to quarantine ({error.strerror}): {reason}")
-        else:
-            self.notes.append(f"{name} moved to quarantine: {reason}")
+            what = f"is not used and could not be moved to quarantine ({error.strerror})"
+        self.notes.append(f"{path.relative_to(self.root)} {what}: {reason}")
 
     def _object(self, digest: str) -> Path:
         return Path(self._place(f"objects/{digest[:2]}/{digest}"))

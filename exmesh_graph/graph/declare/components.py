@@ -14,8 +14,9 @@ from typing import Any
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.node import Component, NodeDef
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.declare.ports import component_ports
+from exmesh_graph.graph.declare.ports import component_ports, signature
 from exmesh_graph.graph.problems import Where
+from exmesh_graph.params import Params
 
 MAX_NESTING = 32
 
@@ -53,21 +54,21 @@ def rebuild(name: str, told: Mapping[str, Any], where: Where) -> BoundComponent:
     """The component that `describe` told of; the node packs must be loaded."""
     nested = {field: rebuild(f"{name}.{field}", inner, where) for field, inner in told["components"].items()}
     definition = current().types[told["type"]]
-    fields = {field: plug.value for field, plug in nested.items()}
-    assert isinstance(definition.function, type)
-    assert issubclass(definition.function, Component)
-    value = definition.function.model_validate({**told["params"], **fields})
-    made = BoundComponent(name, definition, value, nested, where)
-    if made.params() != told["params"]:
-        raise validated_otherwise(definition.type, made.params(), told["params"], where)
-    return made
+    value = validated_again(definition, told["params"], {field: plug.value for field, plug in nested.items()}, where)
+    assert isinstance(value, Component)
+    return BoundComponent(name, definition, value, nested, where)
 
 
-def validated_otherwise(kind: str, now: Mapping[str, Any], keyed: Mapping[str, Any], where: Where) -> GraphError:
-    """The error of parameters that are not what they are keyed by once they are validated again."""
-    names = ", ".join(sorted(name for name in {*now, *keyed} if now.get(name) != keyed.get(name)))
-    return GraphError(
-        f"{kind}: a validator or serializer changes {names} each time it is applied",
-        where=str(where),
-        fix="let the validator only check, and convert in the code that uses the parameter",
-    )
+def validated_again(
+    definition: NodeDef, told: Mapping[str, Any], nested: Mapping[str, Component], where: Where
+) -> Params:
+    """Parameters out of plain data. Raises GraphError where they are not what they were keyed by any more."""
+    kind = signature(definition)
+    value = kind.params.model_validate({**told, **nested})
+    now = value.model_dump(mode="json", exclude=set(kind.inputs))
+    names = ", ".join(sorted(name for name in {*now, *told} if now.get(name) != told.get(name)))
+    if names:
+        what = f"{definition.type}: a validator or serializer changes {names} each time it is applied"
+        fix = "let the validator only check, and convert in the code that uses the parameter"
+        raise GraphError(what, where=str(where), fix=fix)
+    return value

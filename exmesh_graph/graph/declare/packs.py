@@ -145,11 +145,6 @@ def load_packs() -> Packs:
     return current().load()
 
 
-def library_version(name: str) -> str:
-    """The version of an installed distribution, for the current session."""
-    return current().library_version(name)
-
-
 def declare(definition: NodeDef) -> None:
     """Note what a module declares, and register it in the current session."""
     current().register(definition)

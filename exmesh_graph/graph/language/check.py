@@ -1,7 +1,7 @@
 """Judging an expanded graph before anything runs: node types, ports, parameters, wires, facets, cycles, sources.
 
 The result is a `Checked` graph: every node with its validated parameters and its wires, in an order in which they
-can run. Facets that an output does not promise are left to the run (see `contracts`).
+can run. Facets that an output does not promise are left to the run (see `execute`).
 """
 
 from __future__ import annotations

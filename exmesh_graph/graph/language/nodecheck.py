@@ -10,7 +10,7 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
 from exmesh_graph.graph.declare.components import BoundComponent
 from exmesh_graph.graph.declare.node import Component
-from exmesh_graph.graph.declare.packs import library_version
+from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.declare.ports import RESERVED, Port, link_form, signature
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
@@ -116,7 +116,7 @@ class NodeCheck:
         """Note the libraries that are not there."""
         for library in self.definition.libraries:
             try:
-                library_version(library)
+                current().library_version(library)
             except MissingLibraryError as error:
                 what = f"{self.definition.type} needs the library {library}"
                 self.add_problem("missing-library", self.spec.where, what, fix=error.fix)
@@ -179,11 +179,8 @@ class NodeCheck:
         key, missing = path[0] if path else "", error["type"] == "missing"
         if missing and not self.whole:
             return
-        what = (
-            f"the parameter {key} must be given"
-            if missing
-            else f"{'.'.join(path) or self.definition.type}: {error['msg']}"
-        )
+        told = f"{'.'.join(path) or self.definition.type}: {error['msg']}"
+        what = f"the parameter {key} must be given" if missing else told
         expected, given = "", self.given.get(key)
         if key in self.kind.params.model_fields:
             unit = self.kind.extra(key).get("unit")

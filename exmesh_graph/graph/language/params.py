@@ -15,7 +15,11 @@ from typing import Any
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where, closest, nearest
 
-KINDS = ("int", "float", "number", "bool", "str", "path", "list", "map", "any")
+KINDS: dict[str, Any] = {
+    "int": int, "float": int | float, "number": int | float, "bool": bool, "str": str, "path": str, "list": list,
+    "map": dict, "any": object,
+}  # fmt: skip
+NUMBERS = ("int", "float", "number")
 SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 KEYS = ("type", "default", *SIGNS, "choices", "unit", "doc")
 
@@ -99,7 +103,7 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
         kind = "any"
     limits = {}
     for key, value in raw.items():
-        if key in SIGNS and kind in ("int", "float", "number") and _is_kind(value, "float"):
+        if key in SIGNS and kind in NUMBERS and _is_kind(value, "float"):
             limits[key] = value
         elif key in SIGNS:
             refuse(key, f"{key} takes a number, and stands with the types int and float", found=repr(value))
@@ -117,8 +121,6 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
 
 
 def _is_kind(value: Any, kind: str) -> bool:
-    if kind in ("int", "float", "number"):
-        allowed = int if kind == "int" else int | float
-        return isinstance(value, allowed) and not isinstance(value, bool) and math.isfinite(value)
-    types = {"bool": bool, "str": str, "path": str, "list": list, "map": dict, "any": object}
-    return isinstance(value, types[kind])
+    number = kind in NUMBERS
+    fits = isinstance(value, KINDS[kind]) and not (number and isinstance(value, bool))
+    return fits and (not number or math.isfinite(value))

@@ -1,6 +1,6 @@
 """Judging the wires of an expanded graph: does the far end exist, is its type taken, do the facets agree; cycles.
 
-Facets that an output does not promise are left to the run (see `contracts`). Old names of types and outputs, which
+Facets that an output does not promise are left to the run (see `execute`). Old names of types and outputs, which
 `@node(..., was=("old.type",))` and `Annotated[Mesh, was("old")]` declare, do for one release what the new ones do.
 """
 

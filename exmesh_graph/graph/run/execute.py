@@ -13,15 +13,14 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in, sources_changed
-from exmesh_graph.graph.cache.records import NOTHING, Stored
+from exmesh_graph.graph.cache.keys import NOTHING, Stored
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.ports import artifact_types
+from exmesh_graph.graph.declare.ports import Port, artifact_types
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.machine import machine_facts, peak_memory, reset_peak_memory
-from exmesh_graph.graph.run import contracts
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
-from exmesh_graph.graph.run.memory import Memory
+from exmesh_graph.graph.run.memory import Memory, mark_of
 from exmesh_graph.types import Artifact, Files
 
 _CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time
@@ -112,7 +111,7 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
     inputs = {port: value for port, (value, _) in loaded.items()}
     marks = {port: mark for port, (_, mark) in loaded.items()}
     for port, given in inputs.items():
-        contracts.check_input(bound, port, given, job.promised.get(port, {}))
+        check_input(bound, port, given, job.promised.get(port, {}))
     with store.attempt() as attempt:
         kept = attempt if _changed(bound, job) else store.root  # what other code computes is none of this key's states
         checkpoints = Checkpoints(kept, job.key) if bound.definition.resumable else None
@@ -122,8 +121,8 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         with _stoppable(context, bound.definition.resumable):
             result = _call(bound, context, inputs)
         seconds, peak = time.perf_counter() - began, peak_memory()
-        contracts.check_untouched(bound, inputs, marks)
-        values = contracts.outputs_of(bound, result)
+        check_untouched(bound, inputs, marks)
+        values = outputs_of(bound, result)
         del result
         stored = {port: NOTHING if v is None else store.put(v, attempt) for port, v in values.items()}
         for port, value in values.items():
@@ -223,3 +222,55 @@ def _codes(plugs: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, str
     for port, plug in plugs.items():
         yield place + port, plug["code"]
         yield from _codes(plug["components"], f"{place}{port}.")
+
+
+def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str, Any]) -> None:
+    """Facets that the port asks for and the wire does not promise, measured on the value itself."""
+    wanted = bound.signature.inputs[port].wanted(type(value))
+    open_facets = {k: v for k, v in wanted.items() if k not in promised}
+    if not open_facets:
+        return
+    measured = {**value.conventions, **value.facets()}
+    for name, asked in open_facets.items():
+        if measured.get(name) != asked:
+            found = f"{name}={measured[name]!r}" if name in measured else f"no facet {name!r}"
+            what = f"the wire {bound.wire(port)} carries {value.type_name} with {found}"
+            expected = f"{bound.signature.inputs[port]}, {name}={asked!r}"
+            fix = f"put a node before {bound.name} whose output has {name}={asked!r}"
+            raise GraphError(what, where=str(bound.where), expected=expected, fix=fix)
+
+
+def outputs_of(bound: Bound, result: Any) -> dict[str, Artifact | None]:
+    """The values a node returned, by port; refuses wrong types and facets it promised but does not keep."""
+    ports = bound.signature.outputs
+    if not isinstance(result, tuple) or len(result) != len(ports):
+        raise GraphError(f"{bound.definition.type} returned {type(result).__name__}", expected=", ".join(ports))
+    values = dict(zip(ports, result, strict=True))
+    for name, value in values.items():
+        if value is None and ports[name].optional:
+            continue
+        if not isinstance(value, ports[name].type):
+            what = f"{bound.definition.type} returned {type(value).__name__} for its output {name}"
+            raise GraphError(what, expected=str(ports[name]))
+        _check_promise(bound, ports[name], value)
+    return values
+
+
+def _check_promise(bound: Bound, port: Port, value: Artifact) -> None:
+    measured = {**value.conventions, **(value.facets() if port.facets else {})}
+    for name, promised in port.promises.items():
+        if name in measured and measured[name] != promised:
+            raise GraphError(
+                f"{bound.definition.type} promises {port.name} with {name}={promised!r} "
+                f"but made one with {name}={measured[name]!r}",
+                fix="a fault of the node: mend it, or drop the promise from its annotation",
+            )
+
+
+def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mapping[str, int]) -> None:
+    """Raise when a node changed an input in place: what it was keyed by is not what others would read."""
+    for port, value in inputs.items():
+        if mark_of(value) != before[port]:
+            what = f"{bound.definition.type} changed its input {port} in place"
+            fix = "copy before changing: np.array, torch.tensor, shutil.copytree into ctx.scratch"
+            raise GraphError(what, where=bound.wire(port), fix=fix)

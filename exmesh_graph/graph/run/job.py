@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, GraphError
-from exmesh_graph.graph.cache.keys import key_of
-from exmesh_graph.graph.cache.records import NOTHING, Stored
+from exmesh_graph.graph.cache.keys import NOTHING, Stored, key_of
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.components import rebuild, validated_otherwise
+from exmesh_graph.graph.declare.components import rebuild, validated_again
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.declare.ports import artifact_types, signature
 from exmesh_graph.graph.language.check import Bound
@@ -70,16 +69,13 @@ class Job:
         definition = current().find(self.type)
         if definition is None:
             raise GraphError(f"there is no node type {self.type!r}", where=self.name, fix="exmesh nodes lists all")
-        kind = signature(definition)
         links = {port: Link(*wire.rpartition(".")[::2]) for port, wire in self.wires.items()}
         paths = {name: Path(path) for name, path in self.sources.items()}
         file, line = self.where
         place = Where(None if file is None else Path(file), line)
-        params = kind.params.model_validate(dict(self.params))
-        if params.model_dump(mode="json") != dict(self.params):
-            raise validated_otherwise(self.type, params.model_dump(mode="json"), self.params, place)
+        params = validated_again(definition, self.params, {}, place)
         plugs = {port: rebuild(port, told, place) for port, told in self.components.items()}
-        return Bound(self.name, definition, kind, params, links, paths, self.seed, place, plugs)
+        return Bound(self.name, definition, signature(definition), params, links, paths, self.seed, place, plugs)
 
     def is_of_main(self) -> bool:
         """Whether its code or an input is of `__main__`, a script or a notebook: no other process has it."""

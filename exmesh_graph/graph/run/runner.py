@@ -15,18 +15,25 @@ from typing import Any
 
 from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in
-from exmesh_graph.graph.cache.keys import key_of
-from exmesh_graph.graph.cache.records import NOTHING, Action, Stored
+from exmesh_graph.graph.cache.keys import NOTHING, Action, Stored, key_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
-from exmesh_graph.graph.run.backends import Backend
-from exmesh_graph.graph.run.backends.inline import Inline
-from exmesh_graph.graph.run.dataflow import Dataflow
+from exmesh_graph.graph.run.backends import Backend, Inline
 from exmesh_graph.graph.run.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
 from exmesh_graph.graph.run.plan import preimage_for
-from exmesh_graph.graph.run.record import BLOCKED, HIT, INTERRUPTED, RUNNING, WAITING, Listener, RunRecord
-from exmesh_graph.graph.run.rundir import RunFolder, log_file, past_seconds
-from exmesh_graph.graph.run.schedule import KeyLeases, Pool, remaining_seconds
+from exmesh_graph.graph.run.rundir import (
+    BLOCKED,
+    HIT,
+    INTERRUPTED,
+    RUNNING,
+    WAITING,
+    Listener,
+    RunFolder,
+    RunRecord,
+    log_file,
+    past_seconds,
+)
+from exmesh_graph.graph.run.schedule import Dataflow, KeyLeases, Pool, remaining_seconds
 
 _ASK = 0.3  # seconds between looks at a result that another process computes
 _GRACE = {True: 60.0, False: 3.0}  # seconds to stop in, for nodes that are resumable and for others

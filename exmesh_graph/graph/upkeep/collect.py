@@ -1,9 +1,9 @@
-"""`gc`: what a store holds that nothing needs any more.
+"""`gc`: what a store holds that nothing needs any more; `verify`: every byte of it read and checked.
 
 A record stays when a run shows it, a pin names it, its key is leased, or it was made or used a short while ago. Each
-run noted its folder of runs in the store: roots/<id>, sealed {host, path}. An
-object stays as long as a record that stays refers to it, or when it is new. With a budget, the records used longest ago
-go first, those of runs included; never pinned, leased or new ones.
+run noted its folder of runs in the store: roots/<id>, sealed {host, path}. An object stays as long as a record that
+stays refers to it, or when it is new. With a budget, the records used longest ago go first, those of runs included;
+never pinned, leased or new ones.
 
 Deleting is safe beside runs: records go before objects; everything is renamed into `trash/` first; what was used or
 needed since the survey is put back, and only then is the trash removed.
@@ -23,10 +23,11 @@ from pathlib import Path
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
+from exmesh_graph.graph.cache.keys import NOTHING
 from exmesh_graph.graph.cache.lease import Leases
-from exmesh_graph.graph.cache.records import NOTHING
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.upkeep.pins import pins
+from exmesh_graph.graph.run.checkpoint import checked_step
+from exmesh_graph.graph.upkeep.pins import pins, read_pin
 
 HOUR, DAY = 3600.0, 86400.0
 CHECKPOINT_AGE, QUARANTINE_AGE = 30 * DAY, 7 * DAY
@@ -243,3 +244,25 @@ def _rename(path: Path, target: Path) -> bool:
     except OSError:
         return False
     return True
+
+
+def verify(store: Store) -> Iterator[tuple[str, str]]:
+    """(what, why) of each fault. Broken objects, records and checkpoints are in quarantine afterwards."""
+    yield from store.verify()
+    for folder in sorted((store.root / "checkpoints").glob("*/*")):
+        try:
+            checked_step(folder, folder.parent.name)
+        except Exception as error:
+            store.quarantine(folder, str(error))
+            yield f"checkpoint {folder.parent.name}/{folder.name}", store.notes[-1]
+    for path in sorted((store.root / "pins").glob("*.json")):
+        try:
+            lost = [key for key in read_pin(path).keys if store.look_up(key, use=False) is None]
+        except StoreError as error:
+            yield f"pin {path.stem}", str(error)
+        else:
+            if lost:
+                why = f"{len(lost)} of its results are gone, {lost[0]} first; run the graph again"
+                yield f"pin {path.stem}", why
+    for why in Leases(store.root).sweep():
+        yield "lease", f"{why}; removed"

@@ -2,6 +2,9 @@
 
 Graphs are compared as the run record holds them (`Checked.resolved`), so that files, variants and past runs compare
 alike. What is the same in every round of a repeat block is said once.
+
+Nodes are equal when type, version, parameters, seed, source files and, recursively, inputs are: then their keys are
+equal whatever their code and their files hold, and in a graph merged out of many one execution serves them all.
 """
 
 from __future__ import annotations
@@ -9,9 +12,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from exmesh_graph.graph.cache.keys import key_of, preimage_of
+from exmesh_graph.graph.declare.components import BoundComponent
+from exmesh_graph.graph.language.check import Bound, Checked
+from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.problems import without_rounds
 
 Resolved = Mapping[str, Any]
@@ -64,7 +71,7 @@ def compare(old: Resolved, new: Resolved, same: Mapping[str, str] | None = None)
     result.graph += _arrows("graph parameter {} {} -> {}", old.get("params", {}), new.get("params", {}))
     result.graph += _arrows("{}: {} -> {} rounds", {name: counts[0][name] for name in rounds}, rounds)
     kept = {without_rounds(name) for name in before} & {without_rounds(name) for name in after}
-    for name, was, entry in _differences(before, after):
+    for name, was, entry in unlike(before, after):
         words = [] if was is None or entry is None else _changes(was, entry, rounds)
         if was is None or entry is None:
             wires = "".join(f", {port} from {link}" for port, link in entry["inputs"].items()) if was is None else ""
@@ -100,7 +107,7 @@ def named_in_short(names: Iterable[str], at_most: int = 12) -> str:
 
 def component_words(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """(name, what is other) of every component that differs."""
-    for name, before, after in _differences(old, new):
+    for name, before, after in unlike(old, new):
         if before is None or after is None:
             yield name, f"added ({after['type']})" if before is None else f"removed ({before['type']})"
         else:
@@ -116,13 +123,13 @@ def _changes(old: Mapping[str, Any], new: Mapping[str, Any], rounds: Mapping[str
         params = {name: value for name, value in entry["params"].items() if both is None or name in both}
         values.append({"type": entry["type"], "seed": entry.get("seed"), **params})
         wires.append({**entry["inputs"], **entry.get("components", {})})
-    for port, before, after in list(_differences(*wires)):
+    for port, before, after in list(unlike(*wires)):
         if before and after and without_rounds(before) == without_rounds(after) and _block(_node(after)) in rounds:
             wires[0][port] = after  # from the last round, as before
     return [*_arrows("{} {} -> {}", *values), *_arrows("{} from {} -> {}", *wires)]
 
 
-def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+def unlike(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
     """(key, before, after) of what two mappings do not hold alike."""
     for key in dict.fromkeys([*old, *new]):
         if old.get(key) != new.get(key) or (key in old) != (key in new):
@@ -130,7 +137,7 @@ def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tup
 
 
 def _arrows(form: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    return [form.format(key, _shown(before), _shown(after)) for key, before, after in _differences(old, new)]
+    return [form.format(key, _shown(before), _shown(after)) for key, before, after in unlike(old, new)]
 
 
 def _says_nothing(word: str) -> bool:
@@ -172,3 +179,54 @@ def _shown(value: Any) -> str:
     if value is None:
         return "nothing"
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Member:
+    """One graph inside a merged one: `names` maps its node names to those of the merged graph."""
+
+    label: str
+    names: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Merged:
+    """One graph that holds all members, in an order in which it can run. It publishes nothing."""
+
+    checked: Checked
+    members: tuple[Member, ...]
+
+
+def merge(graphs: Iterable[tuple[str, Checked]], name: str = "") -> Merged:
+    """One graph out of (label, graph) pairs. A node keeps its name from the first graph; others are `label:name`."""
+    pairs = list(graphs)
+    if not pairs:
+        raise ValueError("nothing to merge")
+    nodes: dict[str, Bound] = {}
+    known: dict[str, str] = {}
+    members = []
+    components: dict[str, BoundComponent] = {}
+    for index, (label, graph) in enumerate(pairs):
+        ids = identities(graph)
+        names: dict[str, str] = {}
+        for own, bound in graph.nodes.items():
+            if ids[own] not in known:
+                known[ids[own]] = new = own if index == 0 else f"{label}:{own}"
+                inputs = {port: Link(names[link.node], link.port) for port, link in bound.inputs.items()}
+                nodes[new] = replace(bound, name=new, inputs=inputs)
+            names[own] = known[ids[own]]
+        members.append(Member(label, names))
+        components.update({n if index == 0 else f"{label}:{n}": plug for n, plug in graph.components.items()})
+    first = pairs[0][1]
+    whole = Checked(name or first.name, first.file, nodes, {}, first.params, components=components, packs=first.packs)
+    return Merged(whole, tuple(members))
+
+
+def identities(graph: Checked) -> dict[str, str]:
+    """For every node a digest of all that its key depends on, as far as it is known before anything runs."""
+    known: dict[str, str] = {}
+    for name, bound in graph.nodes.items():
+        sources = {source: str(path) for source, path in bound.sources.items()}
+        inputs = {port: (link.port, known[link.node]) for port, link in bound.inputs.items()}
+        known[name] = key_of(preimage_of(bound, "", sources, inputs))
+    return known

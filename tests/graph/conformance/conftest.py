@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.run.backends import Backend
-from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.backends import Backend, Inline
 from exmesh_graph.graph.run.backends.local import Local
 
 TOY = Path(__file__).parent.parent / "toy"

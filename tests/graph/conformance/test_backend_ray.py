@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.backends import Inline
 
 TOY = Path(__file__).parent.parent / "toy"
 ray = pytest.importorskip("ray", reason="Ray is not installed (pip install 'exmesh-graph[ray]')")

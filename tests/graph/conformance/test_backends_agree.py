@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from exmesh_graph.graph.run.backends.inline import Inline
+from exmesh_graph.graph.run.backends import Inline
 from exmesh_graph.graph.run.job import DONE, FAILED, STOPPED, Job, Outcome
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import NodeFailed, Runner

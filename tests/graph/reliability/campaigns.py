@@ -24,8 +24,8 @@ from worlds import Report, Truth, World, audit, execute, published, random_world
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.lease import Leases
 from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.upkeep.collect import verify
 from exmesh_graph.graph.upkeep.pins import pin
-from exmesh_graph.graph.upkeep.verify import verify
 
 Leases.__init__.__defaults__ = (0.3, time.monotonic)  # seconds without a heartbeat, for want of patience
 

@@ -20,7 +20,7 @@ from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Runner
-from exmesh_graph.graph.upkeep.verify import verify
+from exmesh_graph.graph.upkeep.collect import verify
 
 sys.path.append(str(Path(__file__).parent.parent / "toy"))
 SERVED = ("hit", "done")

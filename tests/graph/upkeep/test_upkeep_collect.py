@@ -14,8 +14,8 @@ import pytest
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.cache import store as store_module
+from exmesh_graph.graph.cache.keys import Stored
 from exmesh_graph.graph.cache.lease import Lease, Leases
-from exmesh_graph.graph.cache.records import Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import own_folder
 from exmesh_graph.graph.run.checkpoint import Checkpoints

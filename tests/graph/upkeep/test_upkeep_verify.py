@@ -12,8 +12,8 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.lease import Lease, Leases
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.run.checkpoint import Checkpoints
+from exmesh_graph.graph.upkeep.collect import verify
 from exmesh_graph.graph.upkeep.pins import pin
-from exmesh_graph.graph.upkeep.verify import verify
 from exmesh_graph.types import Metrics
 
 KEY = "ab" * 32

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.language.check import Checked
-from exmesh_graph.graph.variants.compare import compare, named_in_short, rerun
-from exmesh_graph.graph.variants.merge import identities
+from exmesh_graph.graph.variants.compare import compare, identities, named_in_short, rerun
 
 Patched = Callable[..., Checked]
 

@@ -14,7 +14,7 @@ from exmesh_graph.graph.language.yamlfile import parse_yaml
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.variants.checked import check_variants
-from exmesh_graph.graph.variants.merge import merge
+from exmesh_graph.graph.variants.compare import merge
 from exmesh_graph.graph.variants.patches import apply_patches
 
 TEXT = """
@@ -34,7 +34,8 @@ def test_equal_nodes_stand_once(bench: Any, base: str) -> None:
     assert names["x"]["end"] == "x:end"
     assert names["y"]["rounds[1].step"] == "rounds[1].step"
     assert names["y"]["rounds[2].step"] == "y:rounds[2].step"
-    assert [merged.shared(0, index) for index in range(4)] == [9, 1, 4, 9]
+    base_names = set(names["base"].values())
+    assert [len(base_names & set(member.names.values())) for member in merged.members] == [9, 1, 4, 9]
     assert len(merged.checked.nodes) == 9 + 8 + 3
     assert merged.checked.outputs == {}
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.variants.checked import check_variants
-from exmesh_graph.graph.variants.merge import merge
+from exmesh_graph.graph.variants.compare import merge
 
 ABLATIONS = Path(__file__).parent.parent.parent.parent / "graphs" / "ablations"
 

@@ -1,4 +1,5 @@
 """Where jobs run. A backend places jobs and reports how they end; data moves through the store, never through it.
+The backend of this process stands here beside what all of them are.
 
 The run calls a backend from one thread: `submit` while tokens are free, then `poll` until outcomes come, `close` in
 the end. Which node runs when, on how many tokens and under which lease is the run's affair (see `run`).
@@ -6,10 +7,15 @@ the end. Which node runs when, on how many tokens and under which lease is the r
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 from typing import Protocol
 
-from exmesh_graph.graph.run.job import Emit, Job, Outcome
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.run.execute import execute
+from exmesh_graph.graph.run.job import STOPPED, Emit, Job, Outcome
+from exmesh_graph.graph.run.memory import Memory
+from exmesh_graph.graph.run.schedule import machine_tokens
 
 
 class Backend(Protocol):
@@ -43,3 +49,42 @@ class Backend(Protocol):
 
     def close(self) -> None:
         """End everything that still runs and let go of the machines."""
+
+
+class Inline(Backend):
+    """The backend of this process. Neighbours hand values over in memory."""
+
+    def __init__(self, store: Store) -> None:
+        self.store, self.memory = store, Memory()
+        self.waiting: list[Job] = []
+        self.stopped = False
+
+    def capacity(self) -> Mapping[str, float]:
+        return {**machine_tokens(), "jobs": 1}
+
+    def submit(self, job: Job) -> None:
+        self.waiting.append(job)
+
+    def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
+        if self.stopped:
+            done = [Outcome(job.name, STOPPED) for job in self.waiting]
+        elif self.waiting:
+            done = [execute(self.waiting[0], self.store, self.memory, emit)]
+        else:
+            time.sleep(timeout)  # something else than a job is waited for
+            done = []
+        self.waiting = self.waiting[1:] if not self.stopped else []
+        return done
+
+    def forget(self, digests: Iterable[str]) -> None:
+        for digest in digests:
+            self.memory.forget(digest)
+
+    def stop(self) -> None:
+        self.stopped = True  # nothing runs between two polls
+
+    def cancel(self, name: str) -> None:
+        self.waiting = [job for job in self.waiting if job.name != name]
+
+    def close(self) -> None:
+        self.waiting.clear()

@@ -49,7 +49,7 @@ class Local(Backend):
 
     def submit(self, job: Job) -> None:
         idle = [w for w in self.workers if w.job is None]
-        fitting = [w for w in idle if w.suits(job)]
+        fitting = [w for w in idle if (w.threads, w.devices) == (job.threads, job.devices)]
         if fitting:
             digests = {digest for _, digest in job.inputs.values()}
             worker = max(fitting, key=lambda w: sum(self.sizes.get(d, 1) for d in digests & w.holds))
@@ -59,7 +59,8 @@ class Local(Backend):
             worker = _Worker(job, self.budget)
             self.workers.append(worker)
             self.selector.register(worker.output, selectors.EVENT_READ, worker)
-        worker.begin(job)
+        worker.job = job
+        worker.send(job=job.to_json())
 
     def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
         end = time.monotonic() + timeout
@@ -144,13 +145,6 @@ class _Worker:
         assert self.process.stdout is not None
         self.output = self.process.stdout
         os.set_blocking(self.output.fileno(), False)
-
-    def suits(self, job: Job) -> bool:
-        return (self.threads, self.devices) == (job.threads, job.devices)
-
-    def begin(self, job: Job) -> None:
-        self.job = job
-        self.send(job=job.to_json())
 
     def send(self, **message: Any) -> None:
         """A message, and what it need not keep; nothing where there is neither."""
