@@ -10,7 +10,7 @@ import difflib
 import functools
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -121,6 +121,11 @@ def closest(name: object, candidates: Iterable[str]) -> list[str]:
     """The candidates that look most like `name`; all of them where none does."""
     names = list(dict.fromkeys(candidates))
     return nearest(str(name), names) or names
+
+
+def in_short(words: Sequence[str], at_most: int) -> str:
+    """The first of many, and how many more there are."""
+    return ", ".join(words[:at_most]) + (f" and {len(words) - at_most} more" if len(words) > at_most else "")
 
 
 def without_rounds(text: str) -> str:

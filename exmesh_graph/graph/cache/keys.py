@@ -146,6 +146,11 @@ class Action:
     outputs: Mapping[str, Stored]
     info: Mapping[str, Any]
 
+    @property
+    def digests(self) -> tuple[str, ...]:
+        """The objects of its outputs, each once."""
+        return tuple(dict.fromkeys(stored.digest for stored in self.outputs.values() if stored != NOTHING))
+
 
 def sound_action(key: str, text: str) -> Action | None:
     """The action in the text of a record, None when it is not sound."""

@@ -11,14 +11,14 @@ from __future__ import annotations
 import contextlib
 import re
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from exmesh_graph.errors import MissingLibraryError, StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.cache.keys import NOTHING, Action, sound_action
+from exmesh_graph.graph.cache.keys import Action, sound_action
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -84,7 +84,7 @@ class Remote:
         action = sound_action(key, text)
         if action is None:
             return None
-        missing = [digest for digest in _digests(action) if not self.store.holds(digest)]
+        missing = [digest for digest in action.digests if not self.store.holds(digest)]
         with self.store.attempt() as attempt:
             if not all(self._fetch_object(digest, attempt / digest) for digest in missing):
                 return None
@@ -109,7 +109,7 @@ class Remote:
 
     def _push(self, key: str) -> None:
         action = self.store.look_up(key)
-        for digest in _digests(action) if action is not None else ():
+        for digest in action.digests if action is not None else ():
             place = f"objects/{digest[:2]}/{digest}"
             if digest in self.broken or not self.fs.exists(f"{self.root}/{place}/artifact.json"):
                 home = self.store.data(digest)
@@ -146,8 +146,3 @@ class Remote:
         except FileNotFoundError:
             return ""
         return bytes(data).decode("utf-8", "replace")
-
-
-def _digests(action: Action) -> Iterator[str]:
-    """The objects of a record, each once."""
-    yield from {stored.digest: None for stored in action.outputs.values() if stored.digest != NOTHING.digest}

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.cache.keys import FORMAT, NOTHING, Action, Stored, action_of, artifact_digest, digest_of, key_of
+from exmesh_graph.graph.cache.keys import FORMAT, Action, Stored, action_of, artifact_digest, digest_of, key_of
 from exmesh_graph.types import Artifact
 
 if TYPE_CHECKING:
@@ -216,10 +216,10 @@ class Store:
         action = self.read(path, use)
         if action is None:
             return None
-        for stored in action.outputs.values():
-            if stored.digest != NOTHING.digest and not self.holds(stored.digest):
-                self.quarantine(self._object(stored.digest), "incomplete")
-                self.quarantine(path, f"its output {stored.digest} is missing or incomplete")
+        for digest in action.digests:
+            if not self.holds(digest):
+                self.quarantine(self._object(digest), "incomplete")
+                self.quarantine(path, f"its output {digest} is missing or incomplete")
                 return None
         return action
 
@@ -252,7 +252,7 @@ class Store:
                     path.chmod(0o444)
                     files.sync(path)
                 self._publish(draft, digest)
-            if any(s != NOTHING and not self.holds(s.digest) for s in action.outputs.values()):
+            if not all(map(self.holds, action.digests)):
                 return None
             path = self.root / "actions" / action.key[:2] / f"{action.key}.json"
             files.write_durably(path, text, self.work)

@@ -24,7 +24,7 @@ from typing import Any
 from exmesh_graph.graph.declare.ports import Port, types_by_name
 from exmesh_graph.graph.language.extends import load_merged, merge_nodes
 from exmesh_graph.graph.language.spec import Tree, Value
-from exmesh_graph.graph.language.yamlfile import Map, copied, files_like
+from exmesh_graph.graph.language.yamlfile import Map, copied, every, files_like
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 MAX_DEPTH = 16
@@ -65,7 +65,7 @@ class PartFiles:
         if path not in self.files:
             self.files[path] = load_merged(path, self.problems)
         if (path, where) not in self.copies:
-            self.left -= _size(self.files[path])
+            self.left -= sum(1 for _ in every(self.files[path]))
             if self.left < 0:
                 fail("graph", where, f"the sub-graphs of this graph hold more than {MAX_COPIED} values")
             self.copies[path, where] = copied(self.files[path], lambda here: replace(here, via=where))
@@ -73,11 +73,6 @@ class PartFiles:
         if isinstance(merged.get("nodes"), Map) and isinstance(patches, Map):
             merged["nodes"] = merge_nodes(merged["nodes"], patches, self.problems)
         return merged
-
-
-def _size(value: Any) -> int:
-    """How many values a value holds, itself counted."""
-    return 1 + sum(map(_size, value.values() if isinstance(value, Map) else value if isinstance(value, list) else ()))
 
 
 def input_ports(tree: Tree, problems: Problems) -> dict[str, Port]:

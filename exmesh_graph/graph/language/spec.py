@@ -14,7 +14,7 @@ from typing import Any
 
 from exmesh_graph.graph.language.extends import load_merged
 from exmesh_graph.graph.language.params import Declared, declare
-from exmesh_graph.graph.language.yamlfile import Map, is_whole, parse_yaml
+from exmesh_graph.graph.language.yamlfile import Map, every, is_whole, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest, fail, nearest
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
@@ -156,13 +156,10 @@ def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: P
 
 def _check_size(value: Any, where: Where, size: int = 0) -> None:
     """Refuse more than MAX_SIZE values and characters, with `size` before: lists that repeat each other grow fast."""
-    todo = [value]
-    while todo:
-        item = todo.pop()
+    for item in every(value):
         size += 1 + (len(item) if isinstance(item, str) else 0)
         if size > MAX_SIZE:
             fail("param", where, f"with its parameters, this value grows beyond {MAX_SIZE} values and characters")
-        todo += item if isinstance(item, list) else item.values() if isinstance(item, dict) else ()
 
 
 def _override(text: str) -> Override:
@@ -213,11 +210,7 @@ def resolve_params(
 
 
 def _names_in(value: Any) -> list[str]:
-    if isinstance(value, str):
-        return [name for name in _REFERENCE.findall(value) if name]
-    if isinstance(value, dict):
-        return [name for item in value.values() for name in _names_in(item)]
-    return [name for item in value for name in _names_in(item)] if isinstance(value, list) else []
+    return [name for text in every(value) if isinstance(text, str) for name in _REFERENCE.findall(text) if name]
 
 
 def mapping_in(tree: Map, key: str, problems: Problems) -> Map:

@@ -13,7 +13,7 @@ import hashlib
 import itertools
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -70,6 +70,14 @@ def copied(value: Any, place: Callable[[Where], Where] = lambda where: where) ->
     for key, item in value.items():
         other.put(key, copied(item, place), place(value.lines[key]))
     return other
+
+
+def every(value: Any) -> Iterator[Any]:
+    """A value and all that its mappings and lists hold, however deep."""
+    todo = [value]
+    while todo:
+        yield (item := todo.pop())
+        todo += item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
 
 
 class Reader:
@@ -146,11 +154,10 @@ def load_yaml(path: Path) -> Map:
 
 def files_like(path: Path) -> list[str]:
     """Names of graph files beside a path that does not exist, the most similar ones."""
-    try:
+    with contextlib.suppress(OSError):
         names = [other.name for other in itertools.islice(path.parent.glob("*.yaml"), 200) if other.is_file()]
-    except OSError:
-        return []
-    return nearest(path.name, names)
+        return nearest(path.name, names)
+    return []
 
 
 def is_whole(value: Any, least: int, most: float = math.inf) -> TypeGuard[int]:

@@ -73,10 +73,8 @@ def mark_of(value: Artifact) -> int:
 
 
 def _arrays(value: Any) -> list[Any]:
-    if not dataclasses.is_dataclass(value):
-        return []
     arrays: list[Any] = []
-    todo = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    todo = [value]
     while todo:
         item = todo.pop()
         if hasattr(item, "flags") and hasattr(item, "tobytes"):

@@ -15,6 +15,7 @@ from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in
 from exmesh_graph.graph.cache.keys import ABSENT, Action, Stored, key_of, preimage_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
+from exmesh_graph.graph.problems import in_short
 from exmesh_graph.graph.variants.compare import unlike
 
 HIT, RUN, UNKNOWN = "hit", "run", "unknown"
@@ -120,10 +121,9 @@ def component_differences(label: str, new: Any, old: Any) -> list[str]:
 
 def changed_code(action: Action, bound: Bound) -> list[str]:
     """The parts of a node's code that differ from a record's: functions and modules."""
-    new, old = fingerprint(bound.definition).parts, action.info.get("code_parts", {})
-    words = [name for name in new if name in old and new[name] != old[name]]
-    words += [f"{name} (new)" for name in new if name not in old]
-    return words + [f"{name} (no longer used)" for name in old if name not in new]
+    parts = unlike(action.info.get("code_parts", {}), fingerprint(bound.definition).parts)
+    marks = {(False, False): "", (True, False): " (new)", (False, True): " (no longer used)"}
+    return [name + marks[before is None, after is None] for name, before, after in parts]
 
 
 def record_time(action: Action) -> str:
@@ -148,16 +148,10 @@ def _components(prefix: str, new: Mapping[str, Any], old: Mapping[str, Any]) -> 
 
 
 def _changed_sources(new: Mapping[str, str], old: Mapping[str, str]) -> list[str]:
-    words = []
-    for label, names in (
-        ("changed", [n for n in new if n in old and new[n] != old[n]]),
-        ("new", [n for n in new if n not in old]),
-        ("gone", [n for n in old if n not in new]),
-    ):
-        if names:
-            more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-            words.append(f"source files {label}: {', '.join(sorted(names)[:3])}{more}")
-    return words
+    names: dict[str, list[str]] = {"changed": [], "new": [], "gone": []}
+    for name, before, after in unlike(old, new):
+        names["new" if before is None else "gone" if after is None else "changed"].append(name)
+    return [f"source files {label}: {in_short(sorted(found), 3)}" for label, found in names.items() if found]
 
 
 def _changed_input(port: str, new: Any, old: Any, bound: Bound) -> str:

@@ -81,7 +81,7 @@ class Runner:
         self.log = RunRecord(graph, self.nodes, store, folder, listener, command, overrides)
         self.record, self.rows = self.log.record, self.log.rows
         self.queue: list[tuple[float, int]] = []  # misses, the most urgent first
-        self.planned: dict[str, tuple[str, Mapping[str, Any]]] = {}
+        self.planned: dict[str, Mapping[str, Any]] = {}  # pre-images
         self.running: dict[str, tuple[Job, float]] = {}
         self.leases = KeyLeases(store.root, lambda n, text: self.log.emit("log", node=n, message=text))
         self.remade: set[str] = set()
@@ -184,12 +184,11 @@ class Runner:
             return  # an input is being made again, or it was offered twice
         try:
             preimage = preimage_for(bound, self.store, lambda node, port: self.flow.outputs[node][port])
-            key = key_of(preimage)
             action = self._look_up(bound, preimage)
         except ExmeshError as error:
             self._fail(name, failure(name, error), None)
             return
-        self.rows[name]["key"] = key if action is None else action.key
+        self.rows[name]["key"] = key_of(preimage)
         if action is not None:
             self._settle(name, HIT, action.outputs, action.info, time.perf_counter() - started)
             return
@@ -197,7 +196,7 @@ class Runner:
             past = past_seconds(self.folder.path, self.graph.name)
             self.remaining = remaining_seconds(self.nodes, past)
             self.log.emit("expected", seconds=past)
-        self.planned[name] = key, preimage
+        self.planned[name] = preimage
         bisect.insort(self.queue, (-self.remaining[name], self.flow.rank[name]))
 
     def _look_up(self, bound: Bound, preimage: Mapping[str, Any]) -> Action | None:
@@ -221,7 +220,7 @@ class Runner:
             if self.pool.free["jobs"] < 1:
                 return
             name = self.flow.names[entry[1]]
-            key, preimage = self.planned[name]
+            key, preimage = self.rows[name]["key"], self.planned[name]
             if key in keys:
                 continue
             try:

@@ -23,7 +23,6 @@ from pathlib import Path
 
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
-from exmesh_graph.graph.cache.keys import NOTHING
 from exmesh_graph.graph.cache.lease import Leases
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.run.checkpoint import checked_step
@@ -95,7 +94,7 @@ def survey(store: Store, runs: Iterable[Path] = (), age: float = HOUR, budget: i
             kept.remove(item)
             size -= item.bytes
             needed.subtract(item.objects)
-            size -= sum(objects[d].bytes for d in set(item.objects) if d in objects and not needed[d])
+            size -= sum(objects[d].bytes for d in item.objects if d in objects and not needed[d])
         if size > budget:
             result.notes.append("what is pinned, in use or new is more than the budget")
     loose = [
@@ -185,8 +184,7 @@ def _records(store: Store) -> Iterator[Item]:
     for item in _items(store, "result", "actions/*/*.json"):
         action = store.read(item.path)
         if action is not None:
-            digests = tuple(s.digest for s in action.outputs.values() if s.digest != NOTHING.digest)
-            yield replace(item, objects=digests)
+            yield replace(item, objects=action.digests)
 
 
 def _checkpoints(store: Store, leased: set[str], age: float) -> Iterator[Item]:

@@ -13,7 +13,7 @@ from exmesh_graph.graph.language.expand import expand
 from exmesh_graph.graph.language.extends import load_merged
 from exmesh_graph.graph.language.spec import tree_of
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, in_short, nearest
 from exmesh_graph.graph.variants.declared import BASE, Repeats, Row, repeats_of, rows_of, setting
 from exmesh_graph.graph.variants.draft import Draft, refuse
 from exmesh_graph.graph.variants.patches import apply_patches
@@ -124,7 +124,4 @@ def _has_node(top: Map, name: str, packs: Packs) -> bool:
 
 
 def _attributed(problem: Problem, names: list[str]) -> Problem:
-    if BASE in names:
-        return problem
-    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-    return replace(problem, what=f"variant {shown}: {problem.what}")
+    return problem if BASE in names else replace(problem, what=f"variant {in_short(names, 3)}: {problem.what}")

@@ -19,7 +19,7 @@ from exmesh_graph.graph.cache.keys import key_of, preimage_of
 from exmesh_graph.graph.declare.components import BoundComponent
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.language.links import Link
-from exmesh_graph.graph.problems import without_rounds
+from exmesh_graph.graph.problems import in_short, without_rounds
 
 Resolved = Mapping[str, Any]
 ADDED, REMOVED, CHANGED = "added", "removed", "changed"
@@ -102,7 +102,7 @@ def named_in_short(names: Iterable[str], at_most: int = 12) -> str:
     for name in names:
         counts[without_rounds(name)] = counts.get(without_rounds(name), 0) + 1
     words = [f"{name} ({count} rounds)" if count > 1 else name for name, count in counts.items()]
-    return ", ".join(words[:at_most]) + (f" and {len(words) - at_most} more" if len(words) > at_most else "")
+    return in_short(words, at_most)
 
 
 def component_words(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

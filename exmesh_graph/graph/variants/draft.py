@@ -172,20 +172,15 @@ class Draft:
         return next((path for path, entry in entries if is_part(entry) and path != plain and within(plain, path)), "")
 
     def _keys_like(self, key: str) -> list[str]:
-        kinds = {path: self.kind(entry) for path, entry in self.entries.items()
-                 if isinstance(entry, Map) and not is_block(entry)}  # fmt: skip
-        holders = [
-            path
-            for path, kind in kinds.items()
-            if kind is not None and key in {**kind.inputs, **kind.params.model_fields}
-        ]
+        kinds = {path: kind for path, entry in self.entries.items() if (kind := self.kind(entry)) is not None}
+        holders = [path for path, kind in kinds.items() if key in {**kind.inputs, **kind.params.model_fields}]
         return [f"{path}.{key}" for path in holders[:3]]
 
     # --- types
 
-    def kind(self, entry: Map) -> Signature | None:
-        """The signature of an entry's type; None where the type is unknown (`check` will say so)."""
-        return signature_of(self.packs, self.read(entry, "type"))
+    def kind(self, entry: Any) -> Signature | None:
+        """The signature of an entry's type; None where it has none or an unknown one (`check` will say so)."""
+        return signature_of(self.packs, self.read(entry, "type")) if isinstance(entry, Map) else None
 
     def kinds(self, entry: Map) -> list[Signature]:
         """The signatures a node has over its rounds."""

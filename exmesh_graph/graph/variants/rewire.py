@@ -7,7 +7,7 @@ from typing import Any
 
 from exmesh_graph.graph.declare.ports import Port, Signature, type_name
 from exmesh_graph.graph.language.yamlfile import Map, copied
-from exmesh_graph.graph.problems import Where, closest, nearest
+from exmesh_graph.graph.problems import Where, closest, in_short, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace, is_block, is_link, is_part, layers_of, refuse
 from exmesh_graph.graph.variants.values import Target, fixed_place, target_of
 
@@ -111,13 +111,12 @@ def remove(draft: Draft, patch: Map) -> None:
     names = ", ".join(address.path for address in gone)
     left = [place for place, _ in draft.users(*(address.path for address in gone))]
     if left:
-        users = ", ".join(f"{place.label} ({place.where})" for place in left[:4])
-        more = f" and {len(left) - 4} more" if len(left) > 4 else ""
+        users = in_short([f"{place.label} ({place.where})" for place in left], 4)
         outputs = [place.label for place in left if place.owner == "outputs"]
         fix = (
             f"{{disconnect: {outputs[0]}}} first" if outputs else f"{{bypass: {names}}}, or remove what uses it as well"
         )
-        refuse(where, f"{names} cannot be removed: {users}{more} links to it", fix=fix)
+        refuse(where, f"{names} cannot be removed: {users} links to it", fix=fix)
     for address in sorted(gone, key=lambda a: a.path.count("."), reverse=True):
         del draft.inside(address.scope)[address.name]
 

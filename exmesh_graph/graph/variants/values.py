@@ -230,7 +230,7 @@ def _check_source(draft: Draft, text: str, scope: str, where: Where) -> None:
         near = [f"@{name}{dot}{port}" for name in nearest(node, draft.entries)]
         refuse(where, f"{text}: there is no node {node!r}", near=near)
     entry = draft.entries.get(source.path or "")
-    kind = None if is_block(entry) or not isinstance(entry, Map) else draft.kind(entry)
+    kind = draft.kind(entry)
     if entry and kind is not None and source.port and source.port not in (*kind.outputs, *kind.renamed_outputs):
         near = [f"@{node}.{name}" for name in kind.outputs]
         refuse(where, f"{text}: {entry['type']} has no output {source.port!r}", near=near)
