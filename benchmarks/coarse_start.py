@@ -5,8 +5,8 @@ python -m benchmarks.coarse_start [SCENE] [--pgsr N ...] [--sweep] [--clean] [--
 SCENE is a folder in the NeRF-Synthetic, IDR or Middlebury layout (default: the sample in the repository). Chamfer,
 where there is a true mesh, is in thousandths of its radius. Rephotography, in dB: the training photographs warped over
 the mesh against held-out ones (evaluate.metrics.rephotography), over the object's mask, or without masks over the
-pixels that every start shows. Seconds are of this process on one thread, each start from the photographs on; peak
-memory is that of the process so far.
+region that the photographs give (evaluate.region). Seconds are of this process on one thread, each start from the
+photographs on; peak memory is that of the process so far.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from benchmarks.coarse_work import Surface, fitted, fused, hull, load_case, mono
 from benchmarks.register import choosing
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.evaluate.metrics.rephotography import Rephotographs, prediction_psnr, rephotograph
+from exmesh_graph.evaluate.region import find_region
 from exmesh_graph.geometry.clean import clean_mesh
 from exmesh_graph.geometry.settings import CleanSettings
 from exmesh_graph.io.images import encode_rgba, write_image
@@ -87,7 +88,7 @@ def main() -> None:
         whole = measure(f"{name}, fused", lambda k=kept: fused(case, k), seconds)
         if case.field is None:
             shown.append(whole)
-    _score(rows, foretold, case.held_out, case.field is not None)
+    _score(rows, foretold, case.held_out, case.train)
     if options.json:
         options.json.write_text(json.dumps({"scene": options.scene.name, "rows": rows}, indent=1) + "\n")
     if options.picture:
@@ -123,13 +124,13 @@ def _line(row: dict[str, Any]) -> str:
     )
 
 
-def _score(rows: list[dict[str, Any]], foretold: list[Rephotographs], held_out: Any, masks: bool) -> None:
-    """Rephotography of all starts over the same pixels, which without masks depend on all of them."""
-    regions = held_out.alpha >= 0.5 if masks else np.logical_and.reduce([made.seen for made in foretold])
+def _score(rows: list[dict[str, Any]], foretold: list[Rephotographs], held_out: Any, train: Any) -> None:
+    """Rephotography of all starts over the same pixels, which come from the data."""
+    regions = held_out.alpha >= 0.5 if held_out.has_masks else find_region(held_out, train).inside
     print(f"\nrephotography over {regions.mean():.1%} of the held-out pixels")
     for row, made in zip(rows, foretold, strict=True):
         row["rephotography"] = float(prediction_psnr(made, held_out, regions).mean())
-        row["shown"] = float(made.seen[regions].mean()) if masks else float(made.seen.mean())
+        row["shown"] = float(made.seen[regions].mean())
         print(f"{row['start']:24s} {row['rephotography']:6.2f} dB   shows {row['shown']:.1%}")
 
 

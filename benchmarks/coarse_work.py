@@ -19,6 +19,7 @@ from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.depth import load_depths
 from exmesh_graph.io.idr import load_idr
 from exmesh_graph.io.middlebury import load_middlebury
+from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.settings import BlenderOptions, DepthOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.priors.align import align
 from exmesh_graph.priors.depth_filter import normals_of_depth
@@ -60,6 +61,11 @@ def load_case(path: Path, downscale: int, most: int) -> Case:
 
     Real scenes hold out every eighth view. Masks give the hull's field, one wrong mask allowed in Middlebury's.
     """
+    return load_scene(path, downscale, most)[1]
+
+
+def load_scene(path: Path, downscale: int, most: int) -> tuple[Scene, Case]:
+    """The scene as loaded, and `load_case` of it."""
     mono, wrong_masks = None, 0
     if (path / "transforms_train.json").is_file():
         scene = load_blender(path, BlenderOptions(downscale=downscale, max_views=most))
@@ -78,7 +84,7 @@ def load_case(path: Path, downscale: int, most: int) -> Case:
         )
     has_mesh = truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None
     mesh = (truth.mesh_vertices, truth.mesh_faces) if has_mesh else None
-    return Case(views, scene.test, mesh, field, mono)
+    return scene, Case(views, scene.test, mesh, field, mono)
 
 
 def hull(case: Case, resolution: int) -> Surface:

@@ -1,15 +1,18 @@
 """Scores: how good is a mesh, a Stage I carrier, a finished asset. Their pictures are made by gallery.*."""
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from exmesh_graph.evaluate.settings import AssetParams, Stage1Params, lpips_weights
+from exmesh_graph.evaluate.settings import AssetParams, RegionSettings, Stage1Params, lpips_weights
 from exmesh_graph.gpu.settings import ON_DEVICE
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, SceneTruth, ScoredViews, Views
+from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, Region, SceneTruth, ScoredViews, Views
 
 _DRAWN = ("torch", "warp-lang", "scipy", "OpenImageIO")
 TestViews = Annotated[Views, facets(split="test")]
+TrainViews = Annotated[Views, facets(split="train")]
 
 
 class MeshParams(Params):
@@ -28,6 +31,43 @@ def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshPa
     return MetricsOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
 
 
+class RegionOut(NamedTuple):
+    region: Region
+
+
+def _mask_files(p: RegionSettings) -> Mapping[str, Path]:
+    from exmesh_graph.evaluate.region import mask_files
+
+    return mask_files(p.masks)
+
+
+@node("evaluate.region", version="1", libraries=_DRAWN, sources=_mask_files)
+def region(ctx: Context, views: TestViews, train: TrainViews | None = None, *, p: RegionSettings) -> RegionOut:
+    """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
+
+    Found in photographs alone: the same pixels for all that is scored on a scene. Views that have masks keep to these.
+    """
+    from exmesh_graph.evaluate.region import find_region
+    from exmesh_graph.gpu.torch_setup import torch_threads
+
+    with torch_threads(1):
+        found = find_region(views, train, p)
+    shares = found.inside.mean(axis=(1, 2))
+    ctx.log(f"{shares.mean():.0%} of the pictures count, from {shares.min():.0%} to {shares.max():.0%} by view")
+    empty = [name for name, share in zip(found.names, shares, strict=True) if share == 0]
+    if empty:
+        ctx.warn(f"in {len(empty)} held-out views nothing counts: {', '.join(empty[:8])}")
+    return RegionOut(found)
+
+
+def _region_of(ctx: Context, views: Views, train: Views | None, wired: Region | None) -> Region | None:
+    """What is wired; else, where there are no masks, what evaluate.region finds."""
+    if wired is not None or views.has_masks:
+        return wired
+    ctx.log("no masks and no region wired in: what counts is found in the held-out views, as by evaluate.region")
+    return region(ctx, views, train, p=RegionSettings()).region
+
+
 class ScoredOut(NamedTuple):
     metrics: Metrics
     scored: ScoredViews
@@ -35,16 +75,16 @@ class ScoredOut(NamedTuple):
 
 @node("evaluate.stage1", version="1", libraries=_DRAWN, sources=lpips_weights, resources=ON_DEVICE)
 def stage1(
-    ctx: Context, carrier: Carrier, views: TestViews, region: Mesh | None = None, *, p: Stage1Params
+    ctx: Context, carrier: Carrier, views: TestViews, region: Region | None = None, *, p: Stage1Params
 ) -> ScoredOut:
     """Held-out PSNR and SSIM of the mesh with its Stage I appearance.
 
-    Views without masks are scored where the mesh shows, or, to compare meshes, where `region` shows.
+    Views without masks are scored where `region` says (evaluate.region): what is missing there counts as wrong.
     """
     from exmesh_graph.evaluate.carrier import carrier_pairs, score_carrier
     from exmesh_graph.evaluate.scores import add_lpips
 
-    scores = score_carrier(carrier, views, max_views=p.max_views, region=region)
+    scores = score_carrier(carrier, views, max_views=p.max_views, region=_region_of(ctx, views, None, region))
     add_lpips(scores.values, p.lpips, scores.held_out, label="Held-out LPIPS, Stage I")
     return ScoredOut(Metrics(scores.values), carrier_pairs(scores, views, p.pictures))
 
@@ -56,14 +96,23 @@ class RoundParams(Params):
 
 @node("evaluate.round", version="1", libraries=_DRAWN, resources=ON_DEVICE)
 def round_(
-    ctx: Context, state: Carrier, views: TestViews | None = None, truth: SceneTruth | None = None, *, p: RoundParams
+    ctx: Context,
+    state: Carrier,
+    views: TestViews | None = None,
+    truth: SceneTruth | None = None,
+    region: Region | None = None,
+    *,
+    p: RoundParams,
 ) -> MetricsOut:
-    """What a round of Stage I has reached: error against seconds and vertices."""
+    """What a round of Stage I has reached: error against seconds and vertices.
+
+    Held-out PSNR where there are masks, or a `region` (evaluate.region).
+    """
     from exmesh_graph.evaluate.carrier import score_stage
     from exmesh_graph.gpu.torch_setup import torch_threads
 
     with torch_threads(1):
-        values = score_stage(state, views, truth, samples=p.samples, max_views=p.max_views, seed=ctx.seed)
+        values = score_stage(state, views, truth, region, samples=p.samples, max_views=p.max_views, seed=ctx.seed)
     return MetricsOut(Metrics(values))
 
 
@@ -73,16 +122,21 @@ def asset(
     asset: Asset,
     views: TestViews,
     truth: SceneTruth | None = None,
-    train: Annotated[Views, facets(split="train")] | None = None,
+    train: TrainViews | None = None,
+    region: Region | None = None,
     *,
     p: AssetParams,
 ) -> ScoredOut:
-    """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object."""
+    """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object.
+
+    Views without masks are scored where `region` says (evaluate.region): what is missing there counts as wrong.
+    """
     from exmesh_graph.evaluate.asset import asset_pairs, score_asset
     from exmesh_graph.evaluate.scores import add_lpips
 
     scores = score_asset(
-        asset, views, truth, train, max_views=p.max_views, quality=p, seed=ctx.seed, progress=ctx.progress
+        asset, views, truth, train, max_views=p.max_views, quality=p, seed=ctx.seed, progress=ctx.progress,
+        region=_region_of(ctx, views, train, region),
     )  # fmt: skip
     add_lpips(scores.values, p.lpips, scores.held_out, scores.relit)
     return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))

@@ -12,7 +12,7 @@ from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
 from exmesh_graph.types.needs import SceneNeeds
 from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, ScoredViews, UsdAsset
 from exmesh_graph.types.transport import Transport
-from exmesh_graph.types.views import DepthMaps, Frame, LitViews, SceneTruth, Views
+from exmesh_graph.types.views import DepthMaps, Frame, LitViews, Region, SceneTruth, Views
 from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
 from exmesh_nodes.transport import MonteCarlo
@@ -51,6 +51,8 @@ class AssetGalleryNode(Node):
     gallery: Wire[Gallery]
 class FilmNode(Node):
     film: Wire[Gallery]
+class RegionNode(Node):
+    region: Wire[Region]
 class FilesNode2(Node):
     files: Wire[Files]
 class FilesNode3(Node):
@@ -286,7 +288,7 @@ class _Edit(Family):
         bounces: Interreflections, where no transport is wired. [>= 0, <= 8]
         """
 class _Evaluate(Family):
-    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
+    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
         """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object.
 
         directions: Directions per surface point of the light transport. [>= 32]
@@ -302,13 +304,24 @@ class _Evaluate(Family):
 
         samples: Points on each surface for the Chamfer distance. [>= 100]
         """
-    def round(self, name: str = "", *, state: Wire[Carrier] | Node, views: Wire[Views] | Node | None = None, truth: Wire[SceneTruth] | Node | None = None, samples: int | Parameter = 10000, max_views: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsNode:
+    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, window: int | Parameter = 7, downscale: int | Parameter = 2, neighbours: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> RegionNode:
+        """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
+
+        box: Two corners, normalised units: only surface inside counts. Default: the sphere around the object.
+        masks: Folder of masks for scoring only, named as the held-out views; white counts. Never used by a fit.
+        tolerance: How far from the photographs' depth surface may lie and cover a pixel; 1: the radius. [> 0, <= 1]
+        incidence: Depth seen at a more grazing angle is left out. [degrees, > 0, <= 90]
+        window: Side of the compared windows, in reduced pictures; odd. [pixels, >= 3, <= 31]
+        downscale: Look for depth in pictures reduced by this factor. [>= 1, <= 16]
+        neighbours: Views compared with, about 10 degrees away. [views, >= 1, <= 16]
+        """
+    def round(self, name: str = "", *, state: Wire[Carrier] | Node, views: Wire[Views] | Node | None = None, truth: Wire[SceneTruth] | Node | None = None, region: Wire[Region] | Node | None = None, samples: int | Parameter = 10000, max_views: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsNode:
         """What a round of Stage I has reached: error against seconds and vertices.
 
         samples: Points on each surface for the Chamfer distance. [>= 100]
         max_views: Held-out views that the PSNR is taken on, evenly spread. [>= 1]
         """
-    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Mesh] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
+    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Region] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
         """Held-out PSNR and SSIM of the mesh with its Stage I appearance.
 
         max_views: Score this many views, evenly spread; 0: all. [>= 0]
@@ -615,7 +628,7 @@ class _Stage1(Family):
         vertex_decay: A vertex's step ends at this share of its start. [> 0, <= 1]
         texture_lr: Step of a texel at the start, in sRGB-encoded units. [>= 0, <= 1]
         texture_decay: A texel's step ends at this share of its start. [> 0, <= 1]
-        ssim_weight: Share of D-SSIM in the colour loss (lambda_ssim). [>= 0, <= 1]
+        ssim_weight: Share of D-SSIM, (1 - SSIM) / 2, in the colour loss (lambda_ssim). [>= 0, <= 1]
         silhouette: Silhouette loss: l1, or the paper's cross-entropy.
         silhouette_weight: Weight of the silhouette loss; unused without masks. [>= 0]
         coverage_weight: Weight of what stays uncovered inside the region; used where one is wired. [>= 0]
@@ -642,7 +655,7 @@ class _Stage2(Family):
         factor_rate: Learning rate of the common factor of base colour and light (logarithm); 0 = left to the texels. [>= 0]
         rate_decay: Last learning rate over the first; exponential in between. [> 0, <= 1]
         log_weight: lambda_log of eq. 21. [>= 0]
-        ssim_weight: lambda_ssim of eq. 21; 0 leaves the D-SSIM term out. [>= 0]
+        ssim_weight: lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out. [>= 0]
         material_weight: lambda_mat: screen-space total variation of the maps. [>= 0]
         environment_weight: lambda_env: total variation of the environment. [>= 0]
         chroma_weight: lambda_chroma at the start; falls linearly to 0. [>= 0]
@@ -679,7 +692,7 @@ class _Transport(Family):
         directions: Equal-area directions traced from every surface point. [>= 16, <= 8192]
         points: Least number of surface points; faces are subdivided evenly to reach it. [>= 1, <= 2000000]
         """
-    def monte_carlo(self, name: str = "", *, technique: Literal["environment", "brdf", "mis", "cosine"] | Literal["auto"] | Parameter = "environment", samples: int | Parameter = 8, bounces: Literal[0, 1] | Parameter = 1, secondary_rays: int | Parameter = 16, secondary_samples: int | Parameter = 4, half_resolution: bool | Parameter = True, secondary_material: bool | Parameter = True, kept: int | Parameter = 0) -> Node:
+    def monte_carlo(self, name: str = "", *, technique: Literal["environment", "brdf", "mis", "cosine"] | Literal["auto"] | Parameter = "environment", samples: int | Parameter = 8, bounces: Literal[0, 1] | Parameter = 1, secondary_rays: int | Parameter = 16, secondary_samples: int | Parameter = 4, half_resolution: bool | Parameter = True, secondary_material: bool | Parameter = True, kept: int | Parameter = 0, independent_gradient: bool | Parameter = True) -> Node:
         """The paper's Monte Carlo light, drawn in every step; the defaults are its sample counts.
 
         technique: Where direct samples go; mis = half to the environment, half to the lobes. [or auto, by needs]
@@ -690,6 +703,7 @@ class _Transport(Family):
         half_resolution: Secondary rays for one pixel of each 2 x 2 block, then upsampled.
         secondary_material: Secondary hits read the maps; else the primary point's material stands in (an ablation).
         kept: Estimates per view whose rays are kept between corrections; 0: none. [estimates, >= 0, <= 64]
+        independent_gradient: Draw the gradient's samples by a seed of their own, or from the next kept ones: a fit with less bias.
         """
 class _Usd(Family):
     def compose(self, name: str = "", *, light: Wire[EnvMap] | Node, first: Wire[UsdAsset] | Node, second: Wire[UsdAsset] | Node | None = None, third: Wire[UsdAsset] | Node | None = None, height: float | Parameter = 0.3, turn: tuple[float, ...] | list[float] | Parameter = ..., gap: float | Parameter = 0.15, table_color: tuple[float, ...] | list[float] | Parameter = ..., table_roughness: float | Parameter = 0.35, width: int | Parameter = 640, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> FilesNode:

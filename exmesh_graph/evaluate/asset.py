@@ -2,8 +2,8 @@
 
 The floor is what an uninformed guess would score: a uniformly gray object (albedo 0.5, roughness 0.5) of the true
 shape, under uniform light of the training images' level for held-out views, and under the true lights for relit ones.
-All image figures are of display colours over black, on whole images; where the data has no masks they are taken
-inside our own silhouette.
+All image figures are of display colours over black, on whole images; where the data has no masks, held-out views are
+compared where a `Region` says (evaluate.coverage), and the floor is one gray all over it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from exmesh_graph.evaluate.coverage import compare_flat, compare_views, region_rows, share_figures
 from exmesh_graph.evaluate.metrics.material import albedo_psnr, albedo_scale, roughness_mse
 from exmesh_graph.evaluate.renders import (
     GRAY_ALBEDO,
@@ -30,7 +31,7 @@ from exmesh_graph.evaluate.settings import Quality, ScaleRule
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import display
 from exmesh_graph.io.shots import spread
-from exmesh_graph.types import Asset, SceneTruth, ScoredViews, Views
+from exmesh_graph.types import Asset, Region, SceneTruth, ScoredViews, Views
 
 
 @dataclass
@@ -38,7 +39,7 @@ class AssetScores:
     """Figures, and the images they were computed from (all display values, lists over the scored views).
 
     values  the content of the Metrics artifact
-    views   indices of the scored views;  held_out, relit[light]: (ours, truth) per view
+    views   indices of the scored views;  held_out, relit[light]: (ours, truth) per view;  marks as in ScoredViews
     albedo, roughness: (ours, truth) per view, albedo scaled and sRGB-encoded
     albedo_maps  (ours, truth, coverage) [M, H, W, 3], linear, unscaled
     indirect  (view, the view as rendered, its interreflected light alone), None where no bounces are rendered
@@ -47,6 +48,7 @@ class AssetScores:
     values: dict[str, Any]
     views: list[int]
     held_out: Pictures = field(default_factory=list)
+    marks: list[np.ndarray] = field(default_factory=list)
     relit: dict[str, Pictures] = field(default_factory=dict)
     albedo: Pictures = field(default_factory=list)
     roughness: Pictures = field(default_factory=list)
@@ -65,20 +67,25 @@ def score_asset(
     seed: int = 0,
     progress: Progress | None = None,
     rule: ScaleRule = "median",
+    region: Region | None = None,
 ) -> AssetScores:
     """Score `asset` on held-out `views`, and on `truth`'s relit images and materials where there are any.
 
     train      the training views, for the level of the floor's uniform light; the scored views stand in without it
     max_views  score this many, evenly spread; 0: all
     rule       how the albedo's scale is found (metrics.material)
+    region     what counts in views without masks; DataError where these come without one
     """
     quality = quality or Quality()
     chosen = spread(len(views), max_views)
+    if not views.has_masks:
+        region_rows(region, views, chosen)
     known = {name: index for index, name in enumerate(truth.names)} if truth is not None else {}
     paired = [(i, known[views.names[i]]) for i in chosen if views.names[i] in known]
     lights = sorted(truth.relit) if truth is not None and paired else []
     extra = 2 if quality.bounces else 0
-    steps = Steps(progress, len(chosen) * 2 + 3 * len(lights) * len(paired) + extra)
+    guessed = len(chosen) if views.has_masks else 0
+    steps = Steps(progress, len(chosen) + guessed + 3 * len(lights) * len(paired) + extra)
     ours = Renderer(asset, views, quality, steps, seed)
     # The guess scores about 20 dB: neither its silhouette nor its rough highlights need many samples.
     coarse = quality.replaced(supersampling=1, specular_samples=max(1, quality.specular_samples // 2))
@@ -88,9 +95,12 @@ def score_asset(
     rendered = ours.render(chosen)
     if quality.bounces:
         scores.indirect = _indirect(ours, chosen[len(chosen) // 2])
-    floor = _score_held_out(scores, rendered, guess, views, chosen, train)
+    _score_held_out(scores, rendered, guess, views, chosen, train, region, asset)
+    floor = scores.values["floor"]["held_out_psnr"]
     headline: list[dict[str, Any]] = scores.values["headline"]
     headline.append(headline_figure("Held-out PSNR", scores.values["held_out"]["psnr"], "dB", floor, "held-out PSNR"))
+    if not views.has_masks:
+        headline += share_figures(scores.values["held_out"])
     if truth is None or not paired:
         return scores
     rows = [chosen.index(i) for i, _ in paired]
@@ -121,7 +131,7 @@ def asset_pairs(scores: AssetScores, views: Views, count: int) -> ScoredViews:
     if scores.indirect is not None:
         view, whole, alone = scores.indirect
         add("indirect", views.names[view], [(whole, alone)], {})
-    return pairs_for_pictures(pairs, views, scores.views)
+    return pairs_for_pictures(pairs, views, scores.views, scores.marks)
 
 
 def _indirect(ours: Renderer, view: int) -> tuple[int, np.ndarray, np.ndarray]:
@@ -138,39 +148,28 @@ def _score_held_out(
     views: Views,
     chosen: Sequence[int],
     train: Views | None,
-) -> float:
-    """Fill `held_out`; returns the floor."""
-    pictures = shown(rendered)
-    true = [display(views.images[i], views.alpha[i]) for i in chosen]
-    gray = guess.render(chosen)  # light is linear: the level scales the image
-    lit = train if train is not None and train.has_masks else views
-    if lit.has_masks:
+    region: Region | None,
+    asset: Asset,
+) -> None:
+    """Fill `held_out` and its floor."""
+    compared = compare_views(shown(rendered), list(rendered.alpha), asset, views, chosen, region)
+    if views.has_masks:
+        gray = guess.render(chosen)  # light is linear: the level scales the image
+        lit = train if train is not None and train.has_masks else views
         level = _uniform_level(lit.images, lit.alpha > 0.5, gray)
-    else:  # the object's pixels are known from our silhouettes only
-        level = _uniform_level(views.images[list(chosen)], rendered.alpha > 0.5, gray)
-    flat = [display(level * image, alpha) for image, alpha in zip(gray.images, gray.alpha, strict=True)]
-    if not views.has_masks:
-        true = [image * alpha[..., None] for image, alpha in zip(true, rendered.alpha, strict=True)]
-        flat = [image * alpha[..., None] for image, alpha in zip(flat, rendered.alpha, strict=True)]
-    scores.held_out = list(zip(pictures, true, strict=True))
-    db, structure = compare(pictures, true)
-    floor_db, floor_structure = compare(flat, true)
-    names = [views.names[i] for i in chosen]
-    scores.values["held_out"] = {
-        "psnr": float(np.mean(db)),
-        "ssim": float(np.mean(structure)),
-        "psnr_per_view": dict(zip(names, db, strict=True)),
-        "ssim_per_view": dict(zip(names, structure, strict=True)),
-        "region": "whole image, over black" if views.has_masks else "inside our silhouette",
-        "views": len(names),
-    }
-    floor = float(np.mean(floor_db))
+        flat = [display(level * image, alpha) for image, alpha in zip(gray.images, gray.alpha, strict=True)]
+        floor = compare_views(flat, list(gray.alpha), asset, views, chosen)
+    else:
+        assert region is not None
+        floor, radiance = compare_flat(views, chosen, region)
+        level = radiance / GRAY_ALBEDO
+    scores.views, scores.held_out, scores.marks = compared.rows, compared.pairs, compared.marks
+    scores.values["held_out"] = compared.figures(views.names)
     scores.values["floor"] |= {
-        "held_out_psnr": floor,
-        "held_out_ssim": float(np.mean(floor_structure)),
+        "held_out_psnr": float(np.mean(floor.psnr)),
+        "held_out_ssim": float(np.mean(floor.ssim)),
         "light_level": level,
     }
-    return floor
 
 
 def _uniform_level(photographs: np.ndarray, inside: np.ndarray, gray: Any) -> float:
@@ -197,6 +196,7 @@ def _score_materials(
         true = truth.albedo[list(rows)]
         covered = _coverage(views, cameras, true)
         gray = np.full_like(true, GRAY_ALBEDO)
+        true, weight = _with_leaks(true, covered, rendered.alpha)
         scale = albedo_scale(rendered.albedo, true, covered, rule)
         gray_scale = albedo_scale(gray, true, covered, rule)
         scores.albedo_maps = (rendered.albedo, true, covered)
@@ -204,13 +204,15 @@ def _score_materials(
         material["albedo_scale"] = scale.tolist()
         for space in ("linear", "srgb"):
 
-            def score(albedo: np.ndarray, factor: np.ndarray, srgb: bool = space == "srgb") -> float:
-                triples = zip(albedo, true, covered, strict=True)
+            def score(
+                albedo: np.ndarray, factor: np.ndarray, weight: np.ndarray = weight, srgb: bool = space == "srgb"
+            ) -> float:
+                triples = zip(albedo, true, weight, strict=True)
                 return float(np.mean([albedo_psnr(a, t, c, factor, srgb=srgb) for a, t, c in triples]))
 
             material[f"albedo_psnr_{space}"] = score(rendered.albedo, scale)
             material[f"albedo_psnr_{space}_unscaled"] = score(rendered.albedo, np.ones(3))
-            floor[f"albedo_psnr_{space}"] = score(gray, gray_scale)
+            floor[f"albedo_psnr_{space}"] = score(gray, gray_scale, covered)
         figure, guess = material["albedo_psnr_linear"], floor["albedo_psnr_linear"]
         headline.append(headline_figure("Albedo PSNR (linear)", figure, "dB", guess, "albedo PSNR"))
         scores.albedo = [
@@ -220,9 +222,13 @@ def _score_materials(
     if truth.roughness is not None:
         true = truth.roughness[list(rows)]
         covered = _coverage(views, cameras, true)
-        triples = list(zip(rendered.roughness, true, covered, strict=True))
+        true, weight = _with_leaks(true, covered, rendered.alpha)
+        # 0 is no wrong roughness where a surface is glossy: what is missing is as wrong as can be
+        missing = (rendered.alpha == 0) & (covered > 0.5)
+        ours = np.where(missing, true < 0.5, rendered.roughness).astype(np.float32)
+        triples = list(zip(ours, true, weight, strict=True))
         material["roughness_mse"] = float(np.mean([roughness_mse(r, t, c) for r, t, c in triples]))
-        guesses = [roughness_mse(np.full_like(t, GRAY_ROUGHNESS), t, c) for _, t, c in triples]
+        guesses = [roughness_mse(np.full_like(t, GRAY_ROUGHNESS), t, c) for t, c in zip(true, covered, strict=True)]
         floor["roughness_mse"] = float(np.mean(guesses))
         headline.append(
             headline_figure(
@@ -233,6 +239,13 @@ def _score_materials(
     if material:
         scores.values["material"] = material
     return scales
+
+
+def _with_leaks(maps: np.ndarray, covered: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The true maps, 0 outside their coverage, and what both are weighed by: there our own coverage, `alpha`."""
+    inside = covered > 0
+    true = np.where(inside[..., None] if maps.ndim == 4 else inside, maps, 0).astype(maps.dtype)
+    return true, np.where(inside, covered, alpha)
 
 
 def _coverage(views: Views, cameras: Sequence[int], maps: np.ndarray) -> np.ndarray:

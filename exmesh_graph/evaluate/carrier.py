@@ -7,95 +7,87 @@ from typing import Any
 
 import numpy as np
 
+from exmesh_graph.evaluate.coverage import Compared, compare_views, region_rows, share_figures
 from exmesh_graph.evaluate.mesh import score_mesh
-from exmesh_graph.evaluate.scores import Pictures, compare, held_out_pairs, pairs_for_pictures
-from exmesh_graph.io.images import display
+from exmesh_graph.evaluate.scores import Pictures, held_out_pairs, pairs_for_pictures
 from exmesh_graph.io.shots import spread
-from exmesh_graph.types import Carrier, Mesh, SceneTruth, ScoredViews, Stage1State, Views
+from exmesh_graph.types import Carrier, Region, SceneTruth, ScoredViews, Stage1State, Views
 
 
 @dataclass
 class CarrierScores:
-    """Figures of a carrier, and the (ours, truth) display images of the scored views."""
+    """Figures of a carrier, and what they were computed from."""
 
     values: dict[str, Any]
-    views: list[int]
-    held_out: Pictures
+    compared: Compared
+
+    @property
+    def held_out(self) -> Pictures:
+        """(ours, truth) display images of the scored views."""
+        return self.compared.pairs
 
 
-def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region: Mesh | None = None) -> CarrierScores:
+def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region: Region | None = None) -> CarrierScores:
     """Held-out PSNR and SSIM of the mesh with its appearance model (no light model: what Stage I itself has learnt).
 
-    Views without masks are compared where the carrier shows, or where `region` does, so that carriers of different
-    outlines are scored on the same pixels.
+    Compared is the whole picture over black, or, without masks, what counts by `region` (evaluate.coverage).
     Where the model is not the texture, `psnr_baked` is the PSNR with the texture that was baked from it, which is what
-    Stage II and exports see.
+    Stage II and exports see. Raises DataError for views without masks and without a region.
     """
     from exmesh_graph.stage1.render import render_carrier
-    from exmesh_graph.targets import shown_pixels
 
     chosen = spread(len(views), max_views)
-    shown, alpha = render_carrier(carrier, views.subset(chosen))
-    true = [display(views.images[i], views.alpha[i]) for i in chosen]
     if not views.has_masks:
-        inside = alpha if region is None else shown_pixels(region, views.subset(chosen)).numpy()
-        true = [image * part[..., None] for image, part in zip(true, inside, strict=True)]
-        if region is not None:
-            shown = shown * inside[..., None]
-    pairs = list(zip(shown, true, strict=True))
-    db, structure = compare([ours for ours, _ in pairs], [true for _, true in pairs])
-    names = [views.names[i] for i in chosen]
-    mean = float(np.mean(db))
-    values: dict[str, Any] = {
-        "headline": [
-            {
-                "label": "Held-out PSNR, Stage I",
-                "value": mean,
-                "unit": "dB",
-                "better": "higher",
-                "series": "held-out PSNR",
-                "over": {"vertices": len(carrier.vertices)},
-            }
-        ],
-        "held_out": {
-            "psnr": mean,
-            "ssim": float(np.mean(structure)),
-            "psnr_per_view": dict(zip(names, db, strict=True)),
-            "ssim_per_view": dict(zip(names, structure, strict=True)),
-            "region": "whole image, over black"
-            if views.has_masks
-            else ("inside our silhouette" if region is None else "where the wired region shows"),
-            "views": len(names),
-        },
-    }
+        region_rows(region, views, chosen)
+    shown, alpha = render_carrier(carrier, views.subset(chosen))
+    compared = compare_views(list(shown), list(alpha), carrier, views, chosen, region)
+    held_out = compared.figures(views.names)
+    headline: list[dict[str, Any]] = [
+        {
+            "label": "Held-out PSNR, Stage I",
+            "value": held_out["psnr"],
+            "unit": "dB",
+            "better": "higher",
+            "series": "held-out PSNR",
+            "over": {"vertices": len(carrier.vertices)},
+        }
+    ]
+    if not views.has_masks:
+        headline += share_figures(held_out, ", Stage I")
     if isinstance(carrier, Stage1State) and carrier.appearance != "uv_texture":
-        baked, _ = render_carrier(replace(carrier, appearance="uv_texture", model={}), views.subset(chosen))
-        db, _ = compare(list(baked), [image for _, image in pairs])
-        values["held_out"]["psnr_baked"] = float(np.mean(db))
-    return CarrierScores(values, chosen, pairs)
+        baked, alpha = render_carrier(replace(carrier, appearance="uv_texture", model={}), views.subset(chosen))
+        again = compare_views(list(baked), list(alpha), carrier, views, chosen, region)
+        held_out["psnr_baked"] = float(np.mean(again.psnr))
+    return CarrierScores({"headline": headline, "held_out": held_out}, compared)
 
 
 def carrier_pairs(scores: CarrierScores, views: Views, count: int) -> ScoredViews:
     """`count` of the scored views."""
-    names = [views.names[i] for i in scores.views]
-    return pairs_for_pictures(held_out_pairs(scores.values, scores.held_out, names, count), views, scores.views)
+    compared = scores.compared
+    names = [views.names[i] for i in compared.rows]
+    pairs = held_out_pairs(scores.values, compared.pairs, names, count)
+    return pairs_for_pictures(pairs, views, compared.rows, compared.marks)
 
 
 def score_stage(
     carrier: Carrier,
     views: Views | None,
     truth: SceneTruth | None,
+    region: Region | None = None,
     *,
     samples: int = 10_000,
     max_views: int = 8,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """`stages`: Chamfer (with a truth) and held-out PSNR (with views), as points of the report's charts only."""
+    """`stages`: Chamfer (with a truth) and held-out PSNR, as points of the report's charts only.
+
+    No PSNR without views, nor where nothing says which of their pixels count: neither masks nor a `region`.
+    """
     values: dict[str, Any] = {"faces": len(carrier.faces), "vertices": len(carrier.vertices)}
     stages: list[dict[str, Any]] = []
     if truth is not None:
         stages += score_mesh(carrier, truth, samples=samples, seed=seed)["headline"]
-    if views is not None:
-        stages += score_carrier(carrier, views, max_views=max_views).values["headline"]
+    if views is not None and (views.has_masks or region is not None):
+        stages += score_carrier(carrier, views, max_views=max_views, region=region).values["headline"]
     values["stages"] = [stage for stage in stages if stage.get("series")]
     return values

@@ -22,29 +22,41 @@ def compare(ours: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> tuple[li
 
 
 def pairs_for_pictures(
-    pairs: Sequence[tuple[dict[str, Any], np.ndarray, np.ndarray]], views: Views, chosen: Sequence[int]
+    pairs: Sequence[tuple[dict[str, Any], np.ndarray, np.ndarray]],
+    views: Views,
+    chosen: Sequence[int],
+    marks: Sequence[np.ndarray],
 ) -> ScoredViews:
-    """(what it is, ours, truth) of display images [H, W, 3] or [H, W] as an artifact; `chosen`: the scored views."""
+    """(what it is, ours, truth) of display images [H, W, 3] or [H, W] as an artifact.
+
+    `chosen`: the scored views, and `marks` uint8 [H, W] of each (ScoredViews).
+    """
     images = np.zeros((len(pairs), 2, views.height, views.width, 3), np.float16)
     for pair, (_, *pictures) in zip(images, pairs, strict=True):
         for place, picture in zip(pair, pictures, strict=True):
             place[:] = picture[..., None] if picture.ndim == 2 else picture
+    marked = np.zeros((len(pairs), views.height, views.width), np.uint8)
+    for place, (what, _, _) in zip(marked, pairs, strict=True):
+        if what["kind"] == "held_out":
+            place[:] = marks[what["number"]]
     middle = chosen[len(chosen) // 2]
     return ScoredViews(
         tuple(what for what, _, _ in pairs), images, views.names[middle], views.intrinsics[middle],
-        views.camera_to_world[middle],
+        views.camera_to_world[middle], marked,
     )  # fmt: skip
 
 
 def held_out_pairs(
     values: Mapping[str, Any], held_out: Pictures, names: Sequence[str], count: int
 ) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
-    """`count` of the held-out pairs, evenly spread, with their PSNR; `names` are those of the scored views."""
-    psnr_of = values["held_out"]["psnr_per_view"]
-    return [
-        ({"kind": "held_out", "name": names[k], "number": k, "figures": {"psnr": psnr_of[names[k]]}}, *held_out[k])
-        for k in (spread(len(held_out), count) if count else [])
-    ]
+    """`count` of the held-out pairs, evenly spread, with PSNR and shares; `names` are those of the scored views."""
+    psnr_of, shares = values["held_out"]["psnr_per_view"], values["held_out"]["shares_per_view"]
+
+    def what(k: int) -> dict[str, Any]:
+        figures = {"psnr": psnr_of[names[k]], **shares[names[k]]}
+        return {"kind": "held_out", "name": names[k], "number": k, "figures": figures}
+
+    return [(what(k), *held_out[k]) for k in (spread(len(held_out), count) if count else [])]
 
 
 def add_lpips(

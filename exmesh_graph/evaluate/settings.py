@@ -6,8 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
+from pydantic import field_validator
+
 from exmesh_graph.evaluate.metrics.weights import lpips_source
+from exmesh_graph.io.settings import Box
 from exmesh_graph.params import Params, param
+from exmesh_graph.priors.settings import SweepSettings
 
 ScaleRule = Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"]
 
@@ -19,6 +23,29 @@ class Quality(Params):
     bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
     supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
     specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
+
+
+class RegionSettings(Params):
+    """`evaluate.region`: what counts in held-out views without masks (evaluate.region.find_region)."""
+
+    box: Box | None = param(
+        None, doc="Two corners, normalised units: only surface inside counts. Default: the sphere around the object."
+    )
+    masks: Path | None = param(
+        None, doc="Folder of masks for scoring only, named as the held-out views; white counts. Never used by a fit."
+    )
+    tolerance: float = param(
+        0.1, gt=0, le=1, doc="How far from the photographs' depth surface may lie and cover a pixel; 1: the radius."
+    )
+    incidence: float = param(80.0, gt=0, le=90, unit="degrees", doc="Depth seen at a more grazing angle is left out.")
+    window: int = param(7, ge=3, le=31, unit="pixels", doc="Side of the compared windows, in reduced pictures; odd.")
+    downscale: int = param(2, ge=1, le=16, doc="Look for depth in pictures reduced by this factor.")
+    neighbours: int = param(4, ge=1, le=16, unit="views", doc="Views compared with, about 10 degrees away.")
+
+    @field_validator("window")
+    @classmethod
+    def _has_a_middle(cls, window: int) -> int:
+        return SweepSettings(window=window).window
 
 
 class SpeedParams(Quality):

@@ -9,10 +9,22 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.gallery.models import add_model
-from exmesh_graph.gallery.pictures import ERROR_TOP, GalleryWriter, asset_maps, environment_panels, error_map, shrink
+from exmesh_graph.gallery.pictures import (
+    ERROR_TOP,
+    GalleryWriter,
+    asset_maps,
+    environment_panels,
+    error_map,
+    marked,
+    shrink,
+)
 from exmesh_graph.gallery.shaded import shaded_geometry
 from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, ScoredViews
 
+_SHARES = (
+    " Last: what counts, outlined ({region:.0%} of the picture), of it missing in magenta ({covered:.1%} is covered), "
+    "surface outside it in cyan ({leaked:.1%} of ours)."
+)
 _ERRORS = f"Error: mean over the channels of display colours, brightest at {ERROR_TOP:g}."
 
 
@@ -39,11 +51,16 @@ def carrier_gallery(root: Path, carrier: Carrier, scored: ScoredViews) -> Galler
 
 def _add_pairs(writer: GalleryWriter, scored: ScoredViews, held_out: str, ours: str) -> None:
     """A strip for each pair: ours, the truth, their error; `held_out` and `ours` are words for titles and captions."""
-    for what, (first, second) in zip(scored.pairs, scored.images.astype(np.float32), strict=True):
+    for number, (what, (first, second)) in enumerate(zip(scored.pairs, scored.images.astype(np.float32), strict=True)):
         file, title, caption = _words(what, held_out, ours)
-        compare = what["kind"] != "indirect"
-        panels = [first, second, error_map(first, second)] if compare else [first, second]
-        writer.add(file, title, caption, panels, compare=compare)
+        if what["kind"] == "indirect":
+            writer.add(file, title, caption, [first, second])
+            continue
+        panels = [first, second, error_map(first, second)]
+        if what["kind"] == "held_out" and scored.marks is not None:
+            panels.append(marked(second, scored.marks[number]))
+            caption += _SHARES.format(**what["figures"])
+        writer.add(file, title, caption, panels, compare=True)
 
 
 def _words(what: Mapping[str, Any], held_out: str, ours: str) -> tuple[str, str, str]:

@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import write_image
-from exmesh_graph.types import Asset, Gallery
+from exmesh_graph.types import Asset, Gallery, ScoredViews
 
 ERROR_TOP = 0.2
 """The display-space error shown as the brightest colour of an error map."""
 
 _GAP = 6
+_OUTLINE, _MISSING, _LEAKED = (1.0, 0.9, 0.1), (0.9, 0.1, 0.8), (0.1, 0.8, 0.9)
 # Dark to bright through purple and orange; readable in gray and by colour-blind readers.
 _RAMP = np.array([[0.0, 0.0, 0.02], [0.34, 0.06, 0.43], [0.73, 0.21, 0.33], [0.98, 0.55, 0.04], [0.99, 1.0, 0.64]])
 
@@ -77,6 +79,19 @@ def stack(rows: Sequence[np.ndarray]) -> np.ndarray:
 def error_map(ours: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Mean absolute error over the channels of two display images, in false colours, full at `ERROR_TOP`."""
     return false_colours(np.abs(ours - truth).mean(axis=-1) / ERROR_TOP)
+
+
+def marked(picture: np.ndarray, marks: np.ndarray) -> np.ndarray:
+    """The picture [H, W, 3] in gray: what counts outlined in yellow, of it missing magenta, surface outside cyan.
+
+    marks  uint8 [H, W], as in ScoredViews
+    """
+    gray = np.repeat(picture.mean(axis=-1, keepdims=True), 3, axis=-1)
+    inside = (marks == ScoredViews.COUNTED) | (marks == ScoredViews.MISSING)
+    gray[marks == ScoredViews.MISSING] = _MISSING
+    gray[marks == ScoredViews.LEAKED] = 0.5 * gray[marks == ScoredViews.LEAKED] + 0.5 * np.array(_LEAKED)
+    gray[inside & ~binary_erosion(inside, border_value=1)] = _OUTLINE
+    return gray
 
 
 def false_colours(values: np.ndarray) -> np.ndarray:

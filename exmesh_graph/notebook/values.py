@@ -23,6 +23,7 @@ from exmesh_graph.types import (
     Metrics,
     PlanarGaussians,
     PointCloud,
+    Region,
     SceneNeeds,
     ScoredViews,
     UsdAsset,
@@ -101,6 +102,17 @@ def _depths(maps: DepthMaps) -> str:
         words = f"{maps.names[i]}: {near:.3g} to {far:.3g}" if known.any() else f"{maps.names[i]}: none"
         pictures.append((cells.picture(np.concatenate([shade, known[..., None]], -1), _THUMBNAIL), words))
     return _some(rows, maps.names) + cells.said("Near is bright.", "soft") + cells.sheet(pictures, "mask")
+
+
+def _region(region: Region) -> str:
+    rows = _spread(len(region.names), _MOST_VIEWS)
+    step = -(-max(region.inside.shape[1:]) // 256)
+    pictures = [
+        (cells.picture(region.inside[i, ::step, ::step].astype("float32"), _THUMBNAIL),
+         f"{region.names[i]}: {region.inside[i].mean():.0%}")
+        for i in rows
+    ]  # fmt: skip
+    return _some(rows, region.names) + cells.said("White counts.", "soft") + cells.sheet(pictures, "mask")
 
 
 def _env_map(value: EnvMap) -> str:
@@ -256,7 +268,7 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 _SHOWN: dict[type, Part] = {
-    Mesh: turning, Carrier: _carrier, Asset: _asset, Views: _views, DepthMaps: _depths, EnvMap: _env_map,
+    Mesh: turning, Carrier: _carrier, Asset: _asset, Views: _views, DepthMaps: _depths, Region: _region, EnvMap: _env_map,
     Metrics: _metrics, Gallery: _gallery, UsdAsset: _usd, GltfAsset: _gltf, Files: _files,
     ScoredViews: _scored, SceneNeeds: _needs, PlanarGaussians: _gaussians, PointCloud: _points,
 }  # fmt: skip

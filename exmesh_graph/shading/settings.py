@@ -46,3 +46,7 @@ class MonteCarloSettings(Params):
     kept: int = param(
         0, ge=0, le=64, unit="estimates", doc="Estimates per view whose rays are kept between corrections; 0: none."
     )
+    independent_gradient: bool = param(
+        True,
+        doc="Draw the gradient's samples by a seed of their own, or from the next kept ones: a fit with less bias.",
+    )

@@ -24,7 +24,9 @@ class RefineSettings(Params):
     vertex_decay: float = param(0.00625, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
     texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")
-    ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM in the colour loss (lambda_ssim).")
+    ssim_weight: float = param(
+        0.2, ge=0, le=1, doc="Share of D-SSIM, (1 - SSIM) / 2, in the colour loss (lambda_ssim)."
+    )
     silhouette: Literal["l1", "bce"] = param("l1", doc="Silhouette loss: l1, or the paper's cross-entropy.")
     silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")
     coverage_weight: float = param(

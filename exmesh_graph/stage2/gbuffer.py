@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.losses import SsimTarget
+from exmesh_graph.losses import SSIM_WINDOW, SsimTarget
 from exmesh_graph.raster import rasterize
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
 from exmesh_graph.types import Views
@@ -38,7 +38,7 @@ class ViewBuffer:
     n_v           [N]
     pairs         int64 [Q, 2], neighbouring pixels (by row of this buffer) on one continuous surface
     light         what the light model keeps of the view (LightModel.view)
-    box, box_pixel        height and width of the pixels' bounding box, and their flat positions in it
+    box, box_pixel        height and width of a box around the pixels, SSIM's half window wider, and their places in it
     ssim                  statistics of the target for D-SSIM, made when first asked for
     """
 
@@ -134,12 +134,13 @@ def build_view(
 
 
 def _box(pixel: torch.Tensor, width: int) -> tuple[tuple[int, int], torch.Tensor]:
-    """Size of the bounding box of flat `pixel`s and their flat positions inside it."""
+    """Size of the box around flat `pixel`s that holds every window of SSIM with one of them; their places in it."""
     if len(pixel) == 0:
         return (0, 0), pixel
     row, column = pixel // width, pixel % width
-    row, column = row - row.min(), column - column.min()
-    box = (int(row.max()) + 1, int(column.max()) + 1)
+    margin = SSIM_WINDOW // 2
+    row, column = row - row.min() + margin, column - column.min() + margin
+    box = (int(row.max()) + 1 + margin, int(column.max()) + 1 + margin)
     return box, row * box[1] + column
 
 

@@ -47,7 +47,8 @@ def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple
 def image_terms(
     settings: DecompositionSettings, predicted: torch.Tensor, buffer: ViewBuffer
 ) -> dict[str, torch.Tensor]:
-    """What sets `predicted` [N, 3] apart from the photograph: log-L1 in linear light, D-SSIM of display values.
+    """What sets `predicted` [N, 3] apart from the photograph: log-L1 in linear light, D-SSIM of display values,
+    (1 - SSIM) / 2 as in Stage I.
 
     Equation: 21.
     """
@@ -69,11 +70,16 @@ def encode_srgb(linear: torch.Tensor) -> torch.Tensor:
 
 
 def _d_ssim(predicted: torch.Tensor, buffer: ViewBuffer) -> torch.Tensor:
-    """D-SSIM in sRGB over the box of the view's pixels, black around them."""
+    """D-SSIM in sRGB over the box of the view's pixels, black around them: its sum over them by their number.
+
+    log-L1 is a mean over these pixels too, so lambda_ssim weighs the two as in Stage I, where both are means over the
+    whole picture.
+    """
     height, width = buffer.box
     if buffer.ssim is None:
         buffer.ssim = ssim_target(_image(encode_srgb(buffer.target), buffer.box_pixel, height, width))
-    return d_ssim(_image(encode_srgb(predicted), buffer.box_pixel, height, width), buffer.ssim)
+    mean = d_ssim(_image(encode_srgb(predicted), buffer.box_pixel, height, width), buffer.ssim)
+    return mean * (height * width / len(buffer.pixel))
 
 
 def _image(values: torch.Tensor, pixel: torch.Tensor, height: int, width: int) -> torch.Tensor:

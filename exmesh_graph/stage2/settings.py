@@ -38,7 +38,9 @@ class DecompositionSettings(Params):
     )
     rate_decay: float = param(0.1, gt=0, le=1, doc="Last learning rate over the first; exponential in between.")
     log_weight: float = param(1.0, ge=0, doc="lambda_log of eq. 21.")
-    ssim_weight: float = param(0.2, ge=0, doc="lambda_ssim of eq. 21; 0 leaves the D-SSIM term out.")
+    ssim_weight: float = param(
+        0.2, ge=0, doc="lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out."
+    )
     material_weight: float = param(0.1, ge=0, doc="lambda_mat: screen-space total variation of the maps.")
     environment_weight: float = param(0.1, ge=0, doc="lambda_env: total variation of the environment.")
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")

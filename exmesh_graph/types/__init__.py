@@ -7,7 +7,7 @@ from exmesh_graph.types.mesh import Carrier, Mesh, Stage1State
 from exmesh_graph.types.needs import Decision, SceneNeeds, decided, with_decisions
 from exmesh_graph.types.results import Files, Gallery, GltfAsset, Metrics, ObjAsset, ScoredViews, UsdAsset
 from exmesh_graph.types.transport import Transport
-from exmesh_graph.types.views import DepthMaps, Frame, LitViews, SceneTruth, Views
+from exmesh_graph.types.views import DepthMaps, Frame, LitViews, Region, SceneTruth, Views
 
 __all__ = [
     "ArrayArtifact",
@@ -27,6 +27,7 @@ __all__ = [
     "ObjAsset",
     "PlanarGaussians",
     "PointCloud",
+    "Region",
     "SceneNeeds",
     "SceneTruth",
     "ScoredViews",

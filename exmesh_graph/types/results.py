@@ -39,6 +39,8 @@ class ScoredViews(Artifact):
                      roughness or indirect; `name` that of the view or the light; `number` counts the scored ones
     images           float16 [N, 2, H, W, 3], display values in [0, 1]: ours and the truth (indirect: the view as
                      rendered and its interreflected light)
+    marks            uint8 [N, H, W] or None: what of a held-out pair counted (COUNTED), was missing (MISSING), or shows
+                     surface where none counts (LEAKED); 0 elsewhere, and in pairs of other kinds
     view             name of the middle one of the scored views, of which
     intrinsics       float64 [3, 3], pixels, and
     camera_to_world  float64 [4, 4], OpenCV axes, normalised world, are the camera
@@ -51,9 +53,15 @@ class ScoredViews(Artifact):
     view: str
     intrinsics: np.ndarray
     camera_to_world: np.ndarray
+    marks: np.ndarray | None = None
+
+    COUNTED: ClassVar[int] = 1
+    MISSING: ClassVar[int] = 2
+    LEAKED: ClassVar[int] = 3
 
     def save(self, folder: Path) -> None:
-        arrays = {name: getattr(self, name) for name in ("images", "intrinsics", "camera_to_world")}
+        named = {name: getattr(self, name) for name in ("images", "intrinsics", "camera_to_world", "marks")}
+        arrays = {name: array for name, array in named.items() if array is not None}
         save_arrays(folder, arrays, {"pairs": list(self.pairs), "view": self.view})
 
     @classmethod

@@ -155,6 +155,33 @@ class DepthMaps(ArrayArtifact):
 
 
 @dataclass(frozen=True, eq=False)
+class Region(ArrayArtifact):
+    """What counts in held-out views that have no masks: found in the data, the same for every result that is scored.
+
+    names      the views it belongs to
+    inside     bool [N, H, W], the pixels that count
+    near, far  float32 [N, H, W], normalised units along the camera's z axis: between these depths lies the surface that
+               such a pixel shows; what is elsewhere does not cover it. 0 outside
+    source     "depth" (found by the photographs' own depth) or "masks" (given for scoring only)
+    """
+
+    type_name: ClassVar[str] = "Region"
+    conventions: ClassVar[Mapping[str, Any]] = {"depth": "z", "units": "normalised"}
+    layout: ClassVar[Mapping[str, str]] = {
+        "inside": "bool N H W", "near": "float32 N H W", "far": "float32 N H W",
+    }  # fmt: skip
+    names: tuple[str, ...]
+    inside: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+    source: str = "depth"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_names(self, len(self.inside))
+
+
+@dataclass(frozen=True, eq=False)
 class SceneTruth(ArrayArtifact):
     """What is known of a rendered scene, for scoring only: never an input of a fit.
 
@@ -206,7 +233,7 @@ class SceneTruth(ArrayArtifact):
         )
 
 
-def _check_names(value: Views | DepthMaps, count: int) -> None:
+def _check_names(value: Views | DepthMaps | Region, count: int) -> None:
     """DataError unless there is a name for each of the `count` views."""
     if len(value.names) != count:
         raise DataError(

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from exmesh_nodes import evaluate, gallery
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.export.gltf import read_glb
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.packs import load_packs
 from exmesh_graph.io.images import read_image
-from exmesh_graph.testing import FakeContext
-from exmesh_graph.types import Mesh, SceneTruth
+from exmesh_graph.testing import FakeContext, depth_maps
+from exmesh_graph.types import Mesh, Region, SceneTruth
 
 ROOT = Path(__file__).parent.parent.parent
 TYPES = load_packs().types
@@ -86,7 +87,7 @@ def test_the_gallery_shows_ours_truth_and_error(perfect, scene):
     assert len([f for f in files if f.startswith("held_out")]) == 2
     assert all(entry["title"] and entry["caption"] for entry in entries)
     picture = read_image(root / "held_out_002.png")
-    assert picture.shape == (40, 3 * 40 + 2 * 6, 3)
+    assert picture.shape == (40, 4 * 40 + 3 * 6, 3)
     assert np.abs(picture[:, :40] - picture[:, 46:86]).mean() < 0.01
 
 
@@ -124,15 +125,61 @@ def test_without_truth_only_held_out_views_are_scored(scene, context):
     }  # fmt: skip
 
 
-def test_views_without_masks_are_scored_inside_our_silhouette(scene, context):
-    wall = scene.test.images + (1 - scene.test.alpha[..., None]) * np.float32(0.7)
-    unmasked = replace(scene.test, images=wall, alpha=np.ones_like(scene.test.alpha), has_masks=False)
-    values = evaluate.asset(context, scene.asset, unmasked, p=PARAMS).metrics.values
-    assert values["held_out"]["region"] == "inside our silhouette"
+def unmasked(views, level=0.7):
+    """The views with a bright wall behind the object, and nothing said of where that is."""
+    wall = views.images + (1 - views.alpha[..., None]) * np.float32(level)
+    return replace(views, images=wall, alpha=np.ones_like(views.alpha), has_masks=False)
+
+
+def region_of(scene):
+    """What the true masks and the true depth would give."""
+    inside = scene.test.alpha > 0.99
+    depth = depth_maps(Mesh(scene.asset.vertices, scene.asset.faces), scene.test).depth
+    near, far = (np.where(inside, depth + shift, 0).astype(np.float32) for shift in (-0.05, 0.05))
+    return Region(scene.test.names, inside, near, far)
+
+
+def test_views_without_masks_are_scored_where_the_region_says(scene, context):
+    values = evaluate.asset(
+        context, scene.asset, unmasked(scene.test), region=region_of(scene), p=PARAMS
+    ).metrics.values
     masked = evaluate.asset(context, scene.asset, scene.test, p=PARAMS).metrics.values
     # the bright wall behind the object must not raise the level of the floor's light
     assert np.isclose(values["floor"]["light_level"], masked["floor"]["light_level"], rtol=0.1)
-    assert values["held_out"]["psnr"] > 25
+    assert values["held_out"]["psnr"] > 25 > values["floor"]["held_out_psnr"]
+    assert values["held_out"]["shares"]["covered"] == 1
+    assert 0 < values["held_out"]["shares"]["leaked"] < 0.3  # the antialiased rim, which the region leaves out
+    labels = [entry["label"] for entry in values["headline"]]
+    assert labels[1:] == [
+        "Region, share of the pictures",
+        "Covered, share of the region",
+        "Leaked, share of our surface",
+    ]
+
+
+def test_without_masks_and_region_the_held_out_views_say_what_counts(scene, context):
+    with pytest.raises(DataError, match=r"no pixel of the held-out views counts|evaluate\.region"):
+        evaluate.asset(context, scene.asset, unmasked(scene.test), p=PARAMS)  # three views, far apart
+
+
+def test_a_region_of_other_views_is_refused(scene, context):
+    other = replace(region_of(scene), names=("a", "b", "c"))
+    with pytest.raises(DataError, match="misses view test_a"):
+        evaluate.asset(context, scene.asset, unmasked(scene.test), region=other, p=PARAMS)
+
+
+def test_the_pictures_show_what_is_missing_and_what_leaks(scene, context):
+    half = Mesh(scene.asset.vertices, scene.asset.faces)
+    carrier = replace(scene.asset, faces=half.faces[:4], uv_faces=scene.asset.uv_faces[:4])
+    out = evaluate.stage1(context, carrier, scene.test, p=evaluate.Stage1Params(pictures=3))
+    marks, covered = out.scored.marks, out.metrics.values["held_out"]["shares"]["covered"]
+    assert 0.1 < covered < 0.9
+    assert np.isclose((marks == 1).sum() / ((marks == 1) | (marks == 2)).sum(), covered, atol=0.05)
+    root = gallery.stage1(context, carrier, out.scored).gallery.root
+    holed = int(np.argmax((marks == 2).sum(axis=(1, 2))))
+    picture = read_image(root / f"held_out_{holed:03d}.png")[:, -40:]
+    missing = np.isclose(picture, [0.9, 0.1, 0.8], atol=0.01).all(-1)
+    assert missing.sum() > 0.5 * (marks[holed] == 2).sum() > 0
 
 
 def test_fewer_views_and_equal_figures_on_repeat(scene, context, tmp_path):

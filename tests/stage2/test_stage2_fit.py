@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.losses import log_l1, pair_variation
+from exmesh_graph.losses import d_ssim, log_l1, pair_variation
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import initial_base_color, neutral_asset, resize_texture
+from exmesh_graph.stage2.objective import encode_srgb, image_terms
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.result import complete_maps
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
@@ -237,3 +238,19 @@ def test_the_starting_light_makes_the_start_as_bright_as_the_photographs(carrier
     assert shown == pytest.approx(sum(float((b.target * b.coverage[:, None]).sum()) for b in model.buffers), rel=1e-3)
     level, quarter = (torch.nn.functional.softplus(m.environment.detach()).mean() for m in (model, darker))
     assert float(quarter / level) == pytest.approx(0.25, rel=1e-3)
+
+
+def test_d_ssim_weighs_against_log_l1_as_in_stage_one(carrier, train_views, transport):
+    """Both are sums over the picture by one number: in Stage I its pixels, here those of the object."""
+    settings = QUICK.replaced(ssim_weight=1.0)
+    model = Decomposition(carrier, train_views, transport, settings, "cpu")
+    buffer = model.buffers[0]
+    predicted = (buffer.target * 0.7 + 0.05).clamp(0, 1)
+    found = float(image_terms(settings, predicted, buffer)["ssim"])
+    height, width = train_views.alpha.shape[1:]
+
+    def picture(values):
+        return torch.zeros(height * width, 3).index_copy(0, buffer.pixel, encode_srgb(values)).reshape(height, width, 3)
+
+    whole = float(d_ssim(picture(predicted), picture(buffer.target)))  # the mean that Stage I takes
+    assert found == pytest.approx(whole * height * width / len(buffer.pixel), rel=0.02)

@@ -86,6 +86,41 @@ def test_gradients_reach_maps_and_sky(carrier, train_views):
     assert float((model.environment.grad.abs().sum(-1) > 0).float().mean()) > 0.5
 
 
+@pytest.mark.parametrize("kept", [0, 2])
+def test_the_gradient_is_that_of_other_samples_than_the_picture(carrier, train_views, kept):
+    """The picture is that of one seed for both; the gradient that of the next step's kept rays, or of a seed apart."""
+    found = {}
+    for own in (True, False):
+        model = _model(carrier, train_views, FEW.replaced(independent_gradient=own, kept=kept))
+        if kept:
+            model.measure(1.0, torch.Generator().manual_seed(0))
+        for step in (0, 1):
+            radiance = model.shade(model.buffers[1], model.prepare(1.0, step))[0]
+            model.maps.parameter.grad = None
+            radiance.sum().backward()
+            found[own, step] = radiance.detach(), model.maps.parameter.grad.clone()
+    torch.testing.assert_close(found[True, 0][0], found[False, 0][0], rtol=0, atol=0)
+    assert not torch.allclose(found[True, 0][1], found[False, 0][1], rtol=0.01)
+    if kept:  # two slots that take turns
+        torch.testing.assert_close(found[True, 0][1], found[False, 1][1])
+
+
+def test_a_squared_loss_pulls_down_only_where_picture_and_gradient_share_their_samples(carrier, train_views):
+    """E[(X - t) dX] for a picture X around its own mean t: the covariance of X and dX, 0 with samples of its own."""
+    pulls = {}
+    for own in (True, False):
+        model = _model(carrier, train_views, MonteCarloSettings(independent_gradient=own, bounces=0))
+        buffer = model.buffers[1]
+        with torch.no_grad():
+            target = torch.stack([model.shade(buffer, model.prepare(0.0, step))[0] for step in range(64)]).mean(0)
+        for step in range(100, 132):
+            radiance = model.shade(buffer, model.prepare(0.0, step))[0]
+            radiance.backward(radiance.detach() - target)
+        pulls[own] = float(model.maps.parameter.grad[:, :3].sum())
+    assert pulls[False] > 0
+    assert abs(pulls[True]) < 0.3 * pulls[False]
+
+
 @pytest.mark.parametrize("light", [FEW, FEW.replaced(kept=2), FEW.replaced(bounces=0)])
 def test_a_cut_off_fit_goes_on_to_the_same_bytes(carrier, train_views, light, tmp_path):
     kept = {}

@@ -19,6 +19,7 @@ from exmesh_graph.types import (
     LitViews,
     PlanarGaussians,
     PointCloud,
+    Region,
     SceneTruth,
     Transport,
     Views,
@@ -58,6 +59,8 @@ def gaussians() -> PlanarGaussians:
 MESH, CARRIER, STATE, ASSET = testing.mesh(1), testing.carrier(), testing.state(), testing.asset()
 LIT = LitViews(**vars(views()), environments=np.ones((2, 2, 4, 3), F32))
 
+REGION = Region(("a",), np.ones((1, 4, 6), bool), np.zeros((1, 4, 6), F32), np.ones((1, 4, 6), F32))
+
 REFUSED: list[tuple[Artifact, dict[str, Any], str]] = [
     (MESH, {"vertices": MESH.vertices.astype(float)}, r"Mesh\.vertices: is float64 \[42, 3\]"),
     (MESH, {"vertices": MESH.vertices[:, :2]}, r"Mesh\.vertices: is float32 \[42, 2\]\n  expected: float32 \[V, 3\]"),
@@ -92,6 +95,8 @@ REFUSED: list[tuple[Artifact, dict[str, Any], str]] = [
     ),
     (DepthMaps(("a",), np.zeros((1, 4, 6), F32)), {"depth": np.zeros((4, 6), F32)}, r"DepthMaps\.depth"),
     (DepthMaps(("a",), np.zeros((1, 4, 6), F32)), {"names": ("a", "b")}, r"DepthMaps\.names"),
+    (REGION, {"near": np.zeros((2, 4, 6), F32)}, r"Region\.near: .*\n.*N = 1 as in inside"),
+    (REGION, {"names": ("a", "b")}, r"Region\.names: holds 2 names"),
     (Frame(np.eye(4), np.eye(4)), {"dataset_from_scene": np.eye(3)}, r"Frame\.dataset_from_scene: is float64 \[3, 3\]"),
     (SceneTruth(("a",)), {"albedo": np.zeros((4, 4, 3), F32)}, r"SceneTruth\.albedo"),
     (gaussians(), {"rotations": np.zeros((3, 3), F32)}, r"PlanarGaussians\.rotations"),

@@ -53,13 +53,16 @@ class DtuTruth:
 
 @dataclass(frozen=True)
 class DtuDistance:
-    """chamfer = (d2s + s2d) / 2 in mm, and the numbers of points the two means were taken over."""
+    """chamfer = (d2s + s2d) / 2 in mm, the points of mesh and scan, and the share of each that lies within the
+    20 mm beyond which the means leave points out: a hole wider than that costs nothing else."""
 
     chamfer: float
     d2s: float
     s2d: float
     mesh_points: int
     scan_points: int
+    mesh_counted: float
+    scan_counted: float
 
 
 def score_dtu(
@@ -145,9 +148,10 @@ def dtu_chamfer(
             expected=f"millimetres in DTU's world, inside {truth.box.round(1).tolist()}",
             fix="apply scale_mat_0 to the mesh (data.idr's frame does)",
         )
-    d2s = _mean_below(cKDTree(truth.points).query(observed)[0])
-    s2d = _mean_below(cKDTree(inbound).query(above)[0])
-    return DtuDistance((d2s + s2d) / 2, d2s, s2d, len(observed), len(above))
+    there, back = cKDTree(truth.points).query(observed)[0], cKDTree(inbound).query(above)[0]
+    d2s, s2d = _mean_below(there), _mean_below(back)
+    counted = (float((distance < FARTHEST).mean()) for distance in (there, back))
+    return DtuDistance((d2s + s2d) / 2, d2s, s2d, len(observed), len(above), *counted)
 
 
 def cull(

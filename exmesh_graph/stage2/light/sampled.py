@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Texels around the charts that a bilinear lookup inside them may read.
 _MARGIN = 1.5
+#: Between the seed of a step's picture and that of its gradient: beyond all seeds of a fit.
+_GRADIENT_SEED = 1 << 27
 
 
 @dataclass
@@ -89,14 +91,26 @@ class SampledLight:
     def radiance(self, buffer: ViewBuffer, material: Material, prepared: PreparedSamples) -> torch.Tensor:
         points = self._points(buffer, material)
         here, now = _material(material), prepared.appearance
-        if self.frozen is None:
-            number = self.seed * 1_000_003 + now.step
-            coarse = self._coarse(buffer.light, points, now.step)
-            drawn = self.light.draw(points, here, prepared.query, prepared.sampler, number, coarse)
-        else:
-            cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
-            drawn = cache.get(now.step, self._keeping(buffer, prepared))
-        return self.light.shade(drawn, points, here, prepared.query, now.environment, now.strength)
+
+        def estimate(turn: int) -> torch.Tensor:
+            """By the samples of this step (turn 0), or by others (turn 1)."""
+            if self.frozen is None:
+                number = self.seed * 1_000_003 + now.step + turn * _GRADIENT_SEED
+                coarse = self._coarse(buffer.light, points, now.step + turn)
+                drawn = self.light.draw(points, here, prepared.query, prepared.sampler, number, coarse)
+            else:
+                cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
+                drawn = cache.get(now.step + turn, self._keeping(buffer, prepared))
+            return self.light.shade(drawn, points, here, prepared.query, now.environment, now.strength)
+
+        others = self.settings.kept != 1 or self.frozen is None
+        if not (self.settings.independent_gradient and others and torch.is_grad_enabled()):
+            return estimate(0)
+        # A loss's slope at a noisy picture, times the gradient of the same samples, has the covariance of both in it.
+        with torch.no_grad():
+            value = estimate(0)
+        elsewhere = estimate(1)
+        return value + (elsewhere - elsewhere.detach())
 
     def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:
         """Draw kept rays anew from here on, for these maps and this environment."""

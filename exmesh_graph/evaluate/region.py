@@ -1,0 +1,194 @@
+"""What counts in held-out views that have no masks, found in the photographs and in nothing that is to be scored.
+
+A pixel counts where the held-out view's own multi-view depth (`priors.plane_sweep`, with the training views as its
+neighbours) lies inside the object's box, or where a mask that was given for scoring only says so. With it goes the
+interval of depths in which its surface lies, so that a sheet behind the object covers nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_closing, binary_erosion, distance_transform_edt, label
+
+from exmesh_graph.errors import DataError
+from exmesh_graph.evaluate.settings import RegionSettings
+from exmesh_graph.io.images import read_image
+from exmesh_graph.priors.depth_filter import agreed, neighbours, normals_of_depth
+from exmesh_graph.priors.plane_sweep import search_depths
+from exmesh_graph.priors.settings import SweepSettings
+from exmesh_graph.raster.camera import pixel_rays
+from exmesh_graph.targets import Targets, prepare_targets
+from exmesh_graph.types import Region, Views
+
+_FLAT = (
+    0.003  # deviation, in display units, of 3 x 3 pixels that hold nothing of their own: depth there is a neighbour's
+)
+_CLOSED = 3  # reduced pixels: holes that are closed, which the flat parts of a surface leave
+_HOLE = 30  # reduced pixels: larger holes stay open
+_PARED = 2  # reduced pixels taken off the rim, where windows carry the object's depth onto the background
+_SLOPE = 2.0  # a surface's steepest change of depth, in pixels' widths a pixel, where depth is carried over holes
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+
+
+def find_region(views: Views, train: Views | None = None, settings: RegionSettings | None = None) -> Region:
+    """The region of held-out `views` without masks; `train` are other photographs of the same scene.
+
+    Without `settings.masks`, a pixel counts whose depth two neighbouring views confirm, that has structure of its own,
+    is not seen at a grazing angle and lies inside the unit sphere (the object, as the loader found it) and the box.
+    Small holes are closed, a rim of a few pixels is pared. With masks, of the settings or the views' own, their white
+    pixels count. Raises DataError for no two views, for masks that are missing or of another size, and where no pixel
+    counts.
+    """
+    settings = settings or RegionSettings()
+    given = None if settings.masks is None else _read_masks(settings.masks, views)
+    if views.has_masks and given is None:
+        given = views.alpha > 0.5
+    alone = len(views) + (0 if train is None else len(train)) < 2
+    if given is None and alone:
+        raise DataError("one view alone has no parallax", where="evaluate.region", expected="two views or more",
+                        fix="wire the training views to `train`, or give `masks`")  # fmt: skip
+    depth = np.zeros_like(views.alpha) if alone or views.has_masks else _own_depth(views, train, settings)
+    start, end = _box_depths(views, settings)
+    known = (depth > start) & (depth < end)
+    inside = np.stack([_tidied(one, settings.downscale) for one in known]) if given is None else given & (end > start)
+    near, far = np.zeros_like(depth), np.zeros_like(depth)
+    for i in range(len(views)):
+        near[i], far[i] = _interval(np.where(known[i], depth[i], 0), views, i, settings.tolerance)
+    near, far = np.maximum(near, start), np.minimum(far, end)
+    inside &= far > near
+    blank = ~inside
+    near[blank] = far[blank] = 0
+    if not inside.any():
+        raise DataError("no pixel of the held-out views counts: " + ("their depth was not found" if given is None else
+                        "the masks are black, or what they show lies outside the box"), where="evaluate.region",
+                        fix="wire the training views to `train`, try another `downscale`, or give `masks`")  # fmt: skip
+    return Region(views.names, inside, near, far, "depth" if given is None else "masks")
+
+
+def mask_files(folder: Path | None) -> Mapping[str, Path]:
+    """Every picture in the folder, by name; DataError where there is no such folder."""
+    if folder is None:
+        return {}
+    if not folder.is_dir():
+        raise DataError("the folder of masks for scoring does not exist", where=str(folder))
+    return {file.name: file for file in sorted(folder.iterdir()) if file.suffix.lower() in _SUFFIXES}
+
+
+def _read_masks(folder: Path, views: Views) -> np.ndarray:
+    files = {Path(name).stem: file for name, file in mask_files(folder).items()}
+    masks = []
+    for name in views.names:
+        file = files.get(Path(name).name) or files.get(Path(name).stem)
+        if file is None:
+            raise DataError("a held-out view has no mask", where=f"{folder}, view {name}",
+                            expected=f"{Path(name).name}.png")  # fmt: skip
+        mask = read_image(file)
+        mask = mask[..., :3].mean(axis=-1) if mask.ndim == 3 else mask
+        rows, columns = mask.shape[0] / views.height, mask.shape[1] / views.width
+        if rows != columns or rows % 1 or rows < 1:
+            raise DataError(f"the mask has {mask.shape[1]} x {mask.shape[0]} pixels", where=str(file),
+                            expected=f"{views.width} x {views.height}, or a whole multiple of it")  # fmt: skip
+        cells = mask.reshape(views.height, int(rows), views.width, int(rows))
+        masks.append(cells.mean(axis=(1, 3)) > 0.5)
+    return np.stack(masks)
+
+
+def _own_depth(views: Views, train: Views | None, settings: RegionSettings) -> np.ndarray:
+    """Confirmed depth float32 [N, H, W] of the held-out views, 0 where there is none or it is not to be trusted."""
+    factor = settings.downscale
+    sweep = SweepSettings(window=settings.window, neighbours=settings.neighbours, downscale=factor)
+    everyone = _joined(views, train)
+    targets = prepare_targets(everyone, downscale=factor)
+    grey = targets.images.mean(dim=-1)
+    near = neighbours(everyone.camera_to_world, settings.neighbours)
+    asked = sorted({*range(len(views)), *(int(other) for i in range(len(views)) for other in near[i])})
+    found = torch.zeros(grey.shape)
+    for i in asked:
+        found[i] = search_depths(i, near[i], targets, grey, sweep)
+    out = np.zeros((len(views), views.height, views.width), np.float32)
+    for i in range(len(views)):
+        cameras = targets.intrinsics, targets.world_to_camera
+        needed = min(sweep.agreeing, len(near[i]))
+        kept = agreed(i, near[i], found, *cameras, needed, sweep.tolerance) if needed else torch.zeros(grey.shape[1:])
+        kept = torch.where(_structured(grey[i]) & ~_grazing(kept, targets, i, settings.incidence), kept, 0.0)
+        large = kept.numpy().repeat(factor, axis=0).repeat(factor, axis=1)
+        out[i, : large.shape[0], : large.shape[1]] = large
+    return out
+
+
+def _joined(views: Views, train: Views | None) -> Views:
+    """Held-out views first; names are not used."""
+    if train is None:
+        return views
+    if train.alpha.shape[1:] != views.alpha.shape[1:]:
+        raise DataError(f"the training views have {train.width} x {train.height} pixels", where="evaluate.region",
+                        expected=f"{views.width} x {views.height}, as the held-out ones")  # fmt: skip
+    arrays = {
+        name: np.concatenate([getattr(views, name), getattr(train, name)])
+        for name in ("images", "alpha", "intrinsics", "camera_to_world")
+    }
+    names = tuple(f"{number}" for number in range(len(views) + len(train)))
+    return Views(names, split=views.split, has_masks=False, **arrays)
+
+
+def _structured(grey: torch.Tensor) -> torch.Tensor:
+    """bool [H, W], where 3 x 3 pixels hold more than noise: flat ground takes the depth of an edge nearby."""
+    mean = torch.nn.functional.avg_pool2d(torch.stack([grey, grey.square()])[:, None], 3, 1, 1, count_include_pad=False)
+    return (mean[1, 0] - mean[0, 0].square()) > _FLAT**2
+
+
+def _grazing(depth: torch.Tensor, targets: Targets, view: int, limit: float) -> torch.Tensor:
+    """bool [H, W], where the normal is known by differences and turned further away than `limit` degrees."""
+    rays = pixel_rays(targets.intrinsics[view], targets.height, targets.width, depth)
+    normals, known = normals_of_depth(depth, depth > 0, rays)
+    return known & (-(normals * rays).sum(-1) / rays.norm(dim=-1) < np.cos(np.radians(limit)))
+
+
+def _tidied(known: np.ndarray, factor: int) -> np.ndarray:
+    """bool [H, W] without the holes of a few reduced pixels, and without a rim."""
+    height, width = known.shape
+    small, reach = known[::factor, ::factor], _CLOSED + 1
+    closed = binary_closing(np.pad(small, reach), iterations=_CLOSED)[reach:-reach, reach:-reach]
+    holes, _ = label(~closed)
+    closed |= (np.bincount(holes.ravel()) < _HOLE)[holes]
+    pared = binary_erosion(closed, iterations=_PARED, border_value=1)
+    return pared.repeat(factor, axis=0).repeat(factor, axis=1)[:height, :width]
+
+
+def _interval(depth: np.ndarray, views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """(nearest, farthest) depth [H, W]: around that of the nearest known pixel, wider the farther that is."""
+    if not (depth > 0).any():
+        return np.zeros_like(depth), np.full_like(depth, np.inf)
+    distance, (row, column) = distance_transform_edt(depth <= 0, return_indices=True)
+    carried = depth[row, column]
+    k = views.intrinsics[view]
+    width = carried / np.sqrt(abs(np.linalg.det(k[:2, :2])))
+    slack = tolerance + _SLOPE * distance * width
+    return (carried - slack).astype(np.float32), (carried + slack).astype(np.float32)
+
+
+def _box_depths(views: Views, settings: RegionSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Depths [N, H, W] at which each pixel's ray enters and leaves the unit sphere and the box; 0, 0 beside them."""
+    shape = (len(views), views.height, views.width)
+    start, end = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    for i, (k, pose) in enumerate(zip(views.intrinsics, views.camera_to_world, strict=True)):
+        like = torch.zeros(1, dtype=torch.float64)
+        rays = pixel_rays(torch.from_numpy(k), views.height, views.width, like).numpy() @ pose[:3, :3].T
+        place = pose[:3, 3]
+        square, half = (rays * rays).sum(-1), (rays * place).sum(-1)
+        inner = half**2 - square * (place @ place - 1)
+        root = np.sqrt(np.maximum(inner, 0))
+        first, last = np.where(inner > 0, (-half - root) / square, 0), np.where(inner > 0, (-half + root) / square, 0)
+        if settings.box is not None:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                sides = np.sort((np.array(settings.box)[:, None, None] - place) / rays, axis=0)
+            first = np.maximum(first, np.nan_to_num(sides[0], nan=-np.inf).max(-1))
+            last = np.minimum(last, np.nan_to_num(sides[1], nan=np.inf).min(-1))
+        first = np.maximum(first, 0)
+        hit = last > first
+        start[i], end[i] = np.where(hit, first, 0), np.where(hit, last, 0)
+    return start, end
