@@ -61,6 +61,7 @@ class Setting:
     region: Region | None
     quality: Quality
     views: int
+    samples: int = 20_000
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def figures(asset: Asset, setting: Setting) -> Figures:
         found["Relit SSIM"] = (light["relit"]["ssim"], "higher")
     rows = [*texture["headline"], *light["headline"]]
     if setting.truth is not None:
-        rows += score_mesh(asset, setting.truth, samples=20_000)["headline"]
+        rows += score_mesh(asset, setting.truth, samples=setting.samples)["headline"]
     return found | {row["label"]: (row["value"], row["better"]) for row in rows if row.get("better")}
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -127,7 +128,7 @@ def _joined(views: Views, train: Views | None) -> Views:
     if train.alpha.shape[1:] != views.alpha.shape[1:]:
         raise DataError(f"the training views have {train.width} x {train.height} pixels", where="evaluate.region",
                         expected=f"{views.width} x {views.height}, as the held-out ones")  # fmt: skip
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.concatenate([getattr(views, name), getattr(train, name)])
         for name in ("images", "alpha", "intrinsics", "camera_to_world")
     }

@@ -268,7 +268,8 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 _SHOWN: dict[type, Part] = {
-    Mesh: turning, Carrier: _carrier, Asset: _asset, Views: _views, DepthMaps: _depths, Region: _region, EnvMap: _env_map,
+    Mesh: turning, Carrier: _carrier, Asset: _asset, Views: _views, DepthMaps: _depths, Region: _region,
+    EnvMap: _env_map,
     Metrics: _metrics, Gallery: _gallery, UsdAsset: _usd, GltfAsset: _gltf, Files: _files,
     ScoredViews: _scored, SceneNeeds: _needs, PlanarGaussians: _gaussians, PointCloud: _points,
 }  # fmt: skip

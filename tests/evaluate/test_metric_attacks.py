@@ -33,7 +33,8 @@ def subject():
     scene = load_blender(SAMPLE, BlenderOptions(downscale=4))
     asset = true_asset(scene.truth)
     asset = replace(asset, texture=np.clip(asset.base_color, 0, 1) ** (1 / 2.2))
-    masked, plain = settings_of(scene.test, scene.train, scene.truth, quick=True)
+    cases = settings_of(scene.test, scene.train, scene.truth, quick=True)
+    masked, plain = (replace(case, samples=4000) for case in cases)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render, "render_transport", partial(render.render_transport, points=300))
         yield asset, masked, plain, {id(s): figures(asset, s) for s in (masked, plain)}
@@ -43,7 +44,7 @@ def subject():
 def test_deleting_faces_raises_no_figure(subject, masks):
     asset, masked, plain, base = subject
     setting = masked if masks else plain
-    for gone in (_random(asset, 0.05, 0), _random(asset, 0.5, 1), _random(asset, 0.95, 2), _clustered(asset, 0.3, 0)):
+    for gone in (_random(asset, 0.05, 0), _random(asset, 0.95, 2), _clustered(asset, 0.3, 0)):
         after = figures(without(asset, gone), setting)
         assert gains(base[id(setting)], after) == {}
         assert after["Held-out PSNR"][0] < base[id(setting)]["Held-out PSNR"][0] - 1
