@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.blender import true_asset
 from benchmarks.metric_attacks import (
@@ -29,7 +30,9 @@ SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 
 @pytest.fixture(scope="module")
 def subject():
-    """(the true asset, with masks, without) at 64 x 64."""
+    """(the true asset, with masks, without, the figures of both) at 64 x 64."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # the tensors are small: more threads only wait for one another
     scene = load_blender(SAMPLE, BlenderOptions(downscale=4))
     asset = true_asset(scene.truth)
     asset = replace(asset, texture=np.clip(asset.base_color, 0, 1) ** (1 / 2.2))
@@ -38,6 +41,7 @@ def subject():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render, "render_transport", partial(render.render_transport, points=300))
         yield asset, masked, plain, {id(s): figures(asset, s) for s in (masked, plain)}
+    torch.set_num_threads(threads)
 
 
 @pytest.mark.parametrize("masks", [True, False], ids=["masks", "no masks"])
