@@ -281,7 +281,7 @@ def main() -> None:
 
 
 def _from_run(folder: Path, store: Path | None, train: Views) -> list[tuple[str, Asset, bool]]:
-    from exmesh_graph.api import open_run
+    from exmesh_graph import open_run
 
     run = open_run(folder, store=store) if store else open_run(folder)
     found = [("Stage I of the run", as_asset(run["settle"].state, train), False)]

@@ -86,7 +86,9 @@ def score_asset(
     extra = 2 if quality.bounces else 0
     guessed = len(chosen) if views.has_masks else 0
     steps = Steps(progress, len(chosen) + guessed + 3 * len(lights) * len(paired) + extra)
-    ours = Renderer(asset, views, quality, steps, seed)
+    # without masks a pixel is the surface at its centre, with nothing in it of what stands behind
+    own = quality if views.has_masks else quality.replaced(supersampling=1)
+    ours = Renderer(asset, views, own, steps, seed)
     # The guess scores about 20 dB: neither its silhouette nor its rough highlights need many samples.
     coarse = quality.replaced(supersampling=1, specular_samples=max(1, quality.specular_samples // 2))
     guess = Renderer(gray_object(asset, truth), views, coarse, steps, seed)

@@ -39,7 +39,7 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
     chosen = spread(len(views), max_views)
     if not views.has_masks:
         region_rows(region, views, chosen)
-    shown, alpha = render_carrier(carrier, views.subset(chosen))
+    shown, alpha = render_carrier(carrier, views.subset(chosen), blended=views.has_masks)
     compared = compare_views(list(shown), list(alpha), carrier, views, chosen, region)
     held_out = compared.figures(views.names)
     headline: list[dict[str, Any]] = [
@@ -55,7 +55,8 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
     if not views.has_masks:
         headline += share_figures(held_out, ", Stage I")
     if isinstance(carrier, Stage1State) and carrier.appearance != "uv_texture":
-        baked, alpha = render_carrier(replace(carrier, appearance="uv_texture", model={}), views.subset(chosen))
+        plain = replace(carrier, appearance="uv_texture", model={})
+        baked, alpha = render_carrier(plain, views.subset(chosen), blended=views.has_masks)
         again = compare_views(list(baked), list(alpha), carrier, views, chosen, region)
         held_out["psnr_baked"] = float(np.mean(again.psnr))
     return CarrierScores({"headline": headline, "held_out": held_out}, compared)

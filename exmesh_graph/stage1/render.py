@@ -70,10 +70,13 @@ def draw(
     return Picture(blended[..., :3], blended[..., 3], projected, fragments)
 
 
-def render_carrier(carrier: Carrier, views: Views, device: torch.device | str = "cpu") -> tuple[np.ndarray, np.ndarray]:
+def render_carrier(
+    carrier: Carrier, views: Views, device: torch.device | str = "cpu", *, blended: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """The carrier's appearance from the cameras of `views`: display colour over black [N, H, W, 3], alpha [N, H, W].
 
-    float32, in [0, 1]; comparable with `losses.display` of the views.
+    float32, in [0, 1]; comparable with `losses.display` of the views. Not `blended`: the colour at pixel centres, with
+    nothing in it of what stands behind a silhouette.
     """
     surface = surface_of(carrier, device)
     colours = np.zeros((len(views), views.height, views.width, 3), np.float32)
@@ -83,6 +86,10 @@ def render_carrier(carrier: Carrier, views: Views, device: torch.device | str = 
     with torch.no_grad():
         for i in range(len(views)):
             picture = draw(surface, intrinsics[i], world_to_camera[i], views.height, views.width)
-            colours[i] = picture.colour.clamp(0, 1).cpu().numpy()
-            alphas[i] = picture.alpha.clamp(0, 1).cpu().numpy()
+            colour, alpha = picture.colour, picture.alpha
+            if not blended:
+                face_id = picture.fragments.face_id
+                colour, alpha = surface.appearance.shade(surface, picture.projected, face_id), (face_id >= 0).float()
+            colours[i] = colour.clamp(0, 1).cpu().numpy()
+            alphas[i] = alpha.clamp(0, 1).cpu().numpy()
     return colours, alphas
