@@ -167,7 +167,7 @@ def code_lines(path: Path) -> int:
     return len(kept)
 
 
-BUDGET = 6607  # code lines of all of graph/; lower it when they become fewer, and never raise it
+BUDGET = 6589  # code lines of all of graph/; lower it when they become fewer, and never raise it
 
 
 def framework_size() -> dict[str, int]:

@@ -22,16 +22,7 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache import syntax
-from exmesh_graph.graph.cache.syntax import (
-    Import,
-    acts,
-    bound_by,
-    imports_in,
-    is_node_decorator,
-    is_text,
-    normalised,
-    used_by,
-)
+from exmesh_graph.graph.cache.syntax import Import
 
 OWN = "exmesh_graph"
 IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.api", "exmesh_graph.notebook", "exmesh_graph.params")
@@ -62,11 +53,11 @@ class ModuleText:
 
     @functools.cached_property
     def imports(self) -> list[Import]:
-        return _pairs(self.fact(self, "imports", lambda: list(imports_in(self.tree, self.package))))
+        return _pairs(self.fact(self, "imports", lambda: list(syntax.imports_in(self.tree, self.package))))
 
     @functools.cached_property
     def digest(self) -> str:
-        return str(self.fact(self, "digest", lambda: sha(normalised(self.tree))))
+        return str(self.fact(self, "digest", lambda: sha(syntax.normalised(self.tree))))
 
     @functools.cached_property
     def exports(self) -> dict[str, Import] | None:
@@ -108,12 +99,12 @@ class _Slice:
         self.always: list[int] = []
         own, classes = self._own(), {item.name for item in module.tree.body if isinstance(item, ast.ClassDef)}
         for index, statement in enumerate(module.tree.body):
-            names = set(bound_by(statement))
+            names = set(syntax.bound_by(statement))
             for name in names:
                 self.binders.setdefault(name, []).append(index)
-            if not is_text(statement) and (not names or acts(statement, own)):
+            if not syntax.is_text(statement) and (not names or syntax.acts(statement, own)):
                 self.always.append(index)
-            if isinstance(statement, ast.ClassDef) and not any(map(is_node_decorator, statement.decorator_list)):
+            if isinstance(statement, ast.ClassDef) and not any(map(syntax.is_node_decorator, statement.decorator_list)):
                 for base in statement.bases:  # subclasses can be found from their base: __init_subclass__, registries
                     if isinstance(base, ast.Name) and base.id in classes:
                         self.binders.setdefault(base.id, []).append(index)
@@ -130,21 +121,21 @@ class _Slice:
             if index in chosen:
                 continue
             chosen.add(index)
-            for name in used_by(body[index]):
+            for name in syntax.used_by(body[index]):
                 todo += self.binders.get(name, [])
         texts, imports = [], []
         for index in sorted(chosen):
             statement = body[index]
             if isinstance(statement, ast.Import | ast.ImportFrom):
-                used = {name for i in chosen if i != index for name in used_by(body[i])}
-                pairs = zip(statement.names, imports_in(statement, self.module.package), strict=True)
+                used = {name for i in chosen if i != index for name in syntax.used_by(body[i])}
+                pairs = zip(statement.names, syntax.imports_in(statement, self.module.package), strict=True)
                 for alias, item in pairs:
                     if alias.name == "*" or (alias.asname or alias.name).partition(".")[0] in used:
                         imports.append(item)
                         texts.append(f"import {alias.asname or alias.name} {item}")
             else:
-                texts.append(normalised(statement))
-                imports += imports_in(statement, self.module.package)
+                texts.append(syntax.normalised(statement))
+                imports += syntax.imports_in(statement, self.module.package)
         return "\n".join(texts), imports
 
     def _own(self) -> set[str]:
@@ -152,9 +143,9 @@ class _Slice:
         own = set()
         tops = (OWN, self.module.name.partition(".")[0])
         for statement in self.module.tree.body:
-            origins = [name for name, _ in imports_in(statement, self.module.package)]
+            origins = [name for name, _ in syntax.imports_in(statement, self.module.package)]
             if not origins or any(name.partition(".")[0] in tops and not is_ignored(name) for name in origins):
-                own |= set(bound_by(statement))
+                own |= set(syntax.bound_by(statement))
         return own
 
 
@@ -166,16 +157,16 @@ def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
     origins: dict[str, Import] = {}
     for statement in tree.body:
         if isinstance(statement, ast.Import | ast.ImportFrom):
-            if any(name is None for _, name in imports_in(statement, package)):
+            if any(name is None for _, name in syntax.imports_in(statement, package)):
                 return None
             if isinstance(statement, ast.ImportFrom):
-                for alias, item in zip(statement.names, imports_in(statement, package), strict=True):
+                for alias, item in zip(statement.names, syntax.imports_in(statement, package), strict=True):
                     origins[alias.asname or alias.name] = item
         elif isinstance(statement, ast.Assign):
             targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
             if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
                 return None
-        elif not is_text(statement):
+        elif not syntax.is_text(statement):
             return None
     return origins
 
@@ -260,6 +251,6 @@ def bytecode_is_older(path: Path) -> bool:
 
 def text_of(data: bytes) -> str:
     try:
-        return normalised(ast.parse(data))
+        return syntax.normalised(ast.parse(data))
     except SyntaxError:
         return repr(data)

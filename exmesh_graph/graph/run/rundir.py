@@ -39,7 +39,8 @@ class RunFolder:
 
     def _open(self, runs: Path, graph_name: str) -> None:
         runs.mkdir(parents=True, exist_ok=True)
-        stem = time.strftime("%Y%m%d-%H%M%S") + "-" + "".join(c if c.isalnum() else "-" for c in graph_name)
+        self._tail = "-" + "".join(c if c.isalnum() else "-" for c in graph_name)
+        stem = time.strftime("%Y%m%d-%H%M%S") + self._tail
         for number in range(1, 1000):
             self.path = runs.absolute() / (stem if number == 1 else f"{stem}-{number}")
             try:
@@ -85,6 +86,21 @@ class RunFolder:
             copy_files(source, target)
         return target / main if main else target
 
+    def log(self, node: str) -> Path:
+        """The file for what a node prints."""
+        return log_file(self.path, node)
+
+    def past_seconds(self) -> dict[str, float]:
+        """{node: seconds} of the latest earlier runs of the graph beside this one."""
+        seconds: dict[str, float] = {}
+        earlier = [path for path in self.path.parent.iterdir() if self._tail in path.name and not path.is_symlink()]
+        for path in sorted(set(earlier) - {self.path}, reverse=True)[:3]:
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+                for row in json.loads((path / "run.json").read_text(encoding="utf-8"))["nodes"]:
+                    if row["state"] in ("hit", "done"):
+                        seconds.setdefault(row["name"], float(row["seconds"]))
+        return seconds
+
     def close(self) -> None:
         """Let go of the events file."""
         with contextlib.suppress(OSError):  # what could not be written was reported by then
@@ -103,19 +119,6 @@ def failure_file(node: str) -> str:
 
 def _plain(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-_.[]" else "-" for c in name)
-
-
-def past_seconds(run: Path, graph: str) -> dict[str, float]:
-    """{node: seconds} of the latest earlier runs of a graph beside `run`."""
-    seconds: dict[str, float] = {}
-    tail = "-" + "".join(c if c.isalnum() else "-" for c in graph)
-    earlier = [path for path in run.parent.iterdir() if tail in path.name and not path.is_symlink() and path != run]
-    for path in sorted(earlier, reverse=True)[:3]:
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            for row in json.loads((path / "run.json").read_text(encoding="utf-8"))["nodes"]:
-                if row["state"] in ("hit", "done"):
-                    seconds.setdefault(row["name"], float(row["seconds"]))
-    return seconds
 
 
 def is_alive(run: Path) -> bool:

@@ -21,18 +21,7 @@ from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.run.backends import Backend, Inline
 from exmesh_graph.graph.run.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
 from exmesh_graph.graph.run.plan import preimage_for
-from exmesh_graph.graph.run.rundir import (
-    BLOCKED,
-    HIT,
-    INTERRUPTED,
-    RUNNING,
-    WAITING,
-    Listener,
-    RunFolder,
-    RunRecord,
-    log_file,
-    past_seconds,
-)
+from exmesh_graph.graph.run.rundir import BLOCKED, HIT, INTERRUPTED, RUNNING, WAITING, Listener, RunFolder, RunRecord
 from exmesh_graph.graph.run.schedule import Dataflow, KeyLeases, Pool, remaining_seconds
 
 _ASK = 0.3  # seconds between looks at a result that another process computes
@@ -193,7 +182,7 @@ class Runner:
             self._settle(name, HIT, action.outputs, action.info, time.perf_counter() - started)
             return
         if not self.remaining:
-            past = past_seconds(self.folder.path, self.graph.name)
+            past = self.folder.past_seconds()
             self.remaining = remaining_seconds(self.nodes, past)
             self.log.emit("expected", seconds=past)
         self.planned[name] = preimage
@@ -245,7 +234,7 @@ class Runner:
     ) -> None:
         job = job_of(
             self.nodes[name], self.graph.nodes, preimage, self.store, graph=self.graph.name, run=self.folder.id,
-            threads=max(1, int(wanted["cpu"])), devices=devices, log=str(log_file(self.folder.path, name)),
+            threads=max(1, int(wanted["cpu"])), devices=devices, log=str(self.folder.log(name)),
             checkpoint_every=self.checkpoint_every, packs=self.packs,
         )  # fmt: skip
         self.rows[name]["state"] = RUNNING
