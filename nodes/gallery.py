@@ -51,7 +51,7 @@ class BlenderParams(Params):
 @node("gallery.blender", version="1", was="use.blender", libraries=("usd-core", "OpenImageIO"), resources={"cpu": 0})
 def blender(ctx: Context, files: UsdAsset, *, p: BlenderParams) -> GalleryOut:
     """Pictures of an exported file by Blender's Cycles, from the file's own cameras."""
-    from exmesh_graph.gallery.editing import blender_gallery
+    from exmesh_graph.gallery.blender import blender_gallery
 
     return GalleryOut(
         blender_gallery(
