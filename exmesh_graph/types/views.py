@@ -146,7 +146,7 @@ class DepthMaps(ArrayArtifact):
         if tuple(self.names) != tuple(views.names) or self.depth.shape != views.alpha.shape:
             raise DataError(
                 "the depth maps are not those of the views", where=where,
-                expected=f"{len(views)} maps of {views.width} x {views.height}: {views.names[0]} ...",
+                expected=f"{len(views)} maps of {views.width} x {views.height}, names {views.names[0]} ...",
                 fix="make them from these views, or load them for these views (prior.depth_files)",
             )  # fmt: skip
 

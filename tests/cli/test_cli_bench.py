@@ -24,7 +24,8 @@ json.dump({{"rate": {rate}, "rows": rows, "quick": int(o.quick)}}, open(o.json, 
 
 
 @pytest.fixture
-def checkout(tmp_path):
+def checkout(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # a script of the same second and size is read anew
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "graphs").mkdir()
     shutil.copy(Path(__file__).parents[2] / "benchmarks" / "bench.py", tmp_path / "benchmarks")

@@ -140,7 +140,7 @@ def test_the_common_part_names_what_the_language_knows(schema: Any) -> None:
     """`schema.json` is written by hand: types of graph parameters, their limits, and the operations of patches."""
     common = schema.schema["definitions"]
     parameter = common["parameter"]["then"]["properties"]
-    assert tuple(parameter["type"]["enum"]) == KINDS
+    assert tuple(parameter["type"]["enum"]) == tuple(KINDS)
     assert set(parameter) == set(KEYS)
     operations = {item["required"][0]: item.get("properties") for item in common["patches"]["items"]["oneOf"]}
     assert operations.keys() == OPERATIONS.keys()

@@ -10,6 +10,7 @@ from exmesh_nodes import appearance, evaluate, topology, uv
 from stage1_scenes import ball, fresh_state, grid_ball, photographs
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.evaluate.coverage import surface_depths
 from exmesh_graph.evaluate.metrics.image import psnr
 from exmesh_graph.raster import edge_table, project, rasterize_projected
 from exmesh_graph.stage1.appearance.colours import PerFace, PerVertex, UVTexture
@@ -20,7 +21,7 @@ from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.testing import FakeContext
-from exmesh_graph.types import Stage1State
+from exmesh_graph.types import Region, Stage1State
 
 KINDS = {
     "uv_texture": appearance.UvTexture(),
@@ -274,10 +275,14 @@ def test_views_without_masks_may_be_scored_where_another_surface_shows(views, tm
     test = replace(views, images=walled, alpha=np.ones_like(views.alpha), has_masks=False, split="test")
     p = evaluate.Stage1Params(pictures=0)
 
-    def score(carrier, region=None):
+    def score(carrier, region):
         return evaluate.stage1(FakeContext(tmp_path), carrier, test, region, p=p).metrics.values["held_out"]
 
-    assert score(ball(), ball(radius=0.5))["psnr"] > 30
-    assert score(ball(), ball(radius=0.5))["region"] == "where the wired region shows"
+    def where_shown(radius):
+        depth = surface_depths(ball(radius=radius), test)
+        inside = depth > 0
+        return Region(test.names, inside, np.where(inside, depth - 0.5, 0), np.where(inside, depth + 0.5, 0), "masks")
+
+    assert score(ball(), where_shown(0.5))["psnr"] > 30
     small = ball(radius=0.5)
-    assert score(small)["psnr"] > score(small, ball(radius=0.58))["psnr"] + 2
+    assert score(small, where_shown(0.5))["psnr"] > score(small, where_shown(0.58))["psnr"] + 2
