@@ -77,7 +77,7 @@ class PartFiles:
 
 def input_ports(tree: Tree, problems: Problems) -> dict[str, Port]:
     """The inputs that a graph file declares, as ports."""
-    ports, kinds = {}, types_by_name()
+    ports, kinds = {}, types_by_name() if tree.inputs else {}
     expected = 'views: Views, or "Mesh | Carrier", or {type: Views, optional: true, facets: {split: train}, doc: ...}'
     for name, raw in tree.inputs.items():
         where = tree.inputs.lines[name]
