@@ -25,9 +25,7 @@ from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import Region, Views
 
-_FLAT = (
-    0.003  # deviation, in display units, of 3 x 3 pixels that hold nothing of their own: depth there is a neighbour's
-)
+_FLAT = 0.003  # deviation [display units] of 3 x 3 pixels that hold nothing of their own: their depth is a neighbour's
 _CLOSED = 3  # reduced pixels: holes that are closed, which the flat parts of a surface leave
 _HOLE = 30  # reduced pixels: larger holes stay open
 _PARED = 2  # reduced pixels taken off the rim, where windows carry the object's depth onto the background

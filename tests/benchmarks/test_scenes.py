@@ -18,7 +18,7 @@ def plain(points, normals, part):
 
 
 def united(solids, **given) -> Model:
-    pytest.importorskip("manifold3d", reason="objects are united by manifold3d (the extra `bench`)")
+    pytest.importorskip("manifold3d", reason="objects are united by manifold3d (the extra `test`)")
     return assemble(solids, plain, given.pop("size", 128), **given)
 
 
