@@ -106,7 +106,7 @@ def choosing(scene: str | Path) -> Scene | None:
         raise WrongRoleError(
             f"{entry.name!r} ({scene}) is kept for scoring: settings chosen on it would make its score worthless. "
             f"Choose on one of {others} (docs/scenes.md says how each is made), then score once with "
-            "`python -m benchmarks.scores`. Roles stand in benchmarks/scenes.yaml; a scene that has been used for "
+            "`exmesh bench --scenes score`. Roles stand in benchmarks/scenes.yaml; a scene that has been used for "
             "choosing must be entered as `choose` for good."
         )
     return entry

@@ -4,31 +4,33 @@
     python -m benchmarks.scores --role choose --scene chair --data FOLDER --out FOLDER --graph graphs/exmeshpp.yaml
     python -m benchmarks.scores --role score --data FOLDER --out FOLDER --dry        # what it would do, and how long
 
-FOLDER of --data holds the scenes' folders (several may be given); scenes that lie in the repository are found without.
-Says beforehand how long it will take: from the seconds that scenes took before, which --out keeps; a scene without is
-taken to need as many a pixel of a training view as the others, or as the model says. Finished nodes come from the store
-(--store, in --out by default), so an interrupted table goes on. Writes table.md and table.json after every scene.
-Scenes without masks are begun by `init.auto` in place of a visual hull.
+`exmesh bench --scenes score` is the same. FOLDER of --data holds the scenes' folders (several may be given); scenes
+that lie in the repository are found without. Says beforehand how long it will take, and by what it knows
+(`scores_time`). Finished nodes come from the store (--store, in --out by default), so an interrupted table goes on; a
+scene that fails is told, and the others go on. Writes table.md and table.json after every scene. Scenes without masks
+are begun by `init.auto` in place of a visual hull, and scored by the masks that lie beside them for scoring only.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import resource
+import shlex
+import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.machine import processor
 from benchmarks.register import Role, Scene, of_role, scenes
+from benchmarks.scores_time import Memory, clock, modelled, work_of
 
 ROOT = Path(__file__).parent.parent
-QUICKSTART = ROOT / "graphs" / "quickstart.yaml"
-#: Seconds of a run where nothing was measured: so many, and so many a million pixels of training views (quickstart on
-#: two cores of an AMD EPYC of 2022 with other work beside it).
-MODEL = (100.0, 30.0)
+QUICKSTART, SAMPLE = ROOT / "graphs" / "quickstart.yaml", ROOT / "graphs" / "samples" / "chair"
+#: What is added to the command that makes scenes under photographed skies.
+WORLDS = " --worlds bpy-5.0.1-cp311-cp311-manylinux_2_28_x86_64.whl"
 #: Laid over the graph where a scene has no masks.
 NO_MASKS = """\
 # Written by benchmarks.scores: the graph below, begun without masks.
@@ -37,10 +39,14 @@ name: {name}_no_masks
 nodes:
   hull: null
   coarse: {{type: init.auto, views: "@views.train", faces: 8000}}
+  region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}   # for scoring only
   rounds:
     nodes:
       refine: {{region: "@coarse.mesh"}}
+      progress: {{region: "@region.region"}}
   settle: {{region: "@coarse.mesh"}}
+  look: {{region: "@region.region"}}
+  score: {{region: "@region.region"}}
 """
 
 
@@ -69,32 +75,50 @@ def score_scenes(
         raise ValueError(f"{', '.join(wrong)}: not in benchmarks/scenes.yaml with the role {role!r}")
     wanted = [scene for scene in of_role(role) if (not asked or scene.name in asked) and scene.layout == "blender"]
     there = [(scene, folder) for scene in wanted if (folder := place_of(scene, data)) is not None]
-    missing = [scene.name for scene in wanted if place_of(scene, data) is None]
-    if missing:
-        say(f"not there, left out: {', '.join(missing)} (docs/scenes.md says how each is made)")
+    missing = [scene for scene in wanted if place_of(scene, data) is None]
     if not there:
-        raise ValueError(f"no scene of the role {role!r} is in {', '.join(map(str, data)) or 'the repository'}")
+        places = ", ".join(map(str, data)) or "the repository"
+        raise ValueError(f"no scene of the role {role!r} is in {places}; {making(missing, data)}")
+    if missing:
+        say(f"not there, left out: {', '.join(scene.name for scene in missing)}; {making(missing, data)}")
     out.mkdir(parents=True, exist_ok=True)
-    memory = _read(out / "seconds.json")
-    way = " ".join([graph.stem, *(f"{key}={value}" for key, value in sorted((settings or {}).items()))])
-    times = {scene.name: expected(scene, way, memory) for scene, _ in there}
-    say(f"{processor()}; {len(there)} scenes by {graph.name}, about {clock(sum(times.values()))} in all")
+    store, chosen = store or out / "store", dict(settings or {})
+    memory = Memory(out / "seconds.json")
+    way = " ".join([graph.stem, *(f"{key}={value}" for key, value in sorted(chosen.items()))])
+    work = work_of(graph, chosen, SAMPLE)
+    times = {scene.name: memory.expected(way, scene, modelled(scene, work)) for scene, _ in there}
+    say(f"{memory.machine}; {len(there)} scenes by {graph.name}, about {clock(sum(times.values()))} in all")
     for scene, _ in there:
         say(f"  {scene.name:14s} {clock(times[scene.name]):>8s}  {scene.kind}")
+    say(f"Expected {memory.basis(way)}. What is in {store} already takes no time.")
     if dry:
         return []
-    rows = []
-    for scene, folder in there:
-        row = _run(scene, folder, graph, out, store or out / "store", settings or {})
+    record: dict[str, Any] = {
+        "processor": memory.machine, "role": role, "graph": graph.name, "settings": chosen, "commit": commit(),
+        "command": command_of(role, graph, asked, chosen), "missing": [scene.name for scene in missing], "rows": [],
+    }  # fmt: skip
+    rows: list[dict[str, Any]] = record["rows"]
+    before = {row["scene"]: row for row in _read(out / "table.json").get("rows", [])}
+    for number, (scene, folder) in enumerate(there, 1):
+        row = _run(scene, folder, graph, out, store, chosen, before.get(scene.name, {}).get("processor_seconds"))
+        if "failed" not in row:
+            memory.keep(way, scene.name, row["seconds"], modelled(scene, work))
         rows.append(row)
-        if row["ran"] and "failed" not in row:  # a run that was read from the store says nothing of its seconds
-            memory.setdefault(way, {})[scene.name] = round(row["seconds"], 1)
-            _write(out / "seconds.json", memory)
-        say(line(row))
-        record = {"processor": processor(), "role": role, "graph": graph.name, "rows": rows}
+        left = sum(memory.expected(way, later, modelled(later, work)) for later, _ in there[number:])
+        say(line(row) + (f"; about {clock(left)} left" if left else ""))
         _write(out / "table.json", record)
         (out / "table.md").write_text(markdown(record), encoding="utf-8")
     return rows
+
+
+def making(missing: Sequence[Scene], data: Sequence[Path]) -> str:
+    """The commands that make the scenes, in words."""
+    command = "python -m benchmarks.scenes make"
+    names = [scene.name for scene in missing if scene.made.startswith(command)]
+    worlds = any("Poly Haven" in scene.licence for scene in missing if scene.name in names)
+    others = [f"{scene.name}: {scene.made}" for scene in missing if scene.name not in names]
+    told = [f"`{command} {' '.join(names)} --out {data[0] if data else 'FOLDER'}{WORLDS if worlds else ''}`"]
+    return "made by " + "; ".join([*(told if names else []), *others]) + " (docs/scenes.md)"
 
 
 def place_of(scene: Scene, data: Sequence[Path]) -> Path | None:
@@ -103,46 +127,75 @@ def place_of(scene: Scene, data: Sequence[Path]) -> Path | None:
     return next((place for place in places if (place / "transforms_train.json").is_file()), None)
 
 
-def expected(scene: Scene, way: str, memory: dict[str, dict[str, float]]) -> float:
-    """Seconds of a scene by a graph with its settings: as measured before, else scaled from others by the pixels of
-    training views, else by MODEL."""
-    known = memory.get(way, {})
-    if scene.name in known:
-        return known[scene.name]
-    if known:
-        return sum(known.values()) / sum(megapixels(scenes()[name]) for name in known) * megapixels(scene)
-    return MODEL[0] + MODEL[1] * megapixels(scene)
+def commit() -> str:
+    """The commit of the checkout, with + where files differ from it; empty where there is no git."""
+    try:
+        said = [
+            subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+            for words in (["rev-parse", "--short", "HEAD"], ["status", "--porcelain"])
+        ]
+    except OSError:
+        return ""
+    return said[0] + ("+" if said[1] else "")
 
 
-def megapixels(scene: Scene) -> float:
-    return scene.pixels[0] * scene.pixels[1] * scene.views[0] / 1e6
+def command_of(role: Role, graph: Path, names: Sequence[str], settings: Mapping[str, Any]) -> str:
+    """The command that makes the table again, without the folders of this machine."""
+    words = ["python", "-m", "benchmarks.scores", "--role", role]
+    words += [word for name in names for word in ("--scene", name)]
+    if graph != QUICKSTART:
+        words += ["--graph", str(graph.relative_to(ROOT) if graph.is_relative_to(ROOT) else graph)]
+    words += [word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")]
+    return shlex.join(words) + " --data FOLDER --out OUT"
 
 
-def _run(scene: Scene, folder: Path, graph: Path, out: Path, store: Path, settings: dict[str, Any]) -> dict[str, Any]:
+def _run(
+    scene: Scene, folder: Path, graph: Path, out: Path, store: Path, settings: dict[str, Any], before: float | None
+) -> dict[str, Any]:
+    """A row. `seconds` are those of all nodes as they were when they ran; `processor_seconds` of this call and, where
+    it found nodes in the store, of the calls `before`: None where these left no row."""
     import exmesh_graph as ex
-    from exmesh_graph.errors import ExmeshError
 
     if not scene.masks:
-        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem)
+        masks = folder.resolve() / "masks"
+        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=masks if masks.is_dir() else "null")
         graph = out / f"{graph.stem}_{scene.name}.yaml"
         graph.write_text(text, encoding="utf-8")
-    began = time.perf_counter()
     row: dict[str, Any] = {"scene": scene.name, "role": scene.role, "kind": scene.kind}
+    began, busy = time.perf_counter(), _processor_seconds()
     try:
         run = ex.run(graph, scene=str(folder.resolve()), set=settings, store=store, runs=out / "runs")
-    except (ExmeshError, OSError) as error:
+    except Exception as error:  # whatever it is: a night's table is not lost to one scene
         lines = str(error).strip().splitlines()
-        return row | {"seconds": time.perf_counter() - began, "ran": True, "failed": lines[0] if lines else repr(error)}
+        spent = _processor_seconds() - busy + (before or 0)
+        row |= {"seconds": round(time.perf_counter() - began, 1), "processor_seconds": round(spent, 1)}
+        return row | {"failed": lines[0] if lines else repr(error)}
     figures = {
         label: {"value": metric.value, "unit": metric.unit, "floor": metric.floor}
         for label, metric in run.metrics.items()
         if isinstance(metric.value, int | float) and not isinstance(metric.value, bool)
     }
-    seconds = time.perf_counter() - began
-    return row | {"seconds": seconds, "ran": seconds > 20, "run": str(run.folder), "figures": figures}
+    nodes, spent = run.record["nodes"], _processor_seconds() - busy
+    ran = [node["state"] == "done" for node in nodes]
+    if not all(ran):
+        spent = None if before is None else before + (spent if any(ran) else 0)
+    return row | {
+        "seconds": round(sum(node["seconds"] for node in nodes), 1),
+        "processor_seconds": None if spent is None else round(spent, 1),
+        "seed": next(iter(run.record["resolved"]["nodes"].values()))["seed"],
+        "run": str(run.folder),
+        "figures": figures,
+    }
+
+
+def _processor_seconds() -> float:
+    """Of this process and of those it has ended."""
+    kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return sum(spent.ru_utime + spent.ru_stime for spent in map(resource.getrusage, kinds))
 
 
 def line(row: dict[str, Any]) -> str:
+    """A row for people."""
     if "failed" in row:
         return f"{row['scene']}: FAILED after {clock(row['seconds'])}: {row['failed']}"
     shown = ", ".join(f"{label} {_number(f)}" for label, f in row["figures"].items())
@@ -155,30 +208,32 @@ def markdown(record: dict[str, Any]) -> str:
     labels = list(dict.fromkeys(label for row in rows for label in row.get("figures", {})))
     units = {label: f["unit"] for row in rows for label, f in row.get("figures", {}).items()}
     heads = [f"{label} [{units[label]}]" if units[label] else label for label in labels]
+    heads = ["scene", "kind", *heads, "seconds", "of processors"]
+    seeds = sorted({row["seed"] for row in rows if "seed" in row})
     lines = [
         f"Scenes for {'scoring' if record['role'] == 'score' else 'choosing'}, by `{record['graph']}`, on "
-        f"{record['processor']}. In brackets what an uninformed guess scores.",
+        f"{record['processor']}, seed {', '.join(map(str, seeds))}, commit {record['commit']}: `{record['command']}`. "
+        "In brackets what an uninformed guess scores.",
         "",
-        "| " + " | ".join(["scene", "kind", *heads, "seconds"]) + " |",
-        "| " + " | ".join(["---"] * (len(heads) + 3)) + " |",
+        "| " + " | ".join(heads) + " |",
+        "| " + " | ".join(["---"] * len(heads)) + " |",
     ]
     for row in rows:
         if "failed" in row:
             cells = [f"failed: {row['failed']}"] + [""] * (len(labels) - 1)
         else:
             cells = [_number(row["figures"][label]) if label in row["figures"] else "" for label in labels]
-        lines.append("| " + " | ".join([f"`{row['scene']}`", row["kind"], *cells, f"{row['seconds']:.0f}"]) + " |")
+        spent = "" if row["processor_seconds"] is None else f"{row['processor_seconds']:.0f}"
+        cells = [f"`{row['scene']}`", row["kind"], *cells, f"{row['seconds']:.0f}", spent]
+        lines.append("| " + " | ".join(cells) + " |")
+    if record["missing"]:
+        lines += ["", f"Not there, not scored: {', '.join(record['missing'])}."]
     return "\n".join(lines) + "\n"
 
 
 def _number(figure: dict[str, Any]) -> str:
     text = f"{figure['value']:.4g}"
     return text if figure["floor"] is None else f"{text} ({figure['floor']:.3g})"
-
-
-def clock(seconds: float) -> str:
-    minutes = round(seconds / 60)
-    return f"{seconds:.0f} s" if seconds < 90 else f"{minutes} min" if minutes < 90 else f"{minutes / 60:.1f} h"
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -199,6 +254,9 @@ def main() -> int:
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on", file=sys.stderr)
+        return 130
     return int(any("failed" in row for row in rows))
 
 

@@ -110,3 +110,32 @@ def test_a_benchmark_that_fails_says_why(checkout):
     (checkout / "benchmarks" / "losses.py").write_text(SCRIPT.format(rate=1, extra="raise ValueError('no such scene')"))
     with pytest.raises(ExmeshError, match="no such scene"):
         bench(checkout, "kernels")
+
+
+SCORES = """
+import json, sys
+json.dump(sys.argv[1:], open("asked.json", "w"))
+sys.exit(3 if "broken" in sys.argv else 0)
+"""
+
+
+def test_scenes_are_scored_by_the_checkout(checkout, monkeypatch, tmp_path):
+    (checkout / "benchmarks" / "scores.py").write_text(SCORES)
+    done = bench(checkout, "--scenes", "score", "--scene", "padlock", "--set", "settle.iterations=20", "--dry")
+    assert done.exit_code == 0
+    asked = json.loads((checkout / "asked.json").read_text())
+    places = {asked[k]: asked[k + 1] for k in (0, 2, 4)}
+    assert places == {"--role": "score", "--out": str(checkout / "kept" / "score"), "--data": str(checkout / "scenes")}
+    assert asked[6:] == ["--scene", "padlock", "--set", "settle.iterations=20", "--dry"]
+    monkeypatch.chdir(tmp_path)
+    done = bench(checkout, "--scenes", "choose", "--data", "mine", "--data", "yours", "--scene", "broken")
+    assert done.exit_code == 3
+    asked = json.loads((checkout / "asked.json").read_text())
+    assert [Path(asked[k]) for k in (5, 7)] == [tmp_path / "mine", tmp_path / "yours"]
+
+
+def test_options_that_do_not_go_together_are_refused(checkout):
+    with pytest.raises(GraphError, match="kernels measures the machine"):
+        bench(checkout, "kernels", "--scenes", "score")
+    with pytest.raises(GraphError, match="--data goes with --scenes"):
+        bench(checkout, "--data", "mine")
