@@ -37,20 +37,23 @@ SAMPLE = ROOT / "graphs" / "samples" / "spot"
 LIGHTS = ("esplanade_a", "esplanade_b")
 MILLIMETRES = 100.0  # of a unit of the sample
 WALL = 0.2  # linear radiance behind the object where photographs have a background
-SHORT = ("rounds.repeat=4", "rounds.refine.iterations=8", "settle.iterations=12", "hull.resolution=40", "faces=2500",
-         "coarse.faces=600", "texels=128", "look.max_views=2")  # fmt: skip
+SHORT = ("rounds.repeat=4", "rounds.refine.iterations=8", "settle.iterations=12", "faces=2500", "coarse.faces=600",
+         "texels=128", "look.max_views=2")  # fmt: skip
+PAPER = (*SHORT, "gaussians.iterations=150", "gaussians.count=3000", "gaussians.max_gaussians=5000",
+         "fused.resolution=40")  # fmt: skip
+OURS = (*SHORT, "coarse.method=hull", "coarse.resolution=40")
 SHORT_FIT = ("light.directions=64", "pbr.iterations=8", "pbr.texture_size=128", "score.directions=64",
              "score.supersampling=1", "score.specular_samples=4", "score.max_views=2")  # fmt: skip
 RUNS = {
-    "dtu": ["data={}/DTU", "truth={}/MVS Data", *SHORT],
-    "nerf_synthetic": ["data={}/nerf_synthetic", "chamfer.samples=5000", *SHORT],
-    "synthetic4relight": ["data={}/Synthetic4Relight", *SHORT, *SHORT_FIT],
+    "dtu": ["data={}/DTU", "truth={}/MVS Data", *PAPER],
+    "nerf_synthetic": ["data={}/nerf_synthetic", "chamfer.samples=5000", *PAPER],
+    "synthetic4relight": ["data={}/Synthetic4Relight", *OURS, *SHORT_FIT],
     "stanford_orb": [
         "data={}/stanford_orb",
         "views.downscale=1",
         "speed.size=64",
         "speed.frames=2",
-        *SHORT,
+        *OURS,
         *SHORT_FIT,
     ],
 }

@@ -155,10 +155,14 @@ def _run(
     """A row. `seconds` are those of all nodes as they were when they ran; `processor_seconds` of this call and, where
     it found nodes in the store, of the calls `before`: None where these left no row."""
     import exmesh_graph as ex
+    from exmesh_graph.graph.language.extends import load_merged
+    from exmesh_graph.graph.problems import Problems
 
     if not scene.masks:
         masks = folder.resolve() / "masks"
         text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=masks if masks.is_dir() else "null")
+        if "hull" not in load_merged(graph, Problems())["nodes"]:  # it begins without one as it is
+            text = text.replace("  hull: null\n", "")
         graph = out / f"{graph.stem}_{scene.name}.yaml"
         graph.write_text(text, encoding="utf-8")
     row: dict[str, Any] = {"scene": scene.name, "role": scene.role, "kind": scene.kind}

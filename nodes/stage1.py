@@ -46,6 +46,12 @@ class RefineParams(DeviceSettings, RefineSettings):
     share: float = param(
         0.0, ge=0, le=1, doc="This round's part of total_iterations; above 0 it stands in place of iterations."
     )
+    vertex_units: Literal["edges", "world"] = param(
+        "edges", doc="Unit of vertex_lr: mean edges of the round's mesh, or the normalised world's (the paper)."
+    )
+    deviation_units: Literal["edges", "world"] = param(
+        "edges", doc="Unit of the distances in L_b: mean edges of the round's mesh, or the world's (the paper)."
+    )
 
     @model_validator(mode="after")
     def _share_of_something(self) -> RefineParams:
@@ -73,6 +79,7 @@ def refine(
     """Move vertices and texels against the photographs on a fixed topology."""
     from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.stage1.refine import refine as run
+    from exmesh_graph.stage1.units import in_edge_lengths
 
     if not views.has_masks and region is None:
         ctx.warn("the views have no masks and no region is wired in: the outline follows from colour alone")
@@ -81,6 +88,7 @@ def refine(
         ctx.warn(f"{len(bare)} of {len(views)} views have no mask and shape the surface by colour alone: {_some(bare)}")
     if p.share > 0:
         p = p.replaced(iterations=round(p.share * p.total_iterations))
+    p = in_edge_lengths(p, state, step=p.vertex_units == "world", deviation=p.deviation_units == "world")
     with computing(p) as device:
         wired: dict[str, Any] = {"smoothness": smoothness, "depths": depths, "region": region}
         new, history = run(state, views, p, **wired, where=ctx.node, device=device, **loop_of(ctx))

@@ -1,7 +1,8 @@
 """Vertex merging (paper section 4.2): edge collapse that keeps the surface manifold, unfolded and textured.
 
 Beyond the paper: the link condition, a test against flipped and thinner faces, boundary and seam vertices survive,
-and the corners of the deleted vertex move to the UV of the survivor in their own chart.
+and the corners of the deleted vertex move to the UV of the survivor in their own chart. `checks: topology` leaves of
+these tests what keeps the mesh a manifold, `uv: own` lets those corners keep their UV.
 """
 
 from __future__ import annotations
@@ -75,6 +76,7 @@ def merge(
         )
     rng = np.random.default_rng(seed)
     state = Topology(vertices, faces, uvs, uv_faces, VertexMap(), np.arange(len(faces)), 0)
+    own = settings.uv == "own"
     seen = np.ones(len(faces), bool) if rendered is None else rendered > 0
     total = 0
     for _ in range(max_rounds):
@@ -83,7 +85,7 @@ def merge(
         plan = Collapses(plan.removed[: max(budget, 0)], plan.survivor[: max(budget, 0)])
         if len(plan.removed) == 0:
             break
-        state = apply_merges(state, plan)
+        state = apply_merges(state, plan, own_uv=own)
         total += len(plan.removed)
         if settings.method == "random":
             break
@@ -125,12 +127,15 @@ def plan_merges(
     return Collapses(removed[go], survivor[go])
 
 
-def apply_merges(state: Topology, plan: Collapses) -> Topology:
-    """Carry out collapses of disjoint neighbourhoods, then drop unused vertices and UVs and renumber the rest."""
+def apply_merges(state: Topology, plan: Collapses, *, own_uv: bool = False) -> Topology:
+    """Carry out collapses of disjoint neighbourhoods, then drop unused vertices and UVs and renumber the rest.
+
+    Corners of removed vertices take the survivor's UV, or with `own_uv` keep theirs (the paper's section 4.3).
+    """
     goes_to = np.arange(len(state.vertices))
     goes_to[plan.removed] = plan.survivor
     faces = goes_to[state.faces]
-    corners = _moved_corners(state.faces, state.uv_faces, plan, len(state.vertices))
+    corners = state.uv_faces if own_uv else _moved_corners(state.faces, state.uv_faces, plan, len(state.vertices))
     a, b, c = faces.T
     alive = (a != b) & (b != c) & (c != a)
     faces, corners = faces[alive], corners[alive]
@@ -164,7 +169,7 @@ def _candidates(
     small = area <= np.quantile(area, settings.area_quantile)
     if settings.method == "random":
         rng = rng or np.random.default_rng(0)
-        face = np.flatnonzero(small & (rng.random(len(faces)) < 0.1))
+        face = np.flatnonzero(small & (rng.random(len(faces)) < settings.share))
         return rng.random(len(face)), face, rng.integers(0, 3, (len(face), 1))
     face = np.flatnonzero(small)
     shape = np.round(degeneracy(vertices, faces[face]), 6)
@@ -173,7 +178,8 @@ def _candidates(
     boundary = edges.count[edges.face_edges[face]] == 1
     length = corner_edge_lengths(vertices, faces[face])
     relative = np.round(length / np.maximum(length.max(axis=1, keepdims=True), 1e-300), 5)
-    return shape, face, np.argsort(relative - 2.0 * boundary, axis=1, kind="stable")
+    options = np.argsort(relative - 2.0 * boundary, axis=1, kind="stable")
+    return shape, face, options[:, : settings.tries]
 
 
 def collapse_ends(
@@ -195,7 +201,8 @@ def collapse_ends(
     owner[state.uv_faces.reshape(-1)] = flat  # a UV belongs to one vertex
     used = np.flatnonzero(owner >= 0)
     on_seam = np.bincount(owner[used], minlength=n) > 1
-    fixed = 2 * on_boundary.astype(np.int64) + on_seam
+    # a seam vertex may go where its corners keep their UVs
+    fixed = 2 * on_boundary.astype(np.int64) + (on_seam if settings.uv == "survivor" else 0)
     i_goes = np.where(
         fixed[i] != fixed[j],
         fixed[i] < fixed[j],
@@ -205,6 +212,8 @@ def collapse_ends(
     legal = edges.count[edge] <= 2
     legal &= ~((edges.count[edge] == 2) & on_boundary[i] & on_boundary[j])
     removed = np.where(i_goes, i, j)
+    if settings.checks == "topology":
+        return removed, np.where(i_goes, j, i), legal
     partner = opposite_halfedges(edges)
     border = np.flatnonzero(edges.count[edges.face_edges.reshape(-1)] == 1)
     bend = _outline_cosine(state.vertices, faces, border)
@@ -234,7 +243,10 @@ def _outline_cosine(points: np.ndarray, faces: np.ndarray, border: np.ndarray) -
 def shape_is_kept(
     state: Topology, removed: np.ndarray, survivor: np.ndarray, settings: MergeSettings, incident: Incident
 ) -> np.ndarray:
-    """bool [N]: no remaining face turns over, folds in the atlas or becomes a sliver, and every corner finds its UV."""
+    """bool [N]: no remaining face turns over, folds in the atlas or becomes a sliver, and every corner finds its UV.
+
+    With `checks: topology` a face that stays must keep an area, and nothing else is asked of its shape.
+    """
     vertices, faces, corners = state.vertices, state.faces, state.uv_faces
     owner, face = around(removed, incident)
     stays = (faces[face] != survivor[owner, None]).all(axis=1)
@@ -247,18 +259,23 @@ def shape_is_kept(
     cosine = np.einsum("ij,ij->i", old, new)
     size2 = lengths(old) * lengths(new)
     shape_old, shape_new = degeneracy(vertices, before), degeneracy(vertices, after)
-    bad = (cosine <= settings.min_cosine * size2) & (shape_old > 1e-6)
-    bad |= shape_new < np.minimum(shape_old, settings.degenerate) * (1.0 - 1e-5)
-    bad |= shape_new < 1e-6
+    bad = shape_new < 1e-6
+    if settings.checks == "shape":
+        bad |= (cosine <= settings.min_cosine * size2) & (shape_old > 1e-6)
+        bad |= shape_new < np.minimum(shape_old, settings.degenerate) * (1.0 - 1e-5)
+    safe = np.ones(len(removed), bool)
+    if settings.uv == "own":  # no triangle of the atlas changes
+        safe[owner[bad]] = False
+        return safe
 
     target, known = _uv_target(faces, corners, removed, survivor, owner, face, is_removed, incident)
     bad |= ~known
     k = is_removed.argmax(axis=1)
     moved = corners[face].astype(np.int64)
     moved[np.arange(len(face)), k] = np.where(known, target, moved[np.arange(len(face)), k])
-    area_old, area_new = signed_areas_2d(state.uvs, corners[face]), signed_areas_2d(state.uvs, moved)
-    bad |= (area_old > 0) & (area_new <= 1e-3 * area_old * np.minimum(1.0, settings.degenerate))
-    safe = np.ones(len(removed), bool)
+    if settings.checks == "shape":
+        area_old, area_new = signed_areas_2d(state.uvs, corners[face]), signed_areas_2d(state.uvs, moved)
+        bad |= (area_old > 0) & (area_new <= 1e-3 * area_old * np.minimum(1.0, settings.degenerate))
     safe[owner[bad]] = False
     return safe
 

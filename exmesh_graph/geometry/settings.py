@@ -58,6 +58,9 @@ class SplitSettings(Params):
     edge_degrees: Literal["opposite", "endpoints"] = param(
         "opposite", doc="Whose degrees divide the length in the edge score: those that rise, or the edge's own (paper)."
     )
+    score: Literal["ranks", "values"] = param(
+        "ranks", doc="G and K enter eq. 3 by rank within the mesh, or as they are (the paper's letter)."
+    )
     gradient_weight: float = param(0.6, ge=0.0, doc="w_g of eq. 3.")
     curvature_weight: float = param(0.4, ge=0.0, doc="w_k of eq. 3.")
     area_quantile: float = param(0.5, ge=0.0, lt=1.0, doc="Faces from this quantile of area on may be selected.")
@@ -77,7 +80,16 @@ class MergeSettings(Params):
     )
     area_quantile: float = param(0.3, ge=0.0, le=1.0, doc="Only faces up to this quantile of area may go.")
     method: Literal["degenerate", "random"] = param(
-        "degenerate", doc="Which faces go: degenerate or never rendered ones, or a tenth of the small ones at random."
+        "degenerate", doc="Which faces go: degenerate or never rendered ones, or a share of the small ones at random."
+    )
+    share: float = param(0.1, ge=0.0, le=1.0, doc="Share of the small faces that `random` takes.")
+    tries: int = param(3, ge=1, le=3, unit="edges", doc="Edges of a face tried in turn; the paper stops at the first.")
+    checks: Literal["shape", "topology"] = param(
+        "shape",
+        doc="What a collapse must keep: normals, shapes, outlines and the atlas too, or a manifold alone (the paper).",
+    )
+    uv: Literal["survivor", "own"] = param(
+        "survivor", doc="UV of the corners that a collapse moves: the survivor's in their chart, or their own (paper)."
     )
     min_faces: int = param(100, ge=4, unit="faces", doc="The mesh keeps at least this many.")
     min_cosine: float = param(

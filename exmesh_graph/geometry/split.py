@@ -208,8 +208,8 @@ def _select(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(score float64 [F], candidate bool [F]).
 
-    G is in loss per length and K in radians: each becomes its rank in the mesh, so that 0.6 and 0.4 mean the same at
-    every scale and for every loss (eq. 3).
+    G is in loss per length and K in radians: by `ranks`, each becomes its rank in the mesh, so that 0.6 and 0.4 mean
+    the same at every scale and for every loss. By `values` they are added as they are (eq. 3 as printed).
 
     Equation: 3.
     """
@@ -222,6 +222,9 @@ def _select(
         return (rng or np.random.default_rng(0)).random(len(faces)), candidate
     gradient_f = gradient.astype(np.float64)[faces].mean(axis=1)
     curvature_f = face_curvature(vertices, faces, edges)
+    if settings.score == "values":
+        score = settings.gradient_weight * gradient_f + settings.curvature_weight * curvature_f
+        return rounded(score), candidate
     score = settings.gradient_weight * rank01(gradient_f) + settings.curvature_weight * rank01(curvature_f)
     return np.round(score, 9), candidate
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from exmesh_graph.params import Params, param
 
@@ -13,14 +13,18 @@ if TYPE_CHECKING:
 
 
 class Laplacian(Params):
-    """The paper's L_s in its scale-free form, times `weight`; a `regularise.Smoothness`."""
+    """The paper's L_s times `weight`; a `regularise.Smoothness`."""
 
-    weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
+    weight: float = param(0.3, ge=0, doc="Weight of L_s, per square of `units`; 0: no smoothness.")
+    units: Literal["edges", "world"] = param(
+        "edges", doc="What distances are measured in: mean edge lengths, or units of the normalised world (the paper)."
+    )
 
     def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
-        from exmesh_graph.stage1.regularise import weighted
+        from exmesh_graph.stage1.regularise import mean_edge, weighted
 
-        return weighted("laplacian", self.weight, vertices, edges)
+        square = mean_edge(vertices, edges) ** 2 if self.units == "world" else 1.0
+        return weighted("laplacian", self.weight * square, vertices, edges)
 
 
 class Bilaplacian(Params):

@@ -49,6 +49,8 @@ def test_scores_only_the_role_and_goes_on_after_a_failure(data, tmp_path, monkey
     assert "init.auto" in written
     assert "hull: null" in written
     assert f"masks: {data}/still/masks" in written
+    scores.score_scenes("score", tmp_path / "ours", data=[data], graph=scores.ROOT / "graphs" / "exmeshpp.yaml")
+    assert "hull" not in asked["still"].read_text()  # that graph begins without one
     assert [row["scene"] for row in rows] == ["padlock", "still"]
     table = (tmp_path / "out" / "table.md").read_text()
     assert "30 (20)" in table

@@ -12,18 +12,24 @@ from topology_reference import merge_round
 
 from benchmarks.meshes import grid
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import area_vectors, signed_volume
+from exmesh_graph.geometry.adjacency import area_vectors, euler_characteristic, signed_volume
 from exmesh_graph.geometry.merge import apply_merges, merge, plan_merges
 from exmesh_graph.geometry.settings import MergeSettings
 from exmesh_graph.geometry.split import split
 from exmesh_graph.geometry.topology import Topology, VertexMap, degeneracy
-from exmesh_graph.types.edges import is_closed
+from exmesh_graph.types.edges import is_closed, is_edge_manifold
 
 EAGER = MergeSettings(min_faces=4, degenerate=0.3, area_quantile=0.9, min_cosine=0.2)
+PAPER = EAGER.replaced(tries=1, checks="topology", uv="own")  # the paper's letter, and the link condition
 
 
 @settings(max_examples=18, deadline=None)
-@given(meshes(), st.sampled_from([MergeSettings(min_faces=4), EAGER]), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1))
+@given(
+    meshes(),
+    st.sampled_from([MergeSettings(min_faces=4), EAGER, PAPER]),
+    st.floats(0.0, 1.0),
+    st.integers(0, 2**32 - 1),
+)
 def test_round_equals_the_sequential_pass(mesh, choice, unseen, seed):
     vertices, faces, uvs, uv_faces, _ = mesh
     seen = np.random.default_rng(seed).random(len(faces)) >= unseen
@@ -31,7 +37,7 @@ def test_round_equals_the_sequential_pass(mesh, choice, unseen, seed):
     plan = plan_merges(start, seen, choice)
     gone, live, corners = merge_round(vertices, faces, uvs, uv_faces, seen, choice)
     assert dict(zip(plan.removed.tolist(), plan.survivor.tolist(), strict=True)) == gone
-    done = apply_merges(start, plan)
+    done = apply_merges(start, plan, own_uv=choice.uv == "own")
     kept = done.map.steps[0].kept
     faces_got, uv_got, index_got = canonical(kept[done.faces], done.uvs, done.uv_faces)
     faces_want, uv_want, index_want = canonical(live, uvs, corners)
@@ -76,6 +82,41 @@ def test_fuzzed_splits_and_merges_stay_a_manifold():
             vertices, faces, uvs, uv_faces = done.vertices, done.faces, done.uvs, done.uv_faces
             vertices = vertices + rng.normal(size=vertices.shape).astype(np.float32) * np.float32(1e-3)
         assert total > 1000 or name != "sphere"
+
+
+@settings(max_examples=30, deadline=None)
+@given(meshes(), st.sampled_from(["degenerate", "random"]), st.sampled_from(["own", "survivor"]), st.integers(0, 99))
+def test_without_tests_of_shape_the_mesh_stays_a_manifold(mesh, criterion, uv, seed):
+    vertices, faces, uvs, uv_faces, _ = mesh
+    choice = PAPER.replaced(method=criterion, uv=uv, share=1.0, area_quantile=1.0)
+    done = merge(vertices, faces, uvs, uv_faces, np.zeros(len(faces), int), choice, seed=seed)
+    assert is_edge_manifold(done.faces)
+    assert euler_characteristic(done.faces) == euler_characteristic(faces)
+    pairs = np.unique(np.stack([done.uv_faces.reshape(-1), done.faces.reshape(-1)], axis=1), axis=0)
+    assert len(np.unique(pairs[:, 0])) == len(pairs)  # no UV belongs to two vertices
+    assert len(done.uvs) == len(np.unique(done.uv_faces))
+
+
+def test_own_uvs_leave_the_triangles_of_the_atlas_where_they_were():
+    mesh = unwrapped("sphere")
+    done = merge(*mesh, np.zeros(len(mesh[1]), int), PAPER.replaced(area_quantile=1.0))
+    assert done.count > 0
+    before = {tuple(sorted(map(tuple, triangle))) for triangle in mesh[2][mesh[3]].tolist()}
+    after = {tuple(sorted(map(tuple, triangle))) for triangle in done.uvs[done.uv_faces].tolist()}
+    assert after < before
+
+
+def test_random_merging_takes_the_share_it_is_given():
+    mesh = unwrapped("sphere")
+    choice = PAPER.replaced(method="random", area_quantile=1.0)
+
+    def faces_gone(share):
+        done = [merge(*mesh, None, choice.replaced(share=share), seed=seed) for seed in range(20)]
+        return sum(one.count for one in done) / (len(done) * len(mesh[1]))
+
+    assert faces_gone(0.0) == 0
+    assert faces_gone(0.01) == pytest.approx(0.01, rel=0.4)
+    assert faces_gone(0.05) > 2.5 * faces_gone(0.01)  # not five times: neighbours exclude each other
 
 
 def test_tetrahedron_is_left_alone():

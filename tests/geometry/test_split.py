@@ -25,10 +25,13 @@ slow_but_few = settings(max_examples=30, deadline=None)
 
 
 @slow_but_few
-@given(meshes(), st.sampled_from(["opposite", "endpoints"]), st.sampled_from([0.0, 0.5]), st.integers(0, 120))
-def test_round_equals_the_sequential_pass(mesh, edge_degrees, quantile, budget):
+@given(
+    meshes(), st.sampled_from(["opposite", "endpoints"]), st.sampled_from(["ranks", "values"]),
+    st.sampled_from([0.0, 0.5]), st.integers(0, 120),
+)  # fmt: skip
+def test_round_equals_the_sequential_pass(mesh, edge_degrees, score, quantile, budget):
     vertices, faces, uvs, uv_faces, gradient = mesh
-    choice = SplitSettings(edge_degrees=edge_degrees, area_quantile=quantile)
+    choice = SplitSettings(edge_degrees=edge_degrees, score=score, area_quantile=quantile)
     halfedge, mu = plan_splits(vertices, faces, gradient, budget, choice)
     start = Topology(vertices, faces, uvs, uv_faces, VertexMap(), np.arange(len(faces)), 0)
     got, _ = apply_splits(start, halfedge, mu)

@@ -69,10 +69,13 @@ def split_round(vertices, faces, uvs, uv_faces, gradient, budget, settings):
     start = [list(f) for f in faces]
     areas = quantised([0.5 * float(np.linalg.norm(area_vector(p, f))) for f in faces])
     limit = np.quantile(areas, settings.area_quantile)
-    g = ranks([float(np.mean([float(gradient[v]) for v in f])) for f in faces])
-    k = ranks(curvature(p, faces))
+    g = [float(np.mean([float(gradient[v]) for v in f])) for f in faces]
+    k = curvature(p, faces)
     w_g, w_k = settings.gradient_weight, settings.curvature_weight
-    score = [round(w_g * a + w_k * b, 9) for a, b in zip(g, k, strict=True)]
+    if settings.score == "ranks":
+        score = [round(w_g * a + w_k * b, 9) for a, b in zip(ranks(g), ranks(k), strict=True)]
+    else:
+        score = quantised([w_g * a + w_k * b for a, b in zip(g, k, strict=True)])
     order = [f for f in range(len(faces)) if areas[f] >= limit and areas[f] > 0]
     order.sort(key=lambda f: (-score[f], f))
 
@@ -163,7 +166,11 @@ def merge_round(vertices, faces, uvs, uv_faces, seen, settings):
     touched, gone = set(), {}
     for f in order:
         pick = next(
-            (at_start.collapse(f, c, settings) for c in at_start.preference(f) if at_start.collapse(f, c, settings)),
+            (
+                at_start.collapse(f, c, settings)
+                for c in at_start.preference(f)[: settings.tries]
+                if at_start.collapse(f, c, settings)
+            ),
             None,
         )
         if pick is None:
@@ -183,7 +190,9 @@ def merge_round(vertices, faces, uvs, uv_faces, seen, settings):
                 faces[g] = None
                 continue
             k = faces[g].index(r)
-            faces[g][k], corners[g][k] = s, next(iter(target[corners[g][k]]))
+            faces[g][k] = s
+            if settings.uv == "survivor":
+                corners[g][k] = next(iter(target[corners[g][k]]))
         touched |= ring
         gone[r] = s
     live = [g for g, q in enumerate(faces) if q]
@@ -218,7 +227,8 @@ class Situation:
     def collapse(self, f, c, settings):
         """(removed, survivor), or None when this edge may not collapse."""
         i, j = self.faces[f][c], self.faces[f][(c + 1) % 3]
-        fixed = {v: 2 * (v in self.rim) + (len(self.marks[v]) > 1) for v in (i, j)}
+        seams = settings.uv == "survivor"
+        fixed = {v: 2 * (v in self.rim) + (seams and len(self.marks[v]) > 1) for v in (i, j)}
         if fixed[i] != fixed[j]:
             r = min(i, j, key=lambda v: fixed[v])
         elif len(self.near[i]) != len(self.near[j]):
@@ -230,7 +240,7 @@ class Situation:
         if len(sides) > 2 or (len(sides) == 2 and i in self.rim and j in self.rim):
             return None
         bend = min([self.turn.get(r, 1.0)] + [self.uv_turn.get(a, 1.0) for a in self.marks[r]])
-        if round(bend, 6) < settings.outline_cosine:
+        if settings.checks == "shape" and round(bend, 6) < settings.outline_cosine:
             return None
         bad = collapse_is_bad(self.p, self.uv, self.faces, self.corners, self.near, self.rim, sides, r, s, settings)
         return None if bad else (r, s)
@@ -275,17 +285,20 @@ def collapse_is_bad(p, uv, faces, corners, near, rim, sides, r, s, settings):
         n, m = area_vector(p, g), area_vector(p, after)
         before, then = degeneracy(p, g), degeneracy(p, after)
         product = float(np.linalg.norm(n) * np.linalg.norm(m))
-        if before > 1e-6 and float(np.dot(n, m)) <= settings.min_cosine * product:
+        shape = settings.checks == "shape"
+        if shape and before > 1e-6 and float(np.dot(n, m)) <= settings.min_cosine * product:
             return True
-        if then < min(before, settings.degenerate) * (1 - 1e-5) or then < 1e-6:
+        if (shape and then < min(before, settings.degenerate) * (1 - 1e-5)) or then < 1e-6:
             return True
+        if settings.uv == "own":
+            continue
         k = g.index(r)
         if len(target.get(q[k], ())) != 1:
             return True
         moved = list(q)
         moved[k] = next(iter(target[q[k]]))
         old, new = uv_area(uv, q), uv_area(uv, moved)
-        if old > 0 and new <= 1e-3 * old * min(1.0, settings.degenerate):
+        if shape and old > 0 and new <= 1e-3 * old * min(1.0, settings.degenerate):
             return True
     return False
 
