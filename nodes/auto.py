@@ -52,7 +52,7 @@ def auto(
     from exmesh_graph.errors import DataError
     from exmesh_graph.evaluate.metrics.rephotography import compared
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction, surface_row
-    from exmesh_graph.gpu.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import sharing
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
     pixels = (views.width // factor) * (views.height // factor)
@@ -88,7 +88,7 @@ def auto(
         mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
         if p.method == "auto" and method == "pgsr" and masks and len(views) >= ENOUGH_VIEWS:
             hull = init.visual_hull(ctx, views, p=outline).mesh
-            with torch_threads(p.threads):
+            with sharing(p.threads):
                 row = surface_row(*compared((hull.vertices, hull.faces), (mesh.vertices, mesh.faces), views))
             rows.append(row)
             ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")

@@ -48,9 +48,9 @@ def region(ctx: Context, views: TestViews, train: TrainViews | None = None, *, p
     Found in photographs alone: the same pixels for all that is scored on a scene. Views that have masks keep to these.
     """
     from exmesh_graph.evaluate.region import find_region
-    from exmesh_graph.gpu.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import sharing
 
-    with torch_threads(1):
+    with sharing(0):
         found = find_region(views, train, p)
     shares = found.inside.mean(axis=(1, 2))
     ctx.log(f"{shares.mean():.0%} of the pictures count, from {shares.min():.0%} to {shares.max():.0%} by view")
@@ -109,9 +109,9 @@ def round_(
     Held-out PSNR where there are masks, or a `region` (evaluate.region).
     """
     from exmesh_graph.evaluate.carrier import score_stage
-    from exmesh_graph.gpu.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import sharing
 
-    with torch_threads(1):
+    with sharing(0):
         values = score_stage(state, views, truth, region, samples=p.samples, max_views=p.max_views, seed=ctx.seed)
     return MetricsOut(Metrics(values))
 

@@ -17,9 +17,9 @@ class GalleryOut(NamedTuple):
 def round_(ctx: Context, state: Carrier) -> GalleryOut:
     """A round of Stage I: the shape from six sides, its edges, its atlas in colours of stretch."""
     from exmesh_graph.gallery.rounds import round_gallery
-    from exmesh_graph.gpu.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import sharing
 
-    with torch_threads(1):
+    with sharing(0):
         return GalleryOut(round_gallery(ctx.scratch / "gallery", state, ctx.node.rpartition(".")[0] or ctx.node))
 
 

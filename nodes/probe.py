@@ -2,13 +2,9 @@
 
 from typing import Annotated, NamedTuple
 
+from exmesh_graph.gpu.settings import CoreSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
-from exmesh_graph.params import Params, param
 from exmesh_graph.types import Carrier, Metrics, SceneNeeds, Views
-
-
-class ProbeParams(Params):
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
 class ProbeOut(NamedTuple):
@@ -18,16 +14,16 @@ class ProbeOut(NamedTuple):
 
 @node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources={"cpu": 1})
 def probe(
-    ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: ProbeParams
+    ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: CoreSettings
 ) -> ProbeOut:
     """Measure on a few coarse training views whether indirect light, a metallic map, finer maps or sky pay.
 
     `needs` decides parameters that are `auto`; `decisions` is the same for the report, with the seconds of steps.
     """
-    from exmesh_graph.gpu.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
 
-    with torch_threads(p.threads):
+    with sharing(p.threads):
         probed = probe_scene(carrier, views, seed=ctx.seed, progress=ctx.progress)
     for name, decision in probed.needs.decisions.items():
         ctx.log(f"{name}: {decision.value}. {decision.reason}")

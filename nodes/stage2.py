@@ -4,9 +4,8 @@ from typing import Annotated, NamedTuple
 
 from exmesh_nodes.transport import MonteCarlo
 
-from exmesh_graph.gpu.settings import ON_DEVICE, loop_of
+from exmesh_graph.gpu.settings import ON_DEVICE, CoreSettings, loop_of
 from exmesh_graph.graph.declare.node import Context, facets, node
-from exmesh_graph.params import param
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, with_decisions
 
@@ -23,8 +22,8 @@ def init(ctx: Context, carrier: Carrier, *, p: StartSettings) -> InitOut:
     return InitOut(neutral_asset(carrier, p))
 
 
-class FitParams(DecompositionSettings):
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
+class FitParams(DecompositionSettings, CoreSettings):
+    """The fit, and the cores that it may take."""
 
 
 class FitOut(NamedTuple):
@@ -53,7 +52,7 @@ def fit(
 
     `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from.
     """
-    from exmesh_graph.gpu.torch_setup import torch_threads
+    from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.graph.machine import memory_in_use
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.memory import plan_memory
@@ -62,7 +61,7 @@ def fit(
     light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
     traced = light if isinstance(light, Transport) else None
     ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
-    with torch_threads(p.threads):
+    with sharing(p.threads):
         asset, curves = run(carrier, views, light, settings, start=start, warn=ctx.warn, log=ctx.log, **loop_of(ctx))
     # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
     return FitOut(asset, Metrics({"curves": curves}))

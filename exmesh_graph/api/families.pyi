@@ -390,11 +390,11 @@ class _Gallery(Family):
     def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 128, faces: int | Parameter = 5000, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 128, faces: int | Parameter = 5000, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
         """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
 
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         method: auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere.
         seconds: Processor time the start may take, by a fixed estimate. [s, > 0]
         iterations: Of the planar Gaussians; 0: as many as `seconds` pays for, 500 to 1500. [>= 0]
@@ -426,7 +426,7 @@ class _Init(Family):
         path: OBJ or PLY file.
         units: The file's space: the normalised world, the Y-up scene, or the data set's own axes and units.
         """
-    def pgsr(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, begin: Wire[PlanarGaussians] | Node | None = None, iterations: int | Parameter = 1500, start: Literal["auto", "points", "hull", "random"] | Parameter = "auto", count: int | Parameter = 20000, max_gaussians: int | Parameter = 40000, wrong_masks: int | Parameter = 0, degree: int | Parameter = 3, ssim_weight: float | Parameter = 0.2, mask_weight: float | Parameter = 0.2, flatten_weight: float | Parameter = 100.0, normal_weight: float | Parameter = 0.015, geometric_weight: float | Parameter = 0.03, photometric_weight: float | Parameter = 0.15, geometry_from: float | Parameter = 0.25, samples: int | Parameter = 4096, mean_rate: float | Parameter = 0.002, mean_decay: float | Parameter = 0.01, scale_rate: float | Parameter = 0.005, rotation_rate: float | Parameter = 0.002, opacity_rate: float | Parameter = 0.05, colour_rate: float | Parameter = 0.005, densify: float | Parameter = 0.0002, densify_absolute: float | Parameter = 0.0008, densify_from: float | Parameter = 0.08, densify_to: float | Parameter = 0.6, densify_rounds: int | Parameter = 15, min_opacity: float | Parameter = 0.01, reset_at: float | Parameter = 0.0, gains: bool | Parameter = False, downscale: int | Parameter = 1, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GaussiansHistoryNode:
+    def pgsr(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, begin: Wire[PlanarGaussians] | Node | None = None, iterations: int | Parameter = 1500, start: Literal["auto", "points", "hull", "random"] | Parameter = "auto", count: int | Parameter = 20000, max_gaussians: int | Parameter = 40000, wrong_masks: int | Parameter = 0, degree: int | Parameter = 3, ssim_weight: float | Parameter = 0.2, mask_weight: float | Parameter = 0.2, flatten_weight: float | Parameter = 100.0, normal_weight: float | Parameter = 0.015, geometric_weight: float | Parameter = 0.03, photometric_weight: float | Parameter = 0.15, geometry_from: float | Parameter = 0.25, samples: int | Parameter = 4096, mean_rate: float | Parameter = 0.002, mean_decay: float | Parameter = 0.01, scale_rate: float | Parameter = 0.005, rotation_rate: float | Parameter = 0.002, opacity_rate: float | Parameter = 0.05, colour_rate: float | Parameter = 0.005, densify: float | Parameter = 0.0002, densify_absolute: float | Parameter = 0.0008, densify_from: float | Parameter = 0.08, densify_to: float | Parameter = 0.6, densify_rounds: int | Parameter = 15, min_opacity: float | Parameter = 0.01, reset_at: float | Parameter = 0.0, gains: bool | Parameter = False, downscale: int | Parameter = 1, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GaussiansHistoryNode:
         """Fit planar Gaussians to the photographs (PGSR): a coarse surface that opens what no outline shows.
 
         iterations: Length of the fit, one view each; every schedule is a share of it. [>= 1]
@@ -458,17 +458,17 @@ class _Init(Family):
         reset_at: Share of the iterations at which opacities are reset; 0: never. [>= 0, < 1]
         gains: Fit one factor per view and channel, for photographs of wandering exposure.
         downscale: Work on pictures reduced by this factor. [>= 1, <= 16]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
-    def photometric(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node, passes: int | Parameter = 2, reach: float | Parameter = 3.0, smoothness: float | Parameter = 0.03, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
+    def photometric(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node, passes: int | Parameter = 2, reach: float | Parameter = 3.0, smoothness: float | Parameter = 0.03, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree.
 
         passes: Sweeps over the mesh. [>= 0, <= 20]
         reach: Largest move of a pass inwards; outwards a quarter. [mean edges, > 0, <= 20]
         smoothness: Weight of neighbours moving alike against what the photographs say. [> 0]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
     def sphere(self, name: str = "", *, faces: int | Parameter = 1280, radius: float | Parameter = 0.8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """A sphere that knows nothing of the photographs: what Stage I makes of the worst start.
@@ -570,7 +570,7 @@ class _Prior(Family):
         scale: File values times this give the stated units (0.001 for millimetres as integers). [> 0]
         units: After scaling: the normalised world's, the scene's own (then wire `frame`), or relative: right up to a scale and a shift of each map, as networks give it (for the depth loss, or prior.align).
         """
-    def depth_from_gaussians(self, name: str = "", *, gaussians: Wire[PlanarGaussians] | Node, views: Wire[Views] | Node, surface: Literal["middle", "blended"] | Parameter = "middle", incidence: float | Parameter = 80.0, agreeing: int | Parameter = 1, tolerance: float | Parameter = 0.01, outward: float | Parameter = 0.5, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
+    def depth_from_gaussians(self, name: str = "", *, gaussians: Wire[PlanarGaussians] | Node, views: Wire[Views] | Node, surface: Literal["middle", "blended"] | Parameter = "middle", incidence: float | Parameter = 80.0, agreeing: int | Parameter = 1, tolerance: float | Parameter = 0.01, outward: float | Parameter = 0.5, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
         """Depth maps of fitted Gaussians, without grazing planes and what neighbouring views contradict.
 
         surface: Plane of the Gaussian at which half of the light is gone, or all planes blended.
@@ -578,10 +578,10 @@ class _Prior(Family):
         agreeing: Neighbours that must show the same point; 0: none asked. [views, >= 0]
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
         outward: Added along the surface's normal: a fit shrinks the object by about so much. [px, >= 0, <= 4]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
-    def plane_sweep(self, name: str = "", *, views: Wire[Views] | Node, planes: int | Parameter = 128, neighbours: int | Parameter = 4, window: int | Parameter = 9, downscale: int | Parameter = 2, min_score: float | Parameter = 0.6, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
+    def plane_sweep(self, name: str = "", *, views: Wire[Views] | Node, planes: int | Parameter = 128, neighbours: int | Parameter = 4, window: int | Parameter = 9, downscale: int | Parameter = 2, min_score: float | Parameter = 0.6, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
         """Depth from the photographs alone: where windows of neighbouring views correlate best (plane sweep).
 
         planes: Depths tried for every pixel, over the unit sphere. [>= 8, <= 1024]
@@ -591,8 +591,8 @@ class _Prior(Family):
         min_score: Least correlation of the windows. [>= -1, <= 1]
         agreeing: Neighbours that must have found the same point. [views, >= 0]
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
 class _Regulariser(Family):
     def bilaplacian(self, name: str = "", *, weight: float | Parameter = 0.3) -> Node:
@@ -612,20 +612,20 @@ class _Regulariser(Family):
         strength: lambda of the paper; the filter reaches about its root, in edges. [>= 0]
         """
 class _Scene(Family):
-    def probe(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> NeedsDecisionsNode:
+    def probe(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> NeedsDecisionsNode:
         """Measure on a few coarse training views whether indirect light, a metallic map, finer maps or sky pay.
 
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
 class _Stage1(Family):
-    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
+    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero.
 
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         texture: First texture: projected from the photographs, the carrier's own, or plain grey.
         """
-    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, fill_unseen: bool | Parameter = True, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", threads: int | Parameter = 1, share: float | Parameter = 0.0, vertex_units: Literal["edges", "world"] | Parameter = "edges", deviation_units: Literal["edges", "world"] | Parameter = "edges", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateHistoryNode:
+    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, fill_unseen: bool | Parameter = True, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", share: float | Parameter = 0.0, vertex_units: Literal["edges", "world"] | Parameter = "edges", deviation_units: Literal["edges", "world"] | Parameter = "edges", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateHistoryNode:
         """Move vertices and texels against the photographs on a fixed topology.
 
         iterations: Iterations of this round, one view each. [>= 0]
@@ -645,16 +645,17 @@ class _Stage1(Family):
         gains: Fit one factor per view and channel, for photographs of wandering exposure.
         downscale: Work on pictures reduced by this factor. [>= 1, <= 16]
         fill_unseen: Fill texels that this round never touched from their neighbours.
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         share: This round's part of total_iterations; above 0 it stands in place of iterations. [>= 0, <= 1]
         vertex_units: Unit of vertex_lr: mean edges of the round's mesh, or the normalised world's (the paper).
         deviation_units: Unit of the distances in L_b: mean edges of the round's mesh, or the world's (the paper).
         """
 class _Stage2(Family):
-    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, threads: int | Parameter = 1, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> AssetHistoryNode:
+    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, threads: int | Parameter = 0, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> AssetHistoryNode:
         """Recover base colour, roughness and environment from the training views (paper, section 5).
 
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         texture_size: Side of the maps; 0 keeps the Stage I texture's. [texels, >= 0, <= 8192, or auto, by needs]
         environment_height: Rows of the recovered environment; twice as many columns. [texels, >= 8, <= 1024, or auto, by needs]
         iterations: Adam steps of one training view each. [>= 1]
@@ -678,7 +679,6 @@ class _Stage2(Family):
         keep_light: Keep the environment of `start`, a known light, and fit the maps alone.
         exposure: Fit one gain per view, for photographs of varying exposure.
         memory_gib: Memory that the views' buffers may take; the rest are made anew. [GiB, >= 0]
-        threads: torch CPU threads; 0 keeps the process's setting. [>= 0]
         """
     def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, base_color: Literal["texture", "gray"] | Parameter = "texture", roughness: float | Parameter = 0.5, metallic: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> AssetNode:
         """Where stage2.fit starts: base colour from the Stage I texture or gray, the rest neutral, under white light.

@@ -10,13 +10,18 @@ ON_DEVICE = {"cpu": 0, "gpu?": 1}
 """What a node that computes with torch asks of the machine: no processor of its own, the GPU if there is one."""
 
 
-class DeviceSettings(Params):
+class CoreSettings(Params):
+    """Of `torch_setup.sharing`."""
+
+    threads: int = param(0, ge=0, tuning=True, doc="CPU cores that kernels share; 0 takes all of this process.")
+
+
+class DeviceSettings(CoreSettings):
     """Of `torch_setup.computing`."""
 
     device: Literal["auto", "cpu", "cuda"] = param(
         "auto", doc="Where to compute; auto takes a CUDA device if there is one."
     )
-    threads: int = param(1, ge=0, tuning=True, doc="torch CPU threads; 0 keeps the process's setting.")
 
 
 def loop_of(ctx: Any) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import MissingLibraryError
+from exmesh_graph.gpu.cores import cores
 
 if TYPE_CHECKING:
     from exmesh_graph.gpu.settings import DeviceSettings
@@ -18,18 +19,25 @@ if TYPE_CHECKING:
 
 @contextmanager
 def computing(settings: DeviceSettings) -> Iterator[torch.device]:
-    """The device that `settings.device` names, while torch takes `settings.threads` CPU threads."""
-    with torch_threads(settings.threads):
+    """The device that `settings.device` names, while CPU kernels share `settings.threads` cores."""
+    with sharing(settings.threads):
         yield pick_device(settings.device)
 
 
 @contextmanager
-def torch_threads(count: int) -> Iterator[None]:
-    """Run the block with `count` torch CPU threads (0 = leave as it is), then restore the caller's setting.
+def sharing(count: int) -> Iterator[None]:
+    """Let the kernels share `count` CPU cores within the block (0: all that the process may use), torch take one.
 
-    The solvers' tensors are small: one thread is as fast as two on most of their operations, and leaves the second
-    core to other nodes of the graph (docs/stage1.md).
+    The solvers' tensors are small, and torch's threads spin for one another: beside other work two of them took up to
+    eight times as long as one.
     """
+    with torch_threads(1), cores(count):
+        yield
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Run the block with `count` torch CPU threads (0 = leave as it is), then restore the caller's setting."""
     before = torch.get_num_threads()
     if count > 0:
         torch.set_num_threads(count)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -41,15 +41,24 @@ def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:
     """
     wp = warp()
     device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
+    stream = wp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None
+    wp.launch(kernel, dim=size, inputs=convert(kernel, arguments), device=wp.device_from_torch(device), stream=stream)
+
+
+def convert(kernel: Any, arguments: Sequence[Any]) -> list[Any]:
+    """`arguments` as `warp.launch` takes them: tensors as descriptors of their memory, the rest as it is.
+
+    Tensors must outlive the launch.
+    """
+    wp = warp()
     converted = []
     for argument, slot in zip(arguments, kernel.adj.args, strict=True):
         if isinstance(argument, torch.Tensor):
             if slot.type.ndim == 1:  # pictures as lists of pixels
                 argument = argument.view(-1, *getattr(slot.type.dtype, "_shape_", ()))
-            argument = wp.from_torch(argument.detach(), dtype=slot.type.dtype, requires_grad=False)
+            argument = wp.from_torch(argument.detach(), dtype=slot.type.dtype, requires_grad=False, return_ctype=True)
         converted.append(argument)
-    stream = wp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None
-    wp.launch(kernel, dim=size, inputs=converted, device=wp.device_from_torch(device), stream=stream)
+    return converted
 
 
 def _cache_is_writable() -> bool:

@@ -1,0 +1,97 @@
+"""Kernels on every core: one launch shared by threads, the same bytes for any number of them.
+
+Warp runs a CPU kernel on the thread that launches it, without the interpreter's lock, so threads share the work. What
+a piece of work is depends on its size alone, and each result has one owner: who computes it changes no bit of it.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+import torch
+
+from exmesh_graph.gpu.warp_runtime import convert, launch, warp
+
+_count: ContextVar[int] = ContextVar("exmesh_cores", default=1)
+_launched: set[Any] = set()
+_pool: ThreadPoolExecutor | None = None
+_own = threading.local()
+
+
+def available() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def cores(count: int) -> Iterator[int]:
+    """Let `split` share its launches among `count` cores (0: all that the process may use) within the block."""
+    token = _count.set(count or available())
+    try:
+        yield _count.get()
+    finally:
+        _count.reset(token)
+
+
+def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
+    """Launch `kernel` over [0, size), in pieces of `grain` items that the cores of `cores()` take one by one.
+
+    The kernel's first parameter is `first: int`, and its item is `first + wp.tid()`; `arguments` are the others, as
+    for `launch`. Items must not write what other items read or write; sums belong to an item, or to a piece (number
+    item // grain), and are added up by the caller in their order. On CUDA this is one launch with first = 0.
+    """
+    device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
+    workers = min(_count.get(), -(-size // grain))
+    # the first launch of a kernel compiles its module: on one thread
+    if workers <= 1 or device.type != "cpu" or kernel not in _launched:
+        launch(kernel, size, 0, *arguments)
+        _launched.add(kernel)
+        return
+    converted = convert(kernel, (0, *arguments))[1:]
+    pieces = iter(range(0, size, grain))  # shared: taking the next one is atomic
+
+    def work() -> None:
+        for first in pieces:
+            warp().launch(kernel, dim=min(grain, size - first), inputs=[first, *converted], device="cpu")
+
+    others = [_threads().submit(work) for _ in range(workers - 1)]
+    try:
+        work()
+    finally:
+        for other in others:
+            other.result()
+
+
+def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+    """At least `size` elements of CPU memory, not cleared, that this thread keeps under `name` for the next call.
+
+    Fresh memory is paged in by the kernel of the operating system at every step; this is paged in once. Never return
+    it, or a view of it, to a caller.
+    """
+    kept: dict[str, torch.Tensor] = _own.__dict__
+    if name not in kept or len(kept[name]) < size or kept[name].dtype != dtype:
+        kept[name] = torch.empty(size, dtype=dtype)
+    return kept[name]
+
+
+def _threads() -> ThreadPoolExecutor:
+    """Threads wait without spinning, so several solvers of a process may share them."""
+    global _pool
+    if _pool is None:
+        _pool = ThreadPoolExecutor(max(available() - 1, 3), thread_name_prefix="exmesh-core")
+    return _pool
+
+
+def _forget_threads() -> None:
+    """A forked child has none of its parent's threads."""
+    global _pool
+    _pool = None
+
+
+os.register_at_fork(after_in_child=_forget_threads)

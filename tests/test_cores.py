@@ -1,0 +1,88 @@
+"""Launches shared by threads: every item once, errors told, memory of a thread its own."""
+
+import os
+import threading
+
+import pytest
+import torch
+import warp as wp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exmesh_graph.gpu.cores import available, cores, scratch, split
+from exmesh_graph.gpu.warp_runtime import launch
+
+
+@wp.kernel
+def count_items(first: int, counts: wp.array(dtype=wp.int32)):
+    i = first + wp.tid()
+    counts[i] = counts[i] + 1
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 500), st.integers(1, 600), st.integers(0, 5))
+def test_every_item_is_done_once(size, grain, count):
+    counts = torch.zeros(size + 1, dtype=torch.int32)
+    with cores(count):
+        split(count_items, size, counts, grain=grain)
+    assert counts[:size].tolist() == [1] * size
+    assert int(counts[size]) == 0
+
+
+def test_cores_are_those_of_the_process_and_end_with_the_block():
+    assert available() == len(os.sched_getaffinity(0))
+    with cores(0) as count:
+        assert count == available()
+        with cores(3) as inner:
+            assert inner == 3
+
+
+def test_several_threads_share_their_launches_at_once():
+    results = [torch.zeros(1000, dtype=torch.int32) for _ in range(4)]
+
+    def work(counts):
+        with cores(3):
+            for _ in range(20):
+                split(count_items, 1000, counts, grain=50)
+
+    threads = [threading.Thread(target=work, args=(counts,)) for counts in results]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(counts.tolist() == [20] * 1000 for counts in results)
+
+
+def test_wrong_arguments_are_told_from_every_piece():
+    split(count_items, 4, torch.zeros(4, dtype=torch.int32), grain=1)
+    with cores(2), pytest.raises((RuntimeError, TypeError)):
+        split(count_items, 4, torch.zeros(4, dtype=torch.float32), grain=1)
+
+
+def test_scratch_is_kept_grows_and_belongs_to_its_thread():
+    first = scratch("test", 10)
+    assert scratch("test", 5) is first
+    assert len(scratch("test", 20)) >= 20
+    assert scratch("test", 5, torch.int32).dtype == torch.int32
+    mine, others = scratch("test", 5), []
+    thread = threading.Thread(target=lambda: others.append(scratch("test", 5)))
+    thread.start()
+    thread.join()
+    assert others[0].data_ptr() != mine.data_ptr()
+
+
+def test_a_forked_child_has_threads_of_its_own():
+    counts = torch.zeros(100, dtype=torch.int32)
+    with cores(2):
+        split(count_items, 100, counts, grain=10)
+        split(count_items, 100, counts, grain=10)
+        child = os.fork()
+        if child == 0:
+            split(count_items, 100, counts, grain=10)
+            os._exit(0 if counts.tolist() == [3] * 100 else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def test_descriptors_of_tensors_reach_kernels_of_every_shape():
+    counts = torch.zeros(0, dtype=torch.int32)
+    launch(count_items, 0, 0, counts)
