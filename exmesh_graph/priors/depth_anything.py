@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from exmesh_graph.colour import display
 from exmesh_graph.errors import DataError, NumericsError
-from exmesh_graph.losses import display
 from exmesh_graph.native import import_depth_anything
 from exmesh_graph.priors.settings import NetworkSettings
 from exmesh_graph.types import DepthMaps, Views

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
+from exmesh_graph.colour import srgb_to_linear
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.losses import srgb_to_linear
 from exmesh_graph.stage2.settings import StartSettings
 from exmesh_graph.types import Asset, Carrier
 
