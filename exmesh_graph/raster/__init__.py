@@ -6,6 +6,7 @@ loads torch but not Warp.
 
 from exmesh_graph.raster.camera import pixel_centres, project
 from exmesh_graph.raster.interpolate import barycentrics, interpolate, shade, uv_footprint
+from exmesh_graph.raster.paint import Painter
 from exmesh_graph.raster.rasterize import Fragments, rasterize, rasterize_projected
 from exmesh_graph.raster.silhouette import EdgeTable, Silhouette, antialias, edge_table, find_silhouette
 from exmesh_graph.raster.texture import mip_level, mip_pyramid, sample_mipmap, sample_texture
@@ -13,6 +14,7 @@ from exmesh_graph.raster.texture import mip_level, mip_pyramid, sample_mipmap, s
 __all__ = [
     "EdgeTable",
     "Fragments",
+    "Painter",
     "Silhouette",
     "antialias",
     "barycentrics",

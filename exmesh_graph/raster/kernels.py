@@ -235,3 +235,24 @@ def resolve_fragments(
     face_id[pixel] = i
     bary[pixel] = u / (u[0] + u[1] + u[2])
     depth[pixel] = wp.cast(wp.int32(key >> wp.int64(32)), float)
+
+
+@wp.kernel
+def barycentrics_of(
+    first: int,
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    face_id: wp.array(dtype=wp.int32),
+    width: int,
+    bary: wp.array(dtype=wp.vec3),
+):
+    """Pixel `first + tid`: barycentric coordinates in the face that it shows, 0 on the background."""
+    pixel = first + wp.tid()
+    bary[pixel] = wp.vec3(0.0, 0.0, 0.0)
+    i = face_id[pixel]
+    if i >= 0:
+        f = faces[i]
+        x = float(pixel % width) + 0.5
+        y = float(pixel // width) + 0.5
+        u = barycentrics_at(vertices[f[0]], vertices[f[1]], vertices[f[2]], x, y)
+        bary[pixel] = u / (u[0] + u[1] + u[2])

@@ -5,7 +5,7 @@
 
 import warp as wp
 
-from exmesh_graph.raster.kernels import edge_at, is_finite
+from exmesh_graph.raster.kernels import EMPTY, edge_at, is_finite
 
 wp.set_module_options({"enable_backward": False})
 
@@ -23,6 +23,8 @@ def _propose(
     reach: float,
     keys: wp.array(dtype=wp.int64),
     slot: int,
+    found: wp.array(dtype=wp.int64),
+    count: wp.array(dtype=wp.int32),
 ):
     # the pair is accepted if the near pixel shows a surface and the edge lies before the far pixel's surface
     if face_id[near_pixel] < 0:
@@ -34,7 +36,11 @@ def _propose(
             return
     # at a grazing silhouette the near centre lies far before the edge, so only an edge well in FRONT is refused
     if z > z_near - in_front * wp.min(z, reach):
-        wp.atomic_min(keys, slot, (wp.int64(wp.cast(z, wp.int32)) << wp.int64(32)) | wp.int64(code))
+        key = (wp.int64(wp.cast(z, wp.int32)) << wp.int64(32)) | wp.int64(code)
+        if wp.atomic_min(keys, slot, key) == EMPTY:
+            place = wp.atomic_add(count, 0, 1)
+            if place < found.shape[0]:
+                found[place] = wp.int64(slot)
 
 
 @wp.func
@@ -63,10 +69,34 @@ def _crossing_of_ends(ap: float, aq: float, az: float, bp: float, bq: float, bz:
 
 
 @wp.kernel
+def mark_silhouette(
+    first: int,
+    vertices: wp.array(dtype=wp.vec3),
+    edges: wp.array(dtype=wp.vec2i),
+    opposite: wp.array(dtype=wp.vec2i),
+    near: float,
+    marks: wp.array(dtype=wp.bool),
+):
+    """Edge `first + tid`: whether it lies before the camera, and has one face or two on the same side in the image."""
+    e = first + wp.tid()
+    a = vertices[edges[e][0]]
+    b = vertices[edges[e][1]]
+    marks[e] = False
+    if not (is_finite(a) and is_finite(b)) or wp.max(a[2], b[2]) <= near:
+        return
+    if opposite[e][1] >= 0:  # noqa: SIM102 - an index of -1 must not be read
+        # two faces on the same side of their edge in the image: the surface turns away here
+        if _side(a, b, vertices[opposite[e][0]], near) != _side(a, b, vertices[opposite[e][1]], near):
+            return
+    marks[e] = True
+
+
+@wp.kernel
 def find_silhouette(
     vertices: wp.array(dtype=wp.vec3),
     edges: wp.array(dtype=wp.vec2i),
     opposite: wp.array(dtype=wp.vec2i),
+    listed: wp.array(dtype=wp.int64),
     face_id: wp.array(dtype=wp.int32),
     depth: wp.array(dtype=float),
     height: int,
@@ -76,20 +106,18 @@ def find_silhouette(
     in_front: float,
     reach: float,
     keys: wp.array(dtype=wp.int64),
+    found: wp.array(dtype=wp.int64),
+    count: wp.array(dtype=wp.int32),
 ):
-    """Per silhouette edge: the pairs of neighbouring pixel centres it passes between, nearest edge per pair.
+    """Per silhouette edge of `listed`: the pairs of neighbouring centres it passes between, nearest edge per pair.
 
     An edge that crosses the near plane is cut there. Pairs are (p, p + 1) in slot p, and (p, p + width) in slot
     height * width + p. The low 32 bits of a key are 2 * edge + 1 if the pair's first pixel lies on the surface's side,
-    2 * edge otherwise.
+    2 * edge otherwise. Slots that were empty go on the list `found`, as far as it reaches; `count` is their number.
     """
-    e = wp.tid()
+    e = int(listed[wp.tid()])
     first_end = vertices[edges[e][0]]
     second_end = vertices[edges[e][1]]
-    if not (is_finite(first_end) and is_finite(second_end)):
-        return
-    if first_end[2] <= near and second_end[2] <= near:
-        return
     a = first_end
     b = second_end
     cut = first_end[2] <= near or second_end[2] <= near
@@ -101,10 +129,6 @@ def find_silhouette(
         else:
             b = middle
     side = _side(first_end, second_end, vertices[opposite[e][0]], near)
-    if opposite[e][1] >= 0:  # noqa: SIM102 - an index of -1 must not be read
-        # two faces on the same side of their edge in the image: the surface turns away here
-        if _side(first_end, second_end, vertices[opposite[e][1]], near) != side:
-            return
     ax = a[0] / a[2]
     ay = a[1] / a[2]
     bx = b[0] / b[2]
@@ -125,9 +149,9 @@ def find_silhouette(
         if x >= 0.0 and x < float(width - 1):
             p = row * width + int(wp.floor(x))
             if (by > ay) == side:
-                _propose(p, p + 1, z, 2 * e + 1, face_id, depth, behind, in_front, reach, keys, p)
+                _propose(p, p + 1, z, 2 * e + 1, face_id, depth, behind, in_front, reach, keys, p, found, count)
             else:
-                _propose(p + 1, p, z, 2 * e, face_id, depth, behind, in_front, reach, keys, p)
+                _propose(p + 1, p, z, 2 * e, face_id, depth, behind, in_front, reach, keys, p, found, count)
 
     first = int(wp.ceil(wp.clamp(wp.min(ax, bx) - 0.5, 0.0, float(width))))
     last = int(wp.ceil(wp.clamp(wp.max(ax, bx) - 0.5, 0.0, float(width))))
@@ -143,6 +167,34 @@ def find_silhouette(
         if y >= 0.0 and y < float(height - 1):
             p = int(wp.floor(y)) * width + column
             if (bx < ax) == side:
-                _propose(p, p + width, z, 2 * e + 1, face_id, depth, behind, in_front, reach, keys, height * width + p)
+                _propose(
+                    p,
+                    p + width,
+                    z,
+                    2 * e + 1,
+                    face_id,
+                    depth,
+                    behind,
+                    in_front,
+                    reach,
+                    keys,
+                    height * width + p,
+                    found,
+                    count,
+                )
             else:
-                _propose(p + width, p, z, 2 * e, face_id, depth, behind, in_front, reach, keys, height * width + p)
+                _propose(
+                    p + width,
+                    p,
+                    z,
+                    2 * e,
+                    face_id,
+                    depth,
+                    behind,
+                    in_front,
+                    reach,
+                    keys,
+                    height * width + p,
+                    found,
+                    count,
+                )

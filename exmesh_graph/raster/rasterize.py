@@ -7,10 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.limits import EMPTY_KEY, check_indices, check_near, check_size
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.raster.camera import project
+from exmesh_graph.raster.cover import Cover, cover, empty_cover
 from exmesh_graph.raster.runtime import each_view, kernels
 
 NEAR = 1e-3
@@ -75,8 +77,9 @@ def rasterize_projected(
 ) -> Fragments:
     """`rasterize` for positions already in homogeneous pixel coordinates [V, 3] or [N, V, 3] (`camera.project`).
 
-    large_face   pixels of a face's bounding box above which it is split into tiles; 0 never; None for `LARGE_FACE` on
-                 CUDA and 0 on a CPU, where one thread does everything anyway. The picture is the same.
+    large_face   pixels of a face's bounding box above which it is split into tiles, 0 never: a thread for each face or
+                 tile. None is `LARGE_FACE` on CUDA, and on a CPU an item for each strip of rows (`cover`). The picture
+                 is the same.
     """
     check_near(near)
     check_size(faces=len(faces), pixels=height * width)
@@ -84,8 +87,9 @@ def rasterize_projected(
     projected = projected.detach().to(torch.float32).contiguous()
     faces = faces.to(device, torch.int32).contiguous()
     check_indices("faces", faces, projected.shape[-2])
-    if large_face is None:
-        large_face = LARGE_FACE if device.type == "cuda" else 0
+    if large_face is None and device.type == "cpu":
+        return _in_strips(projected, faces, height, width, near, cull_back)
+    large_face = LARGE_FACE if large_face is None else large_face
     shape = (*projected.shape[:-2], height, width)
     keys = torch.full(shape, EMPTY_KEY, dtype=torch.int64, device=device)
     face_id = torch.full(shape, -1, dtype=torch.int32, device=device)
@@ -95,6 +99,20 @@ def rasterize_projected(
         for points, key, *fragments in each_view(projected, keys, face_id, bary, depth):
             _cover(points, faces, height, width, near, cull_back, large_face, key)
             launch(kernels().resolve_fragments, height * width, points, faces, key, width, *fragments)
+    return Fragments(face_id, bary, depth)
+
+
+def _in_strips(
+    projected: torch.Tensor, faces: torch.Tensor, height: int, width: int, near: float, cull_back: bool
+) -> Fragments:
+    shape = (*projected.shape[:-2], height, width)
+    face_id, depth = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
+    bary = torch.empty((*shape, 3))
+    _, _, boxes, shown = empty_cover(len(faces), 0, 0)
+    for points, ids, z, weights in each_view(projected, face_id, depth, bary):
+        cover(points, faces, near, cull_back, Cover(ids, z, boxes, shown))
+        if ids.numel():
+            split(kernels().barycentrics_of, ids.numel(), points, faces, ids, width, weights, grain=1 << 15)
     return Fragments(face_id, bary, depth)
 
 

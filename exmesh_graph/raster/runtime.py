@@ -13,12 +13,20 @@ if TYPE_CHECKING:
 
 
 @cache
-def kernels(of: Literal["visibility", "texture", "silhouette"] = "visibility") -> Any:
+def kernels(of: Literal["visibility", "cover", "texture", "silhouette", "paint"] = "visibility") -> Any:
     """A module of Warp kernels, imported after `warp()` has been configured.
 
     By plain imports: a module imported by a computed name would be missing from the code fingerprints of nodes.
     """
     warp()
+    if of == "cover":
+        from exmesh_graph.raster import kernels_cover
+
+        return kernels_cover
+    if of == "paint":
+        from exmesh_graph.raster import kernels_paint
+
+        return kernels_paint
     if of == "texture":
         from exmesh_graph.raster import kernels_texture
 

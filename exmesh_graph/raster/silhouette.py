@@ -16,10 +16,12 @@ pairs together move the covered area exactly as fast as the edge does.
 from __future__ import annotations
 
 import math
+import threading
 from typing import NamedTuple
 
 import torch
 
+from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.limits import EMPTY_KEY, check_near, check_size
 from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.raster.rasterize import NEAR, Fragments
@@ -112,27 +114,81 @@ def find_silhouette(
     # a key's lower half holds 2 * edge + side; pairs are numbered 2 * pixel + direction
     check_size(**{"pixel pairs": 2 * height * width, "sides of edges": 2 * len(table.edges)})
     projected = projected.detach()
-    count, corners = height * width, projected.shape[-2]
-    keys = torch.full((*projected.shape[:-2], 2 * count), EMPTY_KEY, dtype=torch.int64, device=projected.device)
-    if len(table.edges) and count:
-        scan, size = kernels("silhouette").find_silhouette, (height, width)
-        limits = (near, BEHIND, IN_FRONT, min(REACH * extent, 1e30))
-        places = projected.to(torch.float32).contiguous()
-        for points, face_id, depth, key in each_view(places, fragments.face_id, fragments.depth, keys):
-            launch(scan, len(table.edges), points, *table, face_id, depth, *size, *limits, key)
-    keys = keys.view(-1)
-    slots = torch.nonzero(keys != EMPTY_KEY)[:, 0]
-    code = keys[slots] & 0xFFFFFFFF
-    ends = table.edges[code >> 1].long()
-    before = torch.zeros_like(slots)  # pixels of the views before a pair's own
-    if projected.dim() == 3:
-        view, slots = slots // max(2 * count, 1), slots % max(2 * count, 1)
-        ends = ends + (view * corners)[:, None]
-        before = view * count
-    vertical = slots >= count
-    first = torch.where(vertical, slots - count, slots)
-    second = first + torch.where(vertical, width, 1)
-    return Silhouette(first + before, second + before, ends, vertical, (code & 1).bool())
+    places = projected.to(torch.float32).contiguous()
+    limits = (near, BEHIND, IN_FRONT, min(REACH * extent, 1e30))
+    count, parts = height * width, []
+    for number, (points, face_id, depth) in enumerate(each_view(places, fragments.face_id, fragments.depth)):
+        slots, code = _pairs(points, table, face_id, depth, limits)
+        ends = table.edges.index_select(0, code >> 1).long() + number * projected.shape[-2]
+        vertical = slots >= count
+        first = torch.where(vertical, slots - count, slots)
+        second = first + torch.where(vertical, width, 1)
+        before = number * count  # pixels of the views before a pair's own
+        parts.append(Silhouette(first + before, second + before, ends, vertical, (code & 1).bool()))
+    return parts[0] if len(parts) == 1 else Silhouette(*map(torch.cat, zip(*parts, strict=True)))
+
+
+def _pairs(
+    points: torch.Tensor,
+    table: EdgeTable,
+    face_id: torch.Tensor,
+    depth: torch.Tensor,
+    limits: tuple[float, float, float, float],
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Slots, ascending, and codes of one view's pairs, int64 [P], as the kernel `find_silhouette` numbers them."""
+    k = kernels("silhouette")
+    height, width = face_id.shape
+    size, device = 2 * height * width, points.device
+    marks = torch.zeros(len(table.edges), dtype=torch.bool, device=device)
+    if len(marks) and size:
+        split(k.mark_silhouette, len(marks), points, *table, limits[0], marks, grain=8192)
+    listed = torch.nonzero(marks)[:, 0]
+    if len(listed) == 0:
+        return listed, listed
+    # on a CPU the slots that are taken are listed and emptied again; elsewhere looking through all of them is cheap
+    on_cpu = device.type == "cpu"
+    keys = _keys.empty(size) if on_cpu else torch.full((size,), EMPTY_KEY, dtype=torch.int64, device=device)
+    found = torch.empty(_LISTED * (height + width) if on_cpu else 0, dtype=torch.int64, device=device)
+    count = torch.zeros(1, dtype=torch.int32, device=device)
+    launch(
+        k.find_silhouette,
+        len(listed),
+        points,
+        *table,
+        listed,
+        face_id,
+        depth,
+        height,
+        width,
+        *limits,
+        keys,
+        found,
+        count,
+    )
+    if on_cpu and int(count) <= len(found):
+        slots = found[: int(count)].sort().values
+    else:
+        slots = torch.nonzero(keys[:size] != EMPTY_KEY)[:, 0]
+    code = keys.index_select(0, slots) & 0xFFFFFFFF
+    if on_cpu:
+        keys.index_fill_(0, slots, EMPTY_KEY)
+    return slots, code
+
+
+class _Keys(threading.local):
+    """Memory for the keys of a view's pairs, which is empty between calls."""
+
+    kept = torch.empty(0, dtype=torch.int64)
+
+    def empty(self, size: int) -> torch.Tensor:
+        if len(self.kept) < size:
+            self.kept = torch.full((size,), EMPTY_KEY, dtype=torch.int64)
+        return self.kept
+
+
+_keys = _Keys()
+_LISTED = 16
+"""Pairs for each row and column of an image that are listed as they are found."""
 
 
 def antialias(image: torch.Tensor, projected: torch.Tensor, silhouette: Silhouette) -> torch.Tensor:

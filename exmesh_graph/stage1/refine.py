@@ -15,7 +15,7 @@ from exmesh_graph.optim import adam_step, decayed, view_at
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.diagnose import diagnose
 from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
-from exmesh_graph.stage1.render import draw, surface_of
+from exmesh_graph.stage1.render import draw, painter_of, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.smoothness import Bilaplacian
 from exmesh_graph.stage1.terms import Terms
@@ -120,7 +120,8 @@ class _Loop:
         self.per_area = 1 / vertex_areas(vertices, self.surface.faces)[:, None]
         # what one pixel's L1 puts on the texel it shows
         self.pixel_gradient = 1 / (3 * targets.height * targets.width)
-        self.terms = Terms(self.surface, targets, settings, smoothness)
+        self.painter = painter_of(self.surface, targets.height, targets.width)
+        self.terms = Terms(self.surface, targets, settings, smoothness, fused=self.painter is not None)
 
     def run(
         self, progress: Progress | None, checkpoint: Checkpoint | None, resumed: Resumed | None
@@ -176,6 +177,7 @@ class _Loop:
             targets.height,
             targets.width,
             uv_gradient=settings.uv_gradient,
+            painter=self.painter,
         )
         terms, error = self.terms.of(view, picture, surface.vertices)
         loss = torch.stack(list(terms.values())).sum()

@@ -10,12 +10,14 @@ import torch
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import (
     Fragments,
+    Painter,
     antialias,
     edge_table,
     find_silhouette,
     project,
     rasterize_projected,
 )
+from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.appearance.state import model_of
 from exmesh_graph.types import Carrier, Views
@@ -44,6 +46,26 @@ def surface_of(carrier: Carrier, device: torch.device | str = "cpu") -> Surface:
     )
 
 
+def painter_of(surface: Surface, height: int, width: int) -> Painter | None:
+    """What draws the surface in one operation (`draw`), made once for a topology; None where only the plain form does.
+
+    That is on other devices than a CPU, for other types than float32, and for colours that are not a texture or one of
+    a single row or column.
+    """
+    values = surface.appearance.values
+    if not isinstance(surface.appearance, UVTexture) or values.device.type != "cpu":
+        return None
+    if (surface.vertices.dtype, values.dtype) != (torch.float32, torch.float32):
+        return None
+    rows, columns, _ = values.shape
+    if min(rows, columns) < 2:
+        return None
+    return Painter(
+        surface.faces, surface.uvs, surface.uv_faces, surface.edges, vertices=len(surface.vertices),
+        texels=(rows, columns), height=height, width=width,
+    )  # fmt: skip
+
+
 def draw(
     surface: Surface,
     intrinsics: torch.Tensor,
@@ -52,12 +74,18 @@ def draw(
     width: int,
     *,
     uv_gradient: bool = True,
+    painter: Painter | None = None,
 ) -> Picture:
     """One view; differentiable in vertices and the appearance's values.
 
     uv_gradient  whether colour also moves vertices inside the silhouette, through the place under each pixel
+    painter      `painter_of` the surface: the same to rounding, faster; the picture holds until the next one
     """
     projected = project(surface.vertices, intrinsics, world_to_camera)
+    if painter is not None:
+        values = surface.appearance.values
+        colour, alpha, fragments = painter.paint(projected, values, extent=surface.extent, uv_gradient=uv_gradient)
+        return Picture(colour, alpha, projected, fragments)
     fragments = rasterize_projected(projected, surface.faces, height, width)
     if uv_gradient:
         colour = surface.appearance.shade(surface, projected, fragments.face_id)

@@ -14,6 +14,7 @@ import torch
 from exmesh_graph import losses
 from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage1.image_terms import image_terms
 from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, smoother
 from exmesh_graph.stage1.render import Picture, draw
 from exmesh_graph.stage1.settings import RefineSettings
@@ -23,7 +24,18 @@ from exmesh_graph.targets import Gains, Targets
 class Terms:
     """The terms on one topology, and what they keep from view to view: gains, and L_b's running mean of vertices."""
 
-    def __init__(self, surface: Surface, targets: Targets, settings: RefineSettings, smoothness: Smoothness) -> None:
+    def __init__(
+        self,
+        surface: Surface,
+        targets: Targets,
+        settings: RefineSettings,
+        smoothness: Smoothness,
+        *,
+        fused: bool = False,
+    ) -> None:
+        """`fused`: image terms of the usual kind come with one gradient for their sum (`image_terms`)."""
+        usual = settings.silhouette == "l1" and targets.inside is None and not settings.gains
+        self.fused = fused and usual and targets.images.device.type == "cpu"
         self.targets, self.settings, self.faces = targets, settings, surface.faces.long()
         vertices = surface.vertices.detach()
         self.smoothness = smoothness.prepare(vertices, surface.edges.edges)
@@ -45,6 +57,22 @@ class Terms:
         Equations: 7, 8.
         """
         settings = self.settings
+        if self.fused and bool(self.targets.masked[view]):
+            *usual, error = image_terms(picture.colour, picture.alpha, self.targets, view, settings)
+            terms = dict(zip(("l1", "d_ssim", "silhouette"), usual, strict=True))
+        else:
+            terms, error = self._image_terms(view, picture)
+        if self.targets.depth is not None and settings.depth_weight > 0:
+            terms["depth"] = settings.depth_weight * self._depth(view, picture)
+        if self.smoothness is not None and self.smoothness.loss is not None:
+            terms["smoothness"] = self.smoothness.loss(vertices)
+        if self.smoother is not None and self.reference is not None:
+            terms["deviation"] = settings.deviation_weight * deviation(vertices, self.reference, self.smoother)
+        return terms, error
+
+    def _image_terms(self, view: int, picture: Picture) -> tuple[dict[str, torch.Tensor], float]:
+        """The weighted terms of colour and coverage, one by one, and the mean squared error of the image."""
+        settings = self.settings
         image = self._comparable(view, picture)
         target, mask = self.targets.images[view], self.targets.alpha[view]
         terms = {"l1": (1 - settings.ssim_weight) * losses.l1(image, target)}
@@ -60,12 +88,6 @@ class Terms:
         if self.targets.inside is not None and settings.coverage_weight > 0:
             uncovered = torch.where(self.targets.inside[view], 1 - picture.alpha, 0.0).clamp(min=0)
             terms["coverage"] = settings.coverage_weight * uncovered.mean()
-        if self.targets.depth is not None and settings.depth_weight > 0:
-            terms["depth"] = settings.depth_weight * self._depth(view, picture)
-        if self.smoothness is not None and self.smoothness.loss is not None:
-            terms["smoothness"] = self.smoothness.loss(vertices)
-        if self.smoother is not None and self.reference is not None:
-            terms["deviation"] = settings.deviation_weight * deviation(vertices, self.reference, self.smoother)
         return terms, float((image.detach() - target).square().mean())
 
     def follow(self, vertices: torch.Tensor) -> None:

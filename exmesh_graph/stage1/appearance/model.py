@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from exmesh_graph.optim import adam_step
+from exmesh_graph.optim import Bounds, adam_step
 from exmesh_graph.raster import EdgeTable
 
 GRAZED = 0.05
@@ -63,9 +63,10 @@ class AppearanceModel:
         out as a speck of wrong colour: steps shorten below `GRAZED`. Colours are held in [0, 1] after the step, which
         leaves no dead gradient.
         """
-        self.touched |= (gradient.abs() > GRAZED * pixel).any(dim=-1)
-        adam_step(self.values, gradient, *self.moments, count, rate, epsilon=GRAZED * pixel)
-        self.values.clamp_(0, 1)
+        grazed = GRAZED * pixel
+        adam_step(
+            self.values, gradient, *self.moments, count, rate, epsilon=grazed, bounds=Bounds(self.touched, grazed)
+        )
 
     def changing(self) -> dict[str, torch.Tensor]:
         """The tensors that `step` changes, in place."""

@@ -1,19 +1,34 @@
-"""Adam (Kingma and Ba 2015) as the solvers use it, learning rates over time, and the order of the views.
+"""Adam (Kingma and Ba 2015) as the solvers use it.
 
 torch.optim.Adam does the same as the plain form; constructing it imports torch's compiler (over a second on a laptop),
-as long as forty steps of a fit. The moments are plain tensors, so that they travel with a state.
+as long as forty steps of a fit. The moments are plain tensors, so that they travel with a state. Large float32
+tensors on a CPU with a second moment for each value take one pass over memory (`kernels_adam`); the rest, and the
+reference, is plain torch.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
-import numpy as np
 import torch
+
+from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.warp_runtime import warp
 
 EPSILON = 1e-15
 """Far below any gradient of a mean over an image; it only keeps 0 / 0 from happening."""
+
+
+class Bounds(NamedTuple):
+    """What a step of colours does besides: hold them in [0, 1], and mark rows whose gradient is above a threshold.
+
+    touched    bool [...] for values [..., C], set where any |gradient| of a row is above `threshold`
+    """
+
+    touched: torch.Tensor
+    threshold: float
 
 
 @torch.no_grad()
@@ -29,6 +44,7 @@ def adam_step(
     epsilon: float = EPSILON,
     uniform: bool = False,
     torch_rounding: bool = False,
+    bounds: Bounds | None = None,
 ) -> None:
     """Move `values` one step of bias-corrected Adam, and update both moments: in place.
 
@@ -40,8 +56,15 @@ def adam_step(
     epsilon   the gradient below which steps shorten
     uniform   every row is divided by the largest of the second moments (AdamUniform of "Large Steps")
     torch_rounding  sqrt(v) / sqrt(1 - b2^t), as torch.optim.Adam rounds it, in place of sqrt(v / (1 - b2^t))
+    bounds    see `Bounds`
     """
+    tensors = (values, gradient, first, second)
+    if second.ndim == values.ndim and not uniform and values.numel() >= _MANY and all(_plain(t) for t in tensors):
+        _fused(*tensors, step, rate, betas, epsilon, torch_rounding, bounds)
+        return
     b1, b2 = betas
+    if bounds is not None:
+        bounds.touched.logical_or_((gradient.abs() > bounds.threshold).any(dim=-1))
     first.lerp_(gradient, 1 - b1)
     if second.ndim < values.ndim:
         second.lerp_(gradient.square().sum(1), 1 - b2)
@@ -54,6 +77,52 @@ def adam_step(
         scale = (known / (1 - b2**step)).sqrt_().add_(epsilon)
     scale = scale[:, None] if second.ndim < values.ndim else scale
     values.addcdiv_(first, scale, value=-rate / (1 - b1**step))
+    if bounds is not None:
+        values.clamp_(0, 1)
+
+
+def _plain(tensor: torch.Tensor) -> bool:
+    kind = (tensor.device.type, tensor.dtype, tensor.layout)
+    return kind == ("cpu", torch.float32, torch.strided) and tensor.is_contiguous()
+
+
+def _fused(
+    values: torch.Tensor,
+    gradient: torch.Tensor,
+    first: torch.Tensor,
+    second: torch.Tensor,
+    step: int,
+    rate: float,
+    betas: tuple[float, float],
+    epsilon: float,
+    torch_rounding: bool,
+    bounds: Bounds | None,
+) -> None:
+    k, count = _kernels(), values.numel()
+    b1, b2 = betas
+    bias = 1 - b2**step
+    bias = bias**0.5 if torch_rounding else bias
+    touched, threshold = bounds if bounds is not None else (_NOTHING, 0.0)
+    row = values.shape[-1] if bounds is not None else 1
+    split(
+        k.adam_blocks, -(-count // int(k.BLOCK)), count, 1 - b1, b2, 1 - b2, bias, int(torch_rounding), epsilon,
+        -rate / (1 - b1**step), int(bounds is not None), row, threshold, values.detach(), gradient, first, second,
+        touched, grain=4,
+    )  # fmt: skip
+
+
+@cache
+def _kernels() -> Any:
+    """Imported after Warp has been set up."""
+    warp()
+    from exmesh_graph.optim import kernels_adam
+
+    return kernels_adam
+
+
+_MANY = 1 << 14
+"""Values from which on one pass over memory is faster than torch's operations in turn."""
+_NOTHING = torch.zeros(1, dtype=torch.bool)
 
 
 class Adam:
@@ -93,19 +162,3 @@ class Adam:
                     parameter, gradient, m, v, self.steps, scale * rate, betas=self.betas, epsilon=self.eps,
                     torch_rounding=True,
                 )  # fmt: skip
-
-
-def decayed(start: float, ratio: float, iteration: int, total: int) -> float:
-    """start * ratio^(iteration / total), held at start * ratio afterwards; `total` <= 0 means no decay."""
-    if total <= 0:
-        return start
-    return start * ratio ** min(iteration / total, 1.0)
-
-
-def view_at(iteration: int, views: int, seed: int) -> int:
-    """The view of an iteration: each epoch of `views` iterations is a permutation of its own, seeded by (seed, epoch).
-
-    A function of its arguments alone, so that a run cut into several calls visits the views as one call does.
-    """
-    epoch, place = divmod(iteration, views)
-    return int(np.random.default_rng([seed, epoch]).permutation(views)[place])

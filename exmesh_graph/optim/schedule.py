@@ -1,0 +1,21 @@
+"""Learning rates over time, and the order of the views."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def decayed(start: float, ratio: float, iteration: int, total: int) -> float:
+    """start * ratio^(iteration / total), held at start * ratio afterwards; `total` <= 0 means no decay."""
+    if total <= 0:
+        return start
+    return start * ratio ** min(iteration / total, 1.0)
+
+
+def view_at(iteration: int, views: int, seed: int) -> int:
+    """The view of an iteration: each epoch of `views` iterations is a permutation of its own, seeded by (seed, epoch).
+
+    A function of its arguments alone, so that a run cut into several calls visits the views as one call does.
+    """
+    epoch, place = divmod(iteration, views)
+    return int(np.random.default_rng([seed, epoch]).permutation(views)[place])
