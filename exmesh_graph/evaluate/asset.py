@@ -2,23 +2,31 @@
 
 The floor is what an uninformed guess would score: a uniformly gray object (albedo 0.5, roughness 0.5) of the true
 shape, under uniform light of the training images' level for held-out views, and under the true lights for relit ones.
-All image figures are of display colours over black, on whole images; where the data has no masks, held-out views are
-compared where a `Region` says (evaluate.coverage), and the floor is one gray all over it.
+All image figures are of display colours over black, on whole images; where the data has no masks, held-out and relit
+views are compared where a `Region` says (evaluate.coverage), and the floor is one gray all over it. Light is cast by
+what the held-out pictures allow to be there (evaluate.casting).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from exmesh_graph.evaluate.coverage import compare_flat, compare_views, region_rows, share_figures
-from exmesh_graph.evaluate.metrics.material import albedo_psnr, albedo_scale, roughness_mse
+from exmesh_graph.evaluate.casting import casting_faces, casting_share
+from exmesh_graph.evaluate.coverage import (
+    compare_flat,
+    compare_marked,
+    compare_views,
+    counted_everywhere,
+    region_rows,
+    share_figures,
+)
+from exmesh_graph.evaluate.materials import MaterialScores, score_materials
 from exmesh_graph.evaluate.renders import (
     GRAY_ALBEDO,
-    GRAY_ROUGHNESS,
     Progress,
     Renderer,
     Steps,
@@ -28,7 +36,6 @@ from exmesh_graph.evaluate.renders import (
 )
 from exmesh_graph.evaluate.scores import Pictures, compare, headline_figure, held_out_pairs, pairs_for_pictures
 from exmesh_graph.evaluate.settings import Quality, ScaleRule
-from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import display
 from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Asset, Region, SceneTruth, ScoredViews, Views
@@ -88,7 +95,8 @@ def score_asset(
     steps = Steps(progress, len(chosen) + guessed + 3 * len(lights) * len(paired) + extra)
     # without masks a pixel is the surface at its centre, with nothing in it of what stands behind
     own = quality if views.has_masks else quality.replaced(supersampling=1)
-    ours = Renderer(asset, views, own, steps, seed)
+    casts = casting_faces(asset, views, region)
+    ours = Renderer(asset, views, own, steps, seed, casts)
     # The guess scores about 20 dB: neither its silhouette nor its rough highlights need many samples.
     coarse = quality.replaced(supersampling=1, specular_samples=max(1, quality.specular_samples // 2))
     guess = Renderer(gray_object(asset, truth), views, coarse, steps, seed)
@@ -103,12 +111,24 @@ def score_asset(
     headline.append(headline_figure("Held-out PSNR", scores.values["held_out"]["psnr"], "dB", floor, "held-out PSNR"))
     if not views.has_masks:
         headline += share_figures(scores.values["held_out"])
+    scores.values["held_out"]["casting"] = casting_share(asset, casts)
+    if casts is not None:
+        share = 100 * scores.values["held_out"]["casting"]
+        headline.append({"label": "Casts light, share of our surface", "value": share, "unit": "%"})
     if truth is None or not paired:
         return scores
-    rows = [chosen.index(i) for i, _ in paired]
-    scales = _score_materials(scores, take(rendered, rows), views, truth, paired, headline, rule)
+    marks = None if views.has_masks else dict(zip(scores.views, scores.marks, strict=True))
+    paired = [(i, k) for i, k in paired if i in scores.views]  # without masks, views of which pixels count
+    if not paired:
+        return scores
+    maps = score_materials(take(rendered, [chosen.index(i) for i, _ in paired]), views, truth, paired, rule, marks)
+    headline += maps.headline
+    scores.values["floor"] |= maps.floor
+    if maps.values:
+        scores.values["material"] = maps.values
+    scores.albedo, scores.roughness, scores.albedo_maps = maps.albedo, maps.roughness, maps.albedo_maps
     if lights:
-        _score_relit(scores, ours, guess, truth, lights, paired, scales)
+        _score_relit(scores, ours, guess, truth, lights, paired, maps, marks)
         relit, floor = scores.values["relit"], scores.values["floor"]["relit_psnr"]
         headline[1:1] = [
             headline_figure("Relit PSNR", relit["psnr"], "dB", floor, "relit PSNR"),
@@ -180,84 +200,6 @@ def _uniform_level(photographs: np.ndarray, inside: np.ndarray, gray: Any) -> fl
     return float(photographs[inside].mean()) / max(under_one, 1e-6)
 
 
-def _score_materials(
-    scores: AssetScores,
-    rendered: Any,
-    views: Views,
-    truth: SceneTruth,
-    paired: Sequence[tuple[int, int]],
-    headline: list[dict[str, Any]],
-    rule: ScaleRule,
-) -> _AlbedoScales:
-    """Fill `material`; returns the scales that bring our albedo and the gray guess's to the truth's level."""
-    cameras, rows = [i for i, _ in paired], [k for _, k in paired]
-    material: dict[str, Any] = {}
-    floor: dict[str, Any] = scores.values["floor"]
-    scales = _AlbedoScales(None, None)
-    if truth.albedo is not None:
-        true = truth.albedo[list(rows)]
-        covered = _coverage(views, cameras, true)
-        gray = np.full_like(true, GRAY_ALBEDO)
-        true, weight = _with_leaks(true, covered, rendered.alpha)
-        scale = albedo_scale(rendered.albedo, true, covered, rule)
-        gray_scale = albedo_scale(gray, true, covered, rule)
-        scores.albedo_maps = (rendered.albedo, true, covered)
-        scales = _AlbedoScales(scale, gray_scale)
-        material["albedo_scale"] = scale.tolist()
-        for space in ("linear", "srgb"):
-
-            def score(
-                albedo: np.ndarray, factor: np.ndarray, weight: np.ndarray = weight, srgb: bool = space == "srgb"
-            ) -> float:
-                triples = zip(albedo, true, weight, strict=True)
-                return float(np.mean([albedo_psnr(a, t, c, factor, srgb=srgb) for a, t, c in triples]))
-
-            material[f"albedo_psnr_{space}"] = score(rendered.albedo, scale)
-            material[f"albedo_psnr_{space}_unscaled"] = score(rendered.albedo, np.ones(3))
-            floor[f"albedo_psnr_{space}"] = score(gray, gray_scale, covered)
-        figure, guess = material["albedo_psnr_linear"], floor["albedo_psnr_linear"]
-        headline.append(headline_figure("Albedo PSNR (linear)", figure, "dB", guess, "albedo PSNR"))
-        scores.albedo = [
-            (linear_to_srgb(np.clip(a * scale, 0, 1)) * c[..., None], linear_to_srgb(t) * c[..., None])
-            for a, t, c in zip(rendered.albedo, true, covered, strict=True)
-        ]
-    if truth.roughness is not None:
-        true = truth.roughness[list(rows)]
-        covered = _coverage(views, cameras, true)
-        true, weight = _with_leaks(true, covered, rendered.alpha)
-        # 0 is no wrong roughness where a surface is glossy: what is missing is as wrong as can be
-        missing = (rendered.alpha == 0) & (covered > 0.5)
-        ours = np.where(missing, true < 0.5, rendered.roughness).astype(np.float32)
-        triples = list(zip(ours, true, weight, strict=True))
-        material["roughness_mse"] = float(np.mean([roughness_mse(r, t, c) for r, t, c in triples]))
-        guesses = [roughness_mse(np.full_like(t, GRAY_ROUGHNESS), t, c) for t, c in zip(true, covered, strict=True)]
-        floor["roughness_mse"] = float(np.mean(guesses))
-        headline.append(
-            headline_figure(
-                "Roughness MSE", material["roughness_mse"], "", floor["roughness_mse"], "roughness MSE", "lower"
-            )
-        )
-        scores.roughness = [(r * c, t * c) for r, t, c in triples]
-    if material:
-        scores.values["material"] = material
-    return scales
-
-
-def _with_leaks(maps: np.ndarray, covered: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The true maps, 0 outside their coverage, and what both are weighed by: there our own coverage, `alpha`."""
-    inside = covered > 0
-    true = np.where(inside[..., None] if maps.ndim == 4 else inside, maps, 0).astype(maps.dtype)
-    return true, np.where(inside, covered, alpha)
-
-
-def _coverage(views: Views, cameras: Sequence[int], maps: np.ndarray) -> np.ndarray:
-    """Where the true maps [N, H, W(, 3)] hold a value: the views' masks; without masks, where a map is not 0."""
-    if views.has_masks:
-        return views.alpha[list(cameras)]
-    filled = maps > 0 if maps.ndim == 3 else (maps > 0).any(axis=-1)
-    return np.asarray(filled, np.float32)
-
-
 def _score_relit(
     scores: AssetScores,
     ours: Renderer,
@@ -265,11 +207,13 @@ def _score_relit(
     truth: SceneTruth,
     lights: Sequence[str],
     paired: Sequence[tuple[int, int]],
-    scales: _AlbedoScales,
+    maps: MaterialScores,
+    marks: Mapping[int, np.ndarray] | None,
 ) -> None:
     """Fill `relit`: per light and mean, with and without the albedo scale, which is never fitted to relit images.
 
     The gray guess gets a scale of its own by the same rule, so that the margin above it owes nothing to the scale.
+    Without masks the pixels are those of the held-out views.
     """
     cameras, rows = [i for i, _ in paired], [k for _, k in paired]
     per_light: dict[str, dict[str, Any]] = {}
@@ -279,17 +223,21 @@ def _score_relit(
         figures: dict[str, Any] = {}
         plain = shown(ours.render(cameras, environment=environment))
         scaled = plain
-        if scales.ours is not None:
-            scaled = shown(ours.render(cameras, environment=environment, scale=scales.ours))
-        gray = shown(guess.render(cameras, environment=environment, scale=scales.gray))
+        if maps.scale is not None:
+            scaled = shown(ours.render(cameras, environment=environment, scale=maps.scale))
+        gray = shown(guess.render(cameras, environment=environment, scale=maps.gray_scale))
         for key, images in (("", scaled), ("_unscaled", plain), ("_floor", gray)):
-            db, structure = compare(images, true)
+            if marks is None:
+                pairs, (db, structure) = list(zip(images, true, strict=True)), compare(images, true)
+            else:
+                here = [marks[i] if key != "_floor" else counted_everywhere(marks[i]) for i in cameras]
+                pairs, db, structure = compare_marked(images, true, here)
             figures |= {f"psnr{key}": float(np.mean(db)), f"ssim{key}": float(np.mean(structure))}
             if not key:
                 names = [truth.names[k] for k in rows]
                 figures["psnr_per_view"] = dict(zip(names, db, strict=True))
+                scores.relit[light] = pairs
         per_light[light] = figures
-        scores.relit[light] = list(zip(scaled, true, strict=True))
 
     def mean(key: str) -> float:
         return float(np.mean([figures[key] for figures in per_light.values()]))
@@ -301,10 +249,3 @@ def _score_relit(
         "per_light": per_light,
     }
     scores.values["floor"] |= {"relit_psnr": mean("psnr_floor"), "relit_ssim": mean("ssim_floor")}
-
-
-class _AlbedoScales(NamedTuple):
-    """Factors [3] onto albedo, of our asset and of the gray guess; None where no true albedo is known."""
-
-    ours: np.ndarray | None
-    gray: np.ndarray | None

@@ -101,6 +101,46 @@ def compare_flat(views: Views, chosen: Sequence[int], region: Region) -> tuple[C
     return _within(flat, list(inside), np.zeros(inside.shape, np.float32), views, chosen, region), level
 
 
+def compare_marked(
+    ours: Sequence[np.ndarray], photographs: Sequence[np.ndarray], marks: Sequence[np.ndarray]
+) -> tuple[Pictures, list[float], list[float]]:
+    """(ours, truth) as compared, PSNR [dB] and SSIM of pairs of display values [H, W, 3], over what `marks` let count.
+
+    marks  uint8 [H, W] of each as in ScoredViews: COUNTED pixels are compared, MISSING ones are wrong, no other counts
+    """
+    pairs, db, structure = [], [], []
+    for picture, photograph, mark in zip(ours, photographs, marks, strict=True):
+        inside, covered = counted(mark)
+        truth = np.where(inside[..., None], photograph, _DIMMED * photograph)
+        own = np.where(inside[..., None], np.where(covered[..., None], picture, 0), truth)
+        pairs.append((own, truth))
+        db.append(truncated_psnr(own, truth, inside, covered))
+        # black may fit a dark photograph better than what stood there: windows around see the colour that fits least
+        worst = np.where((inside & ~covered)[..., None], (truth < 0.5).astype(own.dtype), own)
+        similar = np.where(covered, np.maximum(ssim_map(worst, truth).mean(axis=-1), 0), 0)
+        structure.append(float(similar[inside].mean()))
+    return pairs, db, structure
+
+
+def truncated_psnr(ours: np.ndarray, truth: np.ndarray, inside: np.ndarray, covered: np.ndarray) -> float:
+    """PSNR over `inside`, where a pixel that is not covered costs the mean of truth^2 there, and no pixel more."""
+    black = float(np.square(truth[inside].astype(np.float64)).mean())
+    squared = np.square(ours.astype(np.float64) - truth).mean(axis=-1)
+    error = float(np.where(covered, np.minimum(squared, black), black)[inside].mean())
+    return min(100.0, float(-10 * np.log10(error))) if error > 0 else 100.0
+
+
+def counted(mark: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(what counts, what of it our surface covers), bool [H, W], of a mark as in ScoredViews."""
+    covered = mark == ScoredViews.COUNTED
+    return covered | (mark == ScoredViews.MISSING), covered
+
+
+def counted_everywhere(mark: np.ndarray) -> np.ndarray:
+    """`mark` as of a surface that covers the whole region."""
+    return np.where(mark == ScoredViews.MISSING, ScoredViews.COUNTED, mark).astype(np.uint8)
+
+
 def region_rows(region: Region | None, views: Views, chosen: Sequence[int]) -> list[int]:
     """Rows of the region that belong to the chosen views."""
     where = "evaluate"
@@ -178,36 +218,15 @@ def _within(
 ) -> Compared:
     """The pixels of the region alone; `covered` bool [H, W] of each view lies in it."""
     rows = region_rows(region, views, chosen)
-    kept: list[int] = []
-    pairs: Pictures = []
-    db, structure, marks = [], [], []
-    insides, shown = [], []
-    for n, (i, row) in enumerate(zip(chosen, rows, strict=True)):
-        inside = region.inside[row]
-        if not inside.any():
-            continue
-        photograph = display(views.images[i], views.alpha[i])
-        truth = np.where(inside[..., None], photograph, _DIMMED * photograph)
-        picture = np.where(inside[..., None], np.where(covered[n][..., None], ours[n], 0), truth)
-        kept.append(i)
-        pairs.append((picture, truth))
-        db.append(_truncated_psnr(picture, truth, inside, covered[n]))
-        similar = np.where(covered[n], np.maximum(ssim_map(picture, truth).mean(axis=-1), 0), 0)
-        structure.append(float(similar[inside].mean()))
-        insides.append(inside)
-        shown.append(depths[n] > 0)
-        marks.append(_marks(inside, covered[n], shown[-1]))
-    here = [part for n, part in enumerate(covered) if chosen[n] in set(kept)]
+    kept = [n for n, row in enumerate(rows) if region.inside[row].any()]
+    shown = [depths[n] > 0 for n in kept]
+    insides, here = [region.inside[rows[n]] for n in kept], [covered[n] for n in kept]
+    marks = [_marks(*parts) for parts in zip(insides, here, shown, strict=True)]
+    photographs = [display(views.images[i], views.alpha[i]) for i in (chosen[n] for n in kept)]
+    pairs, db, structure = compare_marked([ours[n] for n in kept], photographs, marks)
     source = {"depth": "where the photographs' own depth lies in the object's box", "masks": "masks for scoring"}
-    return Compared(kept, pairs, marks, db, structure, *_shares(insides, here, shown), source[region.source])
-
-
-def _truncated_psnr(ours: np.ndarray, truth: np.ndarray, inside: np.ndarray, covered: np.ndarray) -> float:
-    """PSNR over `inside`, where a pixel that is not covered costs the mean of truth^2 there, and no pixel more."""
-    black = float(np.square(truth[inside].astype(np.float64)).mean())
-    squared = np.square(ours.astype(np.float64) - truth).mean(axis=-1)
-    error = float(np.where(covered, np.minimum(squared, black), black)[inside].mean())
-    return min(100.0, float(-10 * np.log10(error))) if error > 0 else 100.0
+    return Compared([chosen[n] for n in kept], pairs, marks, db, structure, *_shares(insides, here, shown),
+                    source[region.source])  # fmt: skip
 
 
 def _marks(inside: np.ndarray, covered: np.ndarray, shown: np.ndarray) -> np.ndarray:

@@ -31,10 +31,13 @@ class Steps:
 
 
 class Renderer:
-    """Renders one shape at the cameras of `views`, tracing its light transport once."""
+    """Renders one shape at the cameras of `views`, tracing its light transport once; light is cast by `casts` [F]."""
 
-    def __init__(self, asset: Asset, views: Views, quality: Quality, steps: Steps, seed: int) -> None:
+    def __init__(
+        self, asset: Asset, views: Views, quality: Quality, steps: Steps, seed: int, casts: np.ndarray | None = None
+    ) -> None:
         self.asset, self.views, self.quality, self.steps, self.seed = asset, views, quality, steps, seed
+        self.casts = casts
         self._transport: Transport | None = None
 
     def render(
@@ -49,7 +52,9 @@ class Renderer:
         from exmesh_graph.stage2.render import render_transport, render_views
 
         if self._transport is None:
-            self._transport = render_transport(self.asset, self.quality.bounces, self.quality.directions)
+            self._transport = render_transport(
+                self.asset, self.quality.bounces, self.quality.directions, casts=self.casts
+            )
         asset = self.asset
         if scale is not None:
             scaled = np.clip(asset.base_color * scale.astype(np.float32), 0.0, 1.0)
@@ -67,6 +72,7 @@ class Renderer:
             specular_samples=self.quality.specular_samples,
             seed=self.seed,
             progress=self.steps,
+            casts=self.casts,
         )
 
 

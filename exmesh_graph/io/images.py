@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -43,8 +44,10 @@ class Photo:
 
     def digest(self) -> str:
         """Hash of the decoded pixels, so that one picture under two names is recognised."""
-        parts = (np.ascontiguousarray(self.rgb), np.ascontiguousarray(self.alpha))
-        return hashlib.sha256(repr(self.size).encode() + b"".join(p.tobytes() for p in parts)).hexdigest()
+        value = hashlib.sha256(repr(self.size).encode())
+        for part in (self.rgb, self.alpha):
+            value.update(np.ascontiguousarray(part).data)
+        return value.hexdigest()
 
 
 def read_raw(path: Path) -> np.ndarray:
@@ -99,12 +102,7 @@ def _undecodable(path: Path, reason: str) -> DataError:
 
 def read_image(path: Path) -> np.ndarray:
     """Read float32 (H, W, C) as stored: integers scaled to [0, 1], no colour conversion, straight alpha."""
-    raw = read_raw(path)
-    if raw.dtype == np.uint8:
-        return raw.astype(np.float32) / np.float32(255)
-    if raw.dtype == np.uint16:
-        return raw.astype(np.float32) / np.float32(65535)
-    return raw.astype(np.float32)
+    return _scaled(read_raw(path))
 
 
 def read_photo(path: Path, *, premultiplied: bool | None = None) -> Photo:
@@ -115,29 +113,46 @@ def read_photo(path: Path, *, premultiplied: bool | None = None) -> Photo:
     Raises DataError for undecodable files, 2 or more than 4 channels, and values that are not finite.
     """
     path = Path(path)
-    pixels = read_image(path)
+    pixels = read_raw(path)
     channels = pixels.shape[2]
     if channels not in (1, 3, 4):
         raise DataError(
             f"the image has {channels} channels", where=str(path), expected="1 (gray), 3 (RGB) or 4 (RGBA)",
             fix="export it as plain RGB or RGBA (an EXR with one layer)",
         )  # fmt: skip
-    check_finite(pixels, path)
-    rgb = np.repeat(pixels, 3, axis=2) if channels == 1 else pixels[..., :3]
-    alpha = np.clip(pixels[..., 3], 0, 1) if channels == 4 else np.ones(pixels.shape[:2], np.float32)
     is_float = path.suffix.lower() in FLOAT_SUFFIXES
-    if not is_float:
-        rgb = srgb_to_linear(rgb) * alpha[..., None]
-    elif premultiplied is False:
+    linear = _scaled(pixels[..., :3]) if is_float else _linear(pixels[..., :3])
+    rgb = np.repeat(linear, 3, axis=2) if channels == 1 else linear
+    alpha = np.clip(_scaled(pixels[..., 3]), 0, 1) if channels == 4 else np.ones(pixels.shape[:2], np.float32)
+    if pixels.dtype.kind == "f":
+        check_finite(pixels, path)
+    if channels == 4 and (not is_float or premultiplied is False):
         rgb = rgb * alpha[..., None]
     return Photo(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), channels == 4, not is_float)
 
 
+def _scaled(codes: np.ndarray) -> np.ndarray:
+    """float32; integers scaled to [0, 1]."""
+    values = codes.astype(np.float32)
+    return values / np.float32(np.iinfo(codes.dtype).max) if codes.dtype.kind == "u" else values
+
+
+def _linear(codes: np.ndarray) -> np.ndarray:
+    """Linear light of sRGB codes: integers by a table, since a power for each pixel is most of what reading costs."""
+    return np.take(_curve(codes.dtype), codes) if codes.dtype.kind == "u" else srgb_to_linear(_scaled(codes))
+
+
+@cache
+def _curve(dtype: np.dtype) -> np.ndarray:
+    return srgb_to_linear(_scaled(np.arange(np.iinfo(dtype).max + 1, dtype=dtype)))
+
+
 def read_mask(path: Path) -> np.ndarray:
     """Read coverage float32 (H, W) in [0, 1] from the first channel of a mask picture (8 or 16 bit, linear)."""
-    pixels = read_image(path)
-    check_finite(pixels, Path(path))
-    return np.ascontiguousarray(np.clip(pixels[..., 0], 0, 1))
+    pixels = read_raw(path)
+    if pixels.dtype.kind == "f":
+        check_finite(pixels, Path(path))
+    return np.ascontiguousarray(np.clip(_scaled(pixels[..., 0]), 0, 1))
 
 
 def check_finite(pixels: np.ndarray, path: Path) -> None:

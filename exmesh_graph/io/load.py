@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,37 +52,21 @@ def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Load
     """
     if not shots:
         raise DataError(f"there are no {split} views", expected="at least one", fix="check the data set's camera file")
-    photos, full_intrinsics, poses = [], [], []
-    for shot in shots:
-        photo = _read(shot)
-        width, height = photo.size
-        if shot.size is not None and shot.size != (width, height):
-            raise DataError(
-                f"the image is {width} x {height}, the camera file says {shot.size[0]} x {shot.size[1]}",
-                where=str(shot.image), fix="use the images the cameras were made for, or correct w and h there",
-            )  # fmt: skip
-        k = shot.intrinsics if shot.intrinsics is not None else intrinsics_from_fov(shot.angle_x, width, height)
-        check_camera(k, shot.camera_to_world, f"{shot.image} (camera of view {shot.name})")
-        pose = np.array(shot.camera_to_world, dtype=np.float64)
-        pose[:3, :3] = nearest_rotation(pose[:3, :3])
-        photos.append(photo)
-        full_intrinsics.append(k)
-        poses.append(pose)
-    _check_alike(shots, photos, split)
-    side = max(photos[0].size)
-    reduction = max(1, round(side / _SILHOUETTE_SIDE))
-    has_masks = any(photo.has_alpha and (photo.alpha < 1).any() for photo in photos)
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        pictures = list(_alike(shots, pool.map(lambda shot: _picture(shot, downscale), shots), split))
+    full_intrinsics = np.stack([picture.intrinsics for picture in pictures])
+    reduction = _reduction(pictures[0].size)
     return Loaded(
         names=tuple(shot.name for shot in shots),
-        images=np.stack([downscale_area(photo.rgb, downscale, shots[0].image) for photo in photos]),
-        alpha=np.stack([downscale_area(photo.alpha, downscale, shots[0].image) for photo in photos]),
-        intrinsics=scale_intrinsics(np.stack(full_intrinsics), downscale),
-        camera_to_world=np.stack(poses),
-        has_masks=has_masks,
-        clipped=any(photo.clipped for photo in photos),
-        digests=tuple(photo.digest() for photo in photos),
-        silhouettes=np.stack([_crop_and_reduce(photo.alpha, reduction) for photo in photos]),
-        silhouette_intrinsics=scale_intrinsics(np.stack(full_intrinsics), reduction),
+        images=np.stack([picture.rgb for picture in pictures]),
+        alpha=np.stack([picture.alpha for picture in pictures]),
+        intrinsics=scale_intrinsics(full_intrinsics, downscale),
+        camera_to_world=np.stack([picture.pose for picture in pictures]),
+        has_masks=any(picture.masked for picture in pictures),
+        clipped=any(picture.clipped for picture in pictures),
+        digests=tuple(picture.digest for picture in pictures),
+        silhouettes=np.stack([picture.silhouette for picture in pictures]),
+        silhouette_intrinsics=scale_intrinsics(full_intrinsics, reduction),
         downscale=downscale,
     )
 
@@ -94,9 +81,51 @@ def shifted(loaded: Loaded, offset: float) -> Loaded:
     return replace(loaded, **changed)
 
 
-def _crop_and_reduce(alpha: np.ndarray, factor: int) -> np.ndarray:
-    height, width = (n // factor * factor for n in alpha.shape)
-    return downscale_area(alpha[:height, :width], factor)
+class _Picture(NamedTuple):
+    """What is kept of one shot: the picture at its working size, and what was measured at its full size."""
+
+    rgb: np.ndarray
+    alpha: np.ndarray
+    silhouette: np.ndarray
+    size: tuple[int, int]
+    has_alpha: bool
+    masked: bool
+    clipped: bool
+    digest: str
+    intrinsics: np.ndarray
+    pose: np.ndarray
+
+
+def _picture(shot: Shot, downscale: int) -> _Picture:
+    photo = _read(shot)
+    width, height = photo.size
+    if shot.size is not None and shot.size != (width, height):
+        raise DataError(
+            f"the image is {width} x {height}, the camera file says {shot.size[0]} x {shot.size[1]}",
+            where=str(shot.image), fix="use the images the cameras were made for, or correct w and h there",
+        )  # fmt: skip
+    k = shot.intrinsics if shot.intrinsics is not None else intrinsics_from_fov(shot.angle_x, width, height)
+    check_camera(k, shot.camera_to_world, f"{shot.image} (camera of view {shot.name})")
+    pose = np.array(shot.camera_to_world, dtype=np.float64)
+    pose[:3, :3] = nearest_rotation(pose[:3, :3])
+    reduction = _reduction(photo.size)
+    whole = photo.alpha[: height // reduction * reduction, : width // reduction * reduction]
+    return _Picture(
+        rgb=downscale_area(photo.rgb, downscale, shot.image),
+        alpha=downscale_area(photo.alpha, downscale, shot.image),
+        silhouette=downscale_area(whole, reduction),
+        size=photo.size,
+        has_alpha=photo.has_alpha,
+        masked=bool(photo.has_alpha and (photo.alpha < 1).any()),
+        clipped=photo.clipped,
+        digest=photo.digest(),
+        intrinsics=k,
+        pose=pose,
+    )
+
+
+def _reduction(size: tuple[int, int]) -> int:
+    return max(1, round(max(size) / _SILHOUETTE_SIDE))
 
 
 def _read(shot: Shot) -> Photo:
@@ -118,28 +147,31 @@ def _read(shot: Shot) -> Photo:
     return photo if shot.places is None else resampled(photo, shot.places)
 
 
-def _check_alike(shots: Sequence[Shot], photos: Sequence[Photo], split: str) -> None:
+def _alike(shots: Sequence[Shot], pictures: Iterable[_Picture], split: str) -> Iterator[_Picture]:
+    """The pictures as they come; DataError for one whose name or size does not go with those before."""
     seen: dict[str, Path] = {}
-    for shot, photo in zip(shots, photos, strict=True):
+    first: _Picture | None = None
+    for shot, photo in zip(shots, pictures, strict=True):
+        first = first or photo
         if shot.name in seen:
             raise DataError(
                 f"two views are called {shot.name!r}", where=str(shot.image), fix=f"rename one; see {seen[shot.name]}"
             )
         seen[shot.name] = shot.image
-        if photo.size != photos[0].size:
+        if photo.size != first.size:
             raise DataError(
-                f"the image is {photo.size[0]} x {photo.size[1]}, the first one "
-                f"{photos[0].size[0]} x {photos[0].size[1]}",
+                f"the image is {photo.size[0]} x {photo.size[1]}, the first one {first.size[0]} x {first.size[1]}",
                 where=str(shot.image),
                 expected=f"all images of the size of {shots[0].image.name}",
                 fix="resize or crop all images (and their cameras) alike before loading",
             )
-        if split != "training" and photo.has_alpha != photos[0].has_alpha:
+        if split != "training" and photo.has_alpha != first.has_alpha:
             lacks, has = (shots[0], shot) if photo.has_alpha else (shot, shots[0])
             raise DataError(
                 "the image has no alpha channel or mask, but others have", where=str(lacks.image),
                 expected=f"a mask as {has.image.name} has", fix="add the missing mask: scores need it",
             )  # fmt: skip
+        yield photo
 
 
 def downscale_area(image: np.ndarray, factor: int, where: Path | str = "") -> np.ndarray:
@@ -154,7 +186,14 @@ def downscale_area(image: np.ndarray, factor: int, where: Path | str = "") -> np
             expected="a factor that divides width and height", fix=f"downscale: one of {fits or [1]}",
         )  # fmt: skip
     blocks = image.reshape(height // factor, factor, width // factor, factor, *image.shape[2:])
-    return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    # numpy's mean over two axes walks through memory in short steps; sums in float64 are exact in any order
+    rows = blocks[:, 0].astype(np.float64)
+    for k in range(1, factor):
+        rows += blocks[:, k]
+    total = rows[:, :, 0]
+    for k in range(1, factor):
+        total = total + rows[:, :, k]
+    return (total / factor**2).astype(np.float32)
 
 
 def check_no_leak(train: Loaded, test: Loaded) -> None:

@@ -42,10 +42,18 @@ def direct_transport(
     faces: np.ndarray,
     settings: TransportSettings,
     progress: Callable[[int, int], None] | None = None,
+    casts: np.ndarray | None = None,
 ) -> Transport:
-    """The transport without bounces, as densely as `settings` (shading.settings) ask."""
-    subdivision = choose_subdivision(len(vertices), len(faces), settings.points)
-    return trace_transport(vertices, faces, settings.directions, subdivision, progress=progress)
+    """The transport without bounces, as densely as `settings` (shading.settings) ask.
+
+    casts  bool [F], the faces that stop light and send it back (None: all); all of them receive it
+    """
+    if casts is None or not casts.any():
+        subdivision = choose_subdivision(len(vertices), len(faces), settings.points)
+    else:  # what casts no light does not change how densely the rest is sampled
+        subdivision = choose_subdivision(len(np.unique(faces[casts])), int(casts.sum()), settings.points)
+    tracer = make_ray_tracer(vertices, faces, casts=casts)
+    return trace_transport(vertices, faces, settings.directions, subdivision, tracer, progress=progress)
 
 
 def trace_transport(

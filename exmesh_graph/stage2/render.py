@@ -59,10 +59,15 @@ class Rendered:
 
 
 def render_transport(
-    asset: Asset, bounces: int = 2, directions: int = RENDER_DIRECTIONS, points: int = RENDER_POINTS
+    asset: Asset,
+    bounces: int = 2,
+    directions: int = RENDER_DIRECTIONS,
+    points: int = RENDER_POINTS,
+    casts: np.ndarray | None = None,
 ) -> Transport:
-    """The light transport of `render_views`, to be shared by several calls on one asset."""
-    light = direct_transport(asset.vertices, asset.faces, TransportSettings(directions=directions, points=points))
+    """The light transport of `render_views`, to be shared by several calls on one asset; `casts` as there."""
+    settings = TransportSettings(directions=directions, points=points)
+    light = direct_transport(asset.vertices, asset.faces, settings, casts=casts)
     return with_bounces(light, bounces) if bounces else light
 
 
@@ -81,6 +86,7 @@ def render_views(
     seed: int = 0,
     device: str = "cpu",
     progress: Callable[[int, int], None] | None = None,
+    casts: np.ndarray | None = None,
 ) -> Rendered:
     """Render an asset.
 
@@ -89,12 +95,13 @@ def render_views(
     None, one with `bounces` is traced here. Specular by `specular_samples` GGX rays for each of the supersampling^2
     samples of a pixel, with the mesh mirrored in itself. Coverage is antialiased by the same samples.
     A normal map bends the normals of what the camera sees; the mesh's own light starts from smooth ones.
+    casts bool [F]: the faces that shade the others and are mirrored in them (None: all); every face is seen.
 
     Raises GeometryError for a transport of another mesh.
     """
-    light = transport or render_transport(asset, bounces)
+    light = transport or render_transport(asset, bounces, casts=casts)
     check_fits(light, asset.vertices, asset.faces)
-    scene = Scene(asset, light, asset.environment if environment is None else environment, device)
+    scene = Scene(asset, light, asset.environment if environment is None else environment, device, casts)
     generator = torch.Generator().manual_seed(seed)
     results = []
     for number in range(len(intrinsics)):
@@ -109,9 +116,11 @@ def render_views(
 class Scene:
     """An asset under one environment: its maps, irradiance and leaving radiance at the lattice points."""
 
-    def __init__(self, asset: Asset, light: Transport, environment: np.ndarray, device: str) -> None:
+    def __init__(
+        self, asset: Asset, light: Transport, environment: np.ndarray, device: str, casts: np.ndarray | None = None
+    ) -> None:
         self.geometry = CarrierGeometry(asset, device)
-        self.tracer = make_ray_tracer(asset.vertices, asset.faces, device)
+        self.tracer = make_ray_tracer(asset.vertices, asset.faces, device, casts=casts)
         self.light = light
         self.size = asset.base_color.shape[0]
         columns = [asset.base_color, asset.roughness[..., None]]

@@ -106,3 +106,21 @@ def test_bad_meshes_are_refused():
     broken[3, 1] = np.nan
     with pytest.raises(GeometryError, match="vertex 3"):
         make_ray_tracer(broken, CUBE_FACES)
+
+
+def test_faces_that_cast_nothing_are_passed_and_the_others_keep_their_numbers():
+    from exmesh_graph.rays.embree import EmbreeTracer
+
+    rng = np.random.default_rng(5)
+    sheet = np.array([[-9, 3, -9], [9, 3, -9], [0, 3, 9]], float)
+    both, faces = np.concatenate([sheet, CUBE]), np.concatenate([[[0, 1, 2]], CUBE_FACES + 3])
+    casts = np.arange(len(faces)) > 0
+    tracer, alone = make_ray_tracer(both, faces, casts=casts), EmbreeTracer(CUBE, CUBE_FACES)
+    origins = rng.normal(size=(2000, 3)) + np.array([0, 6, 0])
+    directions = 1.5 * rng.normal(size=(2000, 3)) - origins
+    found, expected = (one.closest_hit(origins, directions) for one in (tracer, alone))
+    assert 0.2 < (expected.face != MISS).mean() < 0.95
+    np.testing.assert_array_equal(found.face, np.where(expected.face == MISS, MISS, expected.face + 1))
+    assert tracer.radius == alone.radius
+    assert (make_ray_tracer(both, faces).closest_hit(origins, directions).face == 0).mean() > 0.5
+    assert not make_ray_tracer(both, faces, casts=np.zeros(len(faces), bool)).any_hit(origins, directions).any()
