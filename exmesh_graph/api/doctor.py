@@ -69,6 +69,24 @@ def examine(store: Store, packs: Packs) -> Iterator[Finding]:
     yield _gpu()
 
 
+def examine_gpu() -> Iterator[Finding]:
+    """Every accelerated operation on CUDA and on the CPU, in a process of its own: `device: auto` goes by it."""
+    finding = _gpu()
+    yield finding
+    if finding.state != OK or finding.found.startswith("none"):
+        return
+    from exmesh_graph.gpu.verdict import faults_of, remember, run_check
+
+    outcomes = run_check("cuda")
+    remember(outcomes)
+    for outcome in outcomes:
+        state, found = (WARN, outcome["fault"]) if outcome["fault"] else (OK, "as on the CPU")
+        yield Finding(state, str(outcome["operation"]), f"{found} ({outcome['seconds']:.1f} s)")
+    if faults_of(outcomes):
+        fix = "update the driver, torch or warp-lang; or say device: cuda, and look at the results"
+        yield Finding(WARN, "device: auto", "takes the CPU on this machine", fix)
+
+
 def _store(store: Store) -> Iterator[Finding]:
     home = next(path for path in (store.root, *store.root.parents) if path.is_dir())
     free = shutil.disk_usage(home).free

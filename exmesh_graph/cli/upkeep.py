@@ -89,12 +89,18 @@ def gc(
     show_notes(opened)
 
 
-def doctor(store: StoreFolder = None, shared: SharedUrl = None) -> None:
+def doctor(
+    store: StoreFolder = None,
+    shared: SharedUrl = None,
+    gpu: Annotated[
+        bool, typer.Option("--gpu", help="Compare every accelerated operation on CUDA and the CPU.")
+    ] = False,
+) -> None:
     """Try what runs need: the store's file system, libraries, the GPU. Exits with 1 if runs would fail."""
-    from exmesh_graph.api.doctor import FAIL, WARN, findings
+    from exmesh_graph.api.doctor import FAIL, WARN, examine_gpu, findings
 
     counts: Counter[str] = Counter()
-    for finding in findings(store, shared):
+    for finding in examine_gpu() if gpu else findings(store, shared):
         typer.echo(str(finding))
         counts[finding.state] += 1
     mend, know = counts[FAIL], counts[WARN]

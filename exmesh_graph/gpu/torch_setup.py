@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from exmesh_graph.errors import MissingLibraryError
+from exmesh_graph.errors import ExmeshError, MissingLibraryError
 from exmesh_graph.gpu.cores import cores
+from exmesh_graph.gpu.verdict import cuda_fault
 
 if TYPE_CHECKING:
     from exmesh_graph.gpu.settings import DeviceSettings
@@ -19,9 +20,18 @@ if TYPE_CHECKING:
 
 @contextmanager
 def computing(settings: DeviceSettings) -> Iterator[torch.device]:
-    """The device that `settings.device` names, while CPU kernels share `settings.threads` cores."""
-    with sharing(settings.threads):
-        yield pick_device(settings.device)
+    """The device that `settings.device` names, while CPU kernels share `settings.threads` cores.
+
+    Raises ExmeshError, with the parameters that help, where the device's memory does not suffice.
+    """
+    try:
+        with sharing(settings.threads):
+            yield pick_device(settings.device)
+    except torch.OutOfMemoryError as error:
+        raise ExmeshError(
+            f"the GPU's memory does not suffice ({str(error).splitlines()[0]})", where=f"device: {settings.device}",
+            fix="raise `downscale`, lower `texture_size` or `max_gaussians`, end what else runs there, or say device: cpu",
+        ) from error  # fmt: skip
 
 
 @contextmanager
@@ -48,7 +58,7 @@ def torch_threads(count: int) -> Iterator[None]:
 
 
 def pick_device(device: str) -> torch.device:
-    """The device for "auto", "cpu" or "cuda"; "auto" takes CUDA if torch sees one.
+    """The device for "auto", "cpu" or "cuda"; "auto" takes CUDA if torch sees one and it computes as the CPU does.
 
     Raises MissingLibraryError when CUDA is asked for and not there.
     """
@@ -57,7 +67,9 @@ def pick_device(device: str) -> torch.device:
         raise MissingLibraryError(
             "no CUDA device", where="device: cuda", fix="install a CUDA build of torch, or say device: auto"
         )
-    return torch.device("cuda" if available and device != "cpu" else "cpu")
+    if device == "auto":
+        device = "cuda" if available and not cuda_fault() else "cpu"
+    return torch.device(device)
 
 
 def tensor_of(array: np.ndarray) -> torch.Tensor:
