@@ -118,9 +118,9 @@ def test_the_doctor_tells_each_operation(gpu, monkeypatch):
 
 def test_memory_that_does_not_suffice_is_told_with_the_parameters_that_help():
     settings = DeviceSettings(device="cpu")
-    with pytest.raises(ExmeshError, match=r"(?s)memory does not suffice \(tried to allocate 9 GiB\).*downscale"):
-        with torch_setup.computing(settings):
-            raise torch.OutOfMemoryError("tried to allocate 9 GiB\nof 8")
+    told = pytest.raises(ExmeshError, match=r"(?s)memory does not suffice \(tried to allocate 9 GiB\).*downscale")
+    with told, torch_setup.computing(settings):
+        raise torch.OutOfMemoryError("tried to allocate 9 GiB\nof 8")
 
 
 def test_a_check_that_dies_is_a_fault(monkeypatch):

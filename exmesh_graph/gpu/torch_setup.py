@@ -30,7 +30,7 @@ def computing(settings: DeviceSettings) -> Iterator[torch.device]:
     except torch.OutOfMemoryError as error:
         raise ExmeshError(
             f"the GPU's memory does not suffice ({str(error).splitlines()[0]})", where=f"device: {settings.device}",
-            fix="raise `downscale`, lower `texture_size` or `max_gaussians`, end what else runs there, or say device: cpu",
+            fix="raise `downscale`, lower `texture_size` or `max_gaussians`, or say device: cpu",
         ) from error  # fmt: skip
 
 
