@@ -15,7 +15,8 @@ import torch
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.guard import Guard
-from exmesh_graph.stage2.objective import indirect_strength, view_psnr, weighted_terms
+from exmesh_graph.stage2.objective import indirect_strength, weighted_terms
+from exmesh_graph.stage2.pictures import view_psnr
 from exmesh_graph.stage2.result import finished_asset
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Asset, Carrier, Transport, Views

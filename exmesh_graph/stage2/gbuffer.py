@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol, overload
 
 import numpy as np
@@ -18,11 +19,14 @@ import torch
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import SSIM_WINDOW, SsimTarget
 from exmesh_graph.raster import rasterize
+from exmesh_graph.stage2.maps import Footprint
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, texel_footprint
 from exmesh_graph.types import Views
 
 #: Three planes of three float32 channels for each pixel of a view's box (losses.SsimTarget).
 SSIM_BYTES = 36
+#: `ViewBuffer.footprint.order` and `neighbours` of a pixel.
+FUSED_BYTES = 20
 
 
 @dataclass
@@ -34,9 +38,9 @@ class ViewBuffer:
     target        [N, 3], linear straight colour;  clipped bool [N, 3]: at the top of an 8-bit file's range
     coverage      [N], the mask's alpha, the pixel's weight in the loss
     face, bary    [N], [N, 3]
-    texel, texel_weight   [N, 4], rows of the fit's compact texel table (ViewBuffers.texels)
+    texel, texel_weight   int32 [N, 4], [N, 4]: rows of the fit's compact texel table (ViewBuffers.texels)
     n_v           [N]
-    pairs         int64 [Q, 2], neighbouring pixels (by row of this buffer) on one continuous surface
+    pairs         int32 [Q, 2], neighbouring pixels (by row of this buffer) on one continuous surface
     light         what the light model keeps of the view (LightModel.view)
     box, box_pixel        height and width of a box around the pixels, SSIM's half window wider, and their places in it
     ssim                  statistics of the target for D-SSIM, made when first asked for
@@ -60,15 +64,36 @@ class ViewBuffer:
     box_pixel: torch.Tensor
     ssim: SsimTarget | None = None
 
+    @cached_property
+    def footprint(self) -> Footprint:
+        """Texels and weights, in the order that the fused step's adjoint wants."""
+        return Footprint.of(self.texel, self.texel_weight)
+
+    @cached_property
+    def neighbours(self) -> torch.Tensor:
+        """The pixels to the left, right, above and below, int32 [N, 4], by `pairs`; the pixel itself where none is."""
+        itself = torch.arange(len(self.pixel), dtype=torch.int32, device=self.pixel.device)
+        found = itself[:, None].repeat(1, 4)
+        first, second = self.pairs.long().unbind(1)
+        across = self.pixel[second] - self.pixel[first] == 1
+        for chosen, side in ((across, 0), (~across, 2)):
+            found[second[chosen], side] = self.pairs[chosen, 0]
+            found[first[chosen], side + 1] = self.pairs[chosen, 1]
+        return found
+
     def samples(self, geometry: CarrierGeometry) -> SurfaceSamples:
         """The buffer's surface samples, rebuilt."""
         return geometry.samples(self.face, self.bary, self.camera)
 
     def bytes(self) -> int:
-        """Bytes of all tensors, and of those that D-SSIM will add."""
+        """Bytes of all tensors, and of those that D-SSIM and the fused step will add."""
         held = [vars(self), vars(self.light)] if hasattr(self.light, "__dict__") else [vars(self)]
         tensors = [value for values in held for value in values.values() if isinstance(value, torch.Tensor)]
-        return sum(t.element_size() * t.numel() for t in tensors) + SSIM_BYTES * self.box[0] * self.box[1]
+        return (
+            sum(t.element_size() * t.numel() for t in tensors)
+            + SSIM_BYTES * self.box[0] * self.box[1]
+            + FUSED_BYTES * len(self.pixel)
+        )
 
 
 class ViewLight(Protocol):
@@ -148,8 +173,8 @@ def _pairs(inside: torch.Tensor, samples: SurfaceSamples, pixel: torch.Tensor) -
     """Horizontal and vertical neighbours that lie on one surface: the step between them stays near both tangent
     planes (a jump in depth is no neighbourhood of the material)."""
     height, width = inside.shape
-    row = torch.full((height * width,), -1, dtype=torch.int64, device=inside.device)
-    row[pixel] = torch.arange(len(pixel), device=inside.device)
+    row = torch.full((height * width,), -1, dtype=torch.int32, device=inside.device)
+    row[pixel] = torch.arange(len(pixel), dtype=torch.int32, device=inside.device)
     grid = row.reshape(height, width)
     across = torch.stack([grid[:, :-1].reshape(-1), grid[:, 1:].reshape(-1)], 1)
     down = torch.stack([grid[:-1].reshape(-1), grid[1:].reshape(-1)], 1)
@@ -256,8 +281,8 @@ class ViewBuffers(Sequence[ViewBuffer]):
             if held <= self.budget:
                 self._held[number] = buffer
         self.texels = torch.nonzero(used)[:, 0]
-        self._row = torch.full((count,), -1, dtype=torch.int64, device=device)
-        self._row[self.texels] = torch.arange(len(self.texels), device=device)
+        self._row = torch.full((count,), -1, dtype=torch.int32, device=device)
+        self._row[self.texels] = torch.arange(len(self.texels), dtype=torch.int32, device=device)
         cosine /= weight.clamp_min(1e-12)
         self.evidence = Evidence(weight[self.texels], cosine[self.texels], seen[self.texels])
         for number, buffer in self._held.items():

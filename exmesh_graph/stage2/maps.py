@@ -50,6 +50,25 @@ class Material:
         return self.table[:, -2:] if self.has_normal else None
 
 
+@dataclass(frozen=True)
+class Footprint:
+    """Where N points read: rows int32 [N, 4] of a table of texels, weight [N, 4], and order int32 [N], the points by
+    ascending first row.
+
+    The rows are two pairs of texels side by side, the upper pair's first: where one side of the table's square is
+    longer than a texel, each second row of a pair is the one after the first.
+    """
+
+    rows: torch.Tensor
+    weight: torch.Tensor
+    order: torch.Tensor
+
+    @classmethod
+    def of(cls, rows: torch.Tensor, weight: torch.Tensor) -> Footprint:
+        rows = rows.to(torch.int32).contiguous()
+        return cls(rows, weight.contiguous(), torch.argsort(rows[:, 0], stable=True).to(torch.int32))
+
+
 class MaterialMaps:
     """The free parameters of T texels and the maps they stand for.
 

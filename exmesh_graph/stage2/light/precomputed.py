@@ -27,9 +27,10 @@ from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.operators import LightTransport, VectorTransport, at_surface
 from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, mean_visibility, reflectance_table
+from exmesh_graph.stage2.fused.view import SpecularTables
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.light.traced import FittedSuns, find_fitted_suns, traced_specular
-from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
+from exmesh_graph.stage2.maps import Appearance, Footprint, Material, MaterialMaps
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import (
     CarrierGeometry,
@@ -49,7 +50,7 @@ LARGEST = 4.0
 class PrecomputedView:
     """What the precomputed light keeps of a view's N pixels.
 
-    point, point_weight   [N, 3], lattice points of the light transport
+    point, point_weight   int32 [N, 3], [N, 3]: lattice points of the light transport
     env_u, env_v          [N], image coordinates of the reflected direction
     specular_scale        [N, 3], what to multiply the split sum with
     """
@@ -91,12 +92,13 @@ class PrecomputedLight:
         self.vectors = None if frames is None else VectorTransport(self.operators)
         self.binning = self.operators.bin_matrix(height, 2 * height)
         self.table = reflectance_table(device=device)
+        self.lookup = SpecularTables.of(self.stack, self.table)
         self.scale: dict[int, torch.Tensor] = {}  # PrecomputedView.specular_scale by view, which outlives the buffers
         corners = geometry.uvs[geometry.uv_faces[torch.from_numpy(transport.point_face.astype(np.int64)).to(device)]]
         bary = tensor_of(transport.point_bary).to(device)
         self._point_uv = (corners * bary[..., None]).sum(1)
         self.suns: FittedSuns | None = None
-        self._point_texel: tuple[torch.Tensor, torch.Tensor] | None = None
+        self._footprint: Footprint | None = None
 
     def texels(self, size: int) -> torch.Tensor:
         return texel_footprint(self._point_uv, size)[0].reshape(-1)
@@ -107,7 +109,7 @@ class PrecomputedLight:
         device = self.geometry.device
         env_u, env_v = envmap.uv_of(surface.reflected)
         return PrecomputedView(
-            point=torch.from_numpy(point.astype(np.int64)).to(device),
+            point=torch.from_numpy(point).to(device),
             point_weight=torch.from_numpy(weight).to(device),
             env_u=env_u,
             env_v=env_v,
@@ -120,12 +122,15 @@ class PrecomputedLight:
             self._keep(buffer, initial_specular_scale(self, buffer, roughness))
 
     def prepare(self, appearance: Appearance) -> PreparedTransport:
-        environment, strength = appearance.environment, appearance.strength
+        diffuse = None
+        if self.operators.bounces and appearance.strength > 0:
+            diffuse = self.lattice_diffuse(appearance.maps, appearance.values)
+        return self.arriving(appearance.environment, diffuse, appearance.strength)
+
+    def arriving(self, environment: torch.Tensor, diffuse: torch.Tensor | None, strength: float) -> PreparedTransport:
+        """The light of a step from the sky and f_d [P, 3] at the points of the transport (None: no interreflection)."""
         rest = environment if self.suns is None else self.suns.suns.without(environment)
         binned = torch.sparse.mm(self.binning, rest.reshape(-1, 3))
-        diffuse = None
-        if self.operators.bounces and strength > 0:
-            diffuse = self.lattice_diffuse(appearance.maps, appearance.values)
         if self.suns is None:
             irradiance = self.operators.irradiance(binned, diffuse, strength)
             vector = None
@@ -184,11 +189,16 @@ class PrecomputedLight:
 
     def lattice_diffuse(self, maps: MaterialMaps, values: torch.Tensor) -> torch.Tensor:
         """f_d [P, 3] at the points of the transport."""
-        if self._point_texel is None:  # a search of a few milliseconds, for the one table of the fit
-            index, weight = texel_footprint(self._point_uv, maps.size)
-            self._point_texel = (maps.rows(index), weight)
-        at_points = maps.read(values, *self._point_texel)
+        where = self.footprint(maps)
+        at_points = maps.read(values, where.rows, where.weight)
         return brdf.diffuse(at_points.base_color, at_points.metallic)
+
+    def footprint(self, maps: MaterialMaps) -> Footprint:
+        """Where the points of the transport read the maps."""
+        if self._footprint is None:  # a search of a few milliseconds, for the one table of the fit
+            index, weight = texel_footprint(self._point_uv, maps.size)
+            self._footprint = Footprint.of(maps.rows(index), weight)
+        return self._footprint
 
     @torch.no_grad()
     def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:

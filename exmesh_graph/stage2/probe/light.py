@@ -19,7 +19,7 @@ from exmesh_graph.shading.monte_carlo import Sampler
 from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.stage2.light.sampled import SampledLight
 from exmesh_graph.stage2.maps import Appearance
-from exmesh_graph.stage2.objective import encode_srgb
+from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.probe.gain import Gain, paired_gain, sums_over_tiles
 from exmesh_graph.stage2.probe.short import ShortFit
 

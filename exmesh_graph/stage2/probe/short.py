@@ -19,7 +19,8 @@ from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.maps import Appearance, MaterialMaps
-from exmesh_graph.stage2.objective import encode_srgb, weighted_terms
+from exmesh_graph.stage2.objective import weighted_terms
+from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.probe.gain import sums_over_tiles
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Carrier, Transport, Views
