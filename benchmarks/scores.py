@@ -87,7 +87,8 @@ def score_scenes(
     way = " ".join([graph.stem, *(f"{key}={value}" for key, value in sorted(chosen.items()))])
     work = work_of(graph, chosen, SAMPLE)
     times = {scene.name: memory.expected(way, scene, modelled(scene, work)) for scene, _ in there}
-    say(f"{memory.machine}; {len(there)} scenes by {graph.name}, about {clock(sum(times.values()))} in all")
+    count = f"{len(there)} scene{'s' if len(there) > 1 else ''}"
+    say(f"{memory.machine}; {count} by {graph.name}, about {clock(sum(times.values()))} in all")
     for scene, _ in there:
         say(f"  {scene.name:14s} {clock(times[scene.name]):>8s}  {scene.kind}")
     say(f"Expected {memory.basis(way)}. What is in {store} already takes no time.")

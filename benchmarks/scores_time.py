@@ -99,7 +99,7 @@ class Memory:
             return f"by the seconds of {', '.join(known)}, measured on this machine"
         count = sum(len(scenes) for scenes in self.ways.values())
         if count:
-            return f"by {count} scenes of other graphs or settings, measured on this machine"
+            return f"by scenes of other graphs or settings ({count}), measured on this machine"
         return f"by a model, and this machine's speed measured now ({1 / self.speed():.2f} of the model's machine)"
 
     def speed(self) -> float:

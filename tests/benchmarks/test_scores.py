@@ -87,7 +87,7 @@ def test_what_scenes_took_before_is_what_is_expected(tmp_path, monkeypatch):
     assert memory.expected("short", scenes()["phone"], models["phone"]) == pytest.approx(
         0.5 * models["phone"], rel=0.01
     )
-    assert "1 scenes of other graphs" in memory.basis("short")
+    assert "scenes of other graphs or settings (1)" in memory.basis("short")
     memory.keep("short", "phone", 250.0, models["phone"])
     assert memory.expected("short", scenes()["phone"], models["phone"]) == 250.0
     assert memory.expected("short", scenes()["padlock"], models["padlock"]) == pytest.approx(250.0, rel=0.01)
