@@ -84,6 +84,14 @@ def test_the_fused_kernel_is_ssim(height, width, channels, kind, seed):
     assert torch.allclose(gradient.double(), want, atol=1e-5 * float(want.abs().max()) + 1e-12)
 
 
+def test_the_fused_moments_are_those_of_the_target():
+    image, _ = images(150, 37)
+    exact, mine = losses.ssim_target(image), losses.ssim_target(image.float())
+    assert torch.allclose(mine.mean.double(), exact.mean, atol=1e-6)
+    assert torch.allclose(mine.variance.double(), exact.variance, atol=1e-6)
+    assert bool((losses.ssim_target(torch.ones(20, 21, 3)).variance >= 0).all())
+
+
 @pytest.mark.parametrize("level", [0.0, 1e-4, 0.5, 1.0])
 def test_the_fused_kernel_on_flat_and_extreme_images(level):
     """Flat targets leave SSIM's denominators at their constants: there the difference of squares counts most."""

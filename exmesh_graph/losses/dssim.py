@@ -30,6 +30,11 @@ class SsimTarget(NamedTuple):
 def ssim_target(target: torch.Tensor) -> SsimTarget:
     """Local statistics of `target` [H, W, C] for repeated use in `ssim` and `d_ssim`."""
     image = _with_channels(target.detach())
+    if _fuses(image):
+        image = image.contiguous()
+        found = SsimTarget(image, torch.empty_like(image), torch.empty_like(image))
+        _strips(image, found, None, _kernels().MOMENTS, 1.0, None)
+        return found
     planes = _planes(image)
     mean = _separable(planes)
     variance = (_separable(planes * planes) - mean * mean).clamp(min=0)
@@ -112,8 +117,7 @@ class _MeanSsim(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, x, y, y_mean, y_variance, weight):
-        fused = x.device.type == "cpu" and {t.dtype for t in (x, y, y_mean, y_variance)} == {torch.float32}
-        of = _fused if fused and x.numel() else _by_convolution
+        of = _fused if _fuses(x, y, y_mean, y_variance) else _by_convolution
         value, gradient = of(x, SsimTarget(y, y_mean, y_variance), weight, ctx.needs_input_grad[0])
         if gradient is not None:
             ctx.save_for_backward(gradient)
@@ -126,24 +130,38 @@ class _MeanSsim(torch.autograd.Function):
         return gradient * grad, None, None, None, None
 
 
+def _fuses(*images: torch.Tensor) -> bool:
+    return all(t.device.type == "cpu" and t.dtype == torch.float32 and t.numel() for t in images)
+
+
 def _fused(
     x: torch.Tensor, target: SsimTarget, weight: torch.Tensor | None, with_gradient: bool
 ) -> tuple[torch.Tensor, torch.Tensor | None]:
-    height, width, channels = x.shape
     scale = 1 / x.numel() if weight is None else 1.0
-    kernels = _kernels()
-    memory = scratch("ssim", kernels.scratch_size(height, width, channels))
-    strips = -(-height // kernels.ROWS)
     gradient = torch.empty_like(x, memory_format=torch.contiguous_format) if with_gradient else None
+    kernels = _kernels()
+    target = SsimTarget(*(part.contiguous() for part in target))
+    mode = kernels.GRADIENT if with_gradient else kernels.VALUE
+    sums = _strips(x.detach().contiguous(), target, weight, mode, scale, gradient)
+    return (sums.sum() * scale).to(x.dtype), gradient
+
+
+def _strips(
+    x: torch.Tensor, target: SsimTarget, weight: torch.Tensor | None, mode: int, scale: float, out: torch.Tensor | None
+) -> torch.Tensor:
+    """Sums of the strips [S], float64."""
+    kernels = _kernels()
+    height, width, channels = x.shape
+    strips = -(-height // kernels.ROWS)
+    memory = scratch("ssim", kernels.scratch_size(height, width, channels))
     sums = torch.empty(strips, dtype=torch.float64)
-    images = (x.detach().contiguous(), *(part.contiguous() for part in target))
     nothing = memory[:1]
     split(
-        kernels.ssim_strips, strips, height, width, channels, len(memory) // strips, int(with_gradient),
-        int(weight is not None), scale, *images, nothing if weight is None else weight, memory,
-        nothing if gradient is None else gradient, sums, grain=1,
+        kernels.ssim_strips, strips, height, width, channels, len(memory) // strips, mode, int(weight is not None),
+        scale, x, *target, nothing if weight is None else weight, memory, nothing if out is None else out, sums,
+        grain=1,
     )  # fmt: skip
-    return (sums.sum() * scale).to(x.dtype), gradient
+    return sums
 
 
 def _by_convolution(

@@ -17,6 +17,8 @@ from exmesh_graph.gpu.simd import PRELUDE, padded
 
 wp.set_module_options({"enable_backward": False})
 
+VALUE, GRADIENT, MOMENTS = 0, 1, 2
+"""The modes of the kernel."""
 ROWS = wp.constant(64)
 """Rows of an image that one item of the kernel is for; it reads ten more on either side."""
 WINDOW, SIGMA = 11, 1.5
@@ -85,7 +87,14 @@ _SNIPPET = (
     };
 
     for (int i = 0; i < n; ++i) given[3][i] = 1.f;                // and 0 in the rest of the last vector
+    auto write = [&](float* to, long row, int i, vf v) {
+        float* at = to + row * n + i;
+        if (i + LANES <= n) STORE(at, v);
+        else for (int k = 0; i + k < n; ++k) at[k] = v[k];
+    };
+
     double total = 0.0;
+    const bool with_gradient = mode == 1;
     const int reach = with_gradient ? 2 * HALF : HALF;
     for (int r = top - reach; r < bottom + reach; ++r) {
         float* ring = slot(moments, r);
@@ -107,6 +116,14 @@ _SNIPPET = (
         const float* f[RING];
         if (q >= 0 && q < height) {
             for (int k = 0; k < RING; ++k) f[k] = slot(moments, q - HALF + k);
+            if (mode == 2) {
+                for (int i = 0; i < m; i += LANES) {
+                    const vf a = down(f, 0, i), v = down(f, stride, i) - a * a;
+                    write(mean.data, q, i, a);
+                    write(variance.data, q, i, v > 0.f ? v : 0.f);
+                }
+                continue;
+            }
             copy(given[1], mean.data, q);
             copy(given[2], variance.data, q);
             if (weighted) {
@@ -141,12 +158,9 @@ _SNIPPET = (
         for (int k = 0; k < RING; ++k) f[k] = slot(partials, g - HALF + k);
         copy(moment[0], x.data, g);
         copy(given[0], y.data, g);
-        float* to = gradient.data + (long)g * n;
         for (int i = 0; i < m; i += LANES) {
             const vf a = down(f, 0, i), b = down(f, stride, i), d = down(f, 2 * stride, i);
-            const vf all = scale * (a + 2.f * LOAD(moment[0] + i) * b + LOAD(given[0] + i) * d);
-            if (i + LANES <= n) STORE(to + i, all);
-            else for (int k = 0; i + k < n; ++k) to[i + k] = all[k];
+            write(gradient.data, g, i, scale * (a + 2.f * LOAD(moment[0] + i) * b + LOAD(given[0] + i) * d));
         }
     }
     sums.data[strip] = total;
@@ -165,7 +179,7 @@ def _strip(
     width: int,
     channels: int,
     per_strip: int,
-    with_gradient: int,
+    mode: int,
     weighted: int,
     scale: float,
     x: wp.array(dtype=float),
@@ -186,7 +200,7 @@ def ssim_strips(
     width: int,
     channels: int,
     per_strip: int,
-    with_gradient: int,
+    mode: int,
     weighted: int,
     scale: float,
     x: wp.array(dtype=float),
@@ -198,9 +212,10 @@ def ssim_strips(
     gradient: wp.array(dtype=float),
     sums: wp.array(dtype=wp.float64),
 ):
-    """Strip `first + tid`: its sum of weighted similarities, and `scale` times the gradient of all sums in its rows."""
+    """Strip `first + tid`: its sum of weighted similarities; and, mode 1, `scale` times the gradient of all sums in its
+    rows; mode 2: only the local mean and variance of x, written to `mean` and `variance`."""
     strip = first + wp.tid()
     _strip(
-        strip, ROWS, height, width, channels, per_strip, with_gradient, weighted, scale,
+        strip, ROWS, height, width, channels, per_strip, mode, weighted, scale,
         x, y, mean, variance, weight, scratch, gradient, sums,
     )  # fmt: skip
