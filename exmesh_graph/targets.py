@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import Box, SsimTarget, display, mask_box, ssim_target
 from exmesh_graph.raster import project, rasterize_projected
@@ -16,6 +19,7 @@ from exmesh_graph.types import DepthMaps, Mesh, Views
 GAIN_RATE = 0.3
 GAIN_LIMITS = (0.5, 2.0)
 _CACHE_BYTES = 1 << 30
+_last: dict[tuple[int, int, int, str], tuple[torch.Tensor, torch.Tensor, list[Any]]] = {}
 
 
 @dataclass
@@ -92,19 +96,14 @@ def prepare_targets(
         raise DataError(
             f"downscale {downscale} leaves nothing of {views.width} x {views.height} pixels", where="stage1"
         )
-    rgb = tensor_of(views.images).to(device)
-    alpha = tensor_of(views.alpha).to(device)
-    if downscale > 1:
-        cells = (len(views), height, downscale, width, downscale)
-        rgb = rgb[:, : height * downscale, : width * downscale].reshape(*cells, 3).mean(dim=(2, 4))
-        alpha = alpha[:, : height * downscale, : width * downscale].reshape(cells).mean(dim=(2, 4))
+    images, alpha = _shown(views, downscale, device)
     # pixel centres lie at +0.5, so a smaller image of the same view is a plain scaling of K's first two rows
     intrinsics = torch.from_numpy(np.array(views.intrinsics, np.float64))
     intrinsics[:, :2] /= downscale
     world_to_camera = torch.from_numpy(views.world_to_camera)
     return Targets(
-        images=torch.stack([display(c, a) for c, a in zip(rgb, alpha, strict=True)]),
-        alpha=alpha.contiguous(),
+        images=images,
+        alpha=alpha,
         intrinsics=intrinsics,
         world_to_camera=world_to_camera,
         names=views.names,
@@ -157,6 +156,33 @@ def fit_gain(
     fitted = (weight * image * target).sum(dim=(0, 1)) / power.clamp(min=1e-12)
     fitted = torch.where(power > 1e-6, fitted, before).clamp(*GAIN_LIMITS)
     return torch.lerp(before, fitted, rate)
+
+
+def _shown(views: Views, downscale: int, device: torch.device | str) -> tuple[torch.Tensor, torch.Tensor]:
+    """(display images, coverage) of all views at 1 / `downscale`; the last ones are kept while their views live.
+
+    Rounds of Stage I ask for the same ones again, and a power for every pixel costs as much as some iterations.
+    """
+    key = (id(views.images), id(views.alpha), downscale, str(device))
+    if key in _last:
+        return _last[key][:2]
+
+    def one(rgb: np.ndarray, coverage: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        colour, alpha = tensor_of(rgb).to(device), tensor_of(coverage).to(device)
+        if downscale > 1:
+            height, width = (n // downscale for n in alpha.shape)
+            colour, alpha = (t[: height * downscale, : width * downscale] for t in (colour, alpha))
+            cells = (height, downscale, width, downscale)
+            colour, alpha = colour.reshape(*cells, 3).mean(dim=(1, 3)), alpha.reshape(cells).mean(dim=(1, 3))
+        return display(colour, alpha), alpha
+
+    pictures = share(one, views.images, views.alpha)
+    images, alpha = (torch.stack(planes) for planes in zip(*pictures, strict=True))
+    _last.clear()
+    # the arrays' ids stand for them only while they live
+    gone = [weakref.ref(array, lambda _: _last.pop(key, None)) for array in (views.images, views.alpha)]
+    _last[key] = (images, alpha, gone)
+    return images, alpha
 
 
 def _covered(

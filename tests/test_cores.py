@@ -9,7 +9,7 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.gpu.cores import available, cores, scratch, split
+from exmesh_graph.gpu.cores import available, cores, scratch, share, split
 from exmesh_graph.gpu.warp_runtime import launch
 
 
@@ -86,3 +86,12 @@ def test_a_forked_child_has_threads_of_its_own():
 def test_descriptors_of_tensors_reach_kernels_of_every_shape():
     counts = torch.zeros(0, dtype=torch.int32)
     launch(count_items, 0, 0, counts)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_calls_are_shared_in_order_and_their_errors_told(count):
+    with cores(count):
+        assert share(lambda a, b: a - b, range(20), range(20, 40)) == [-20] * 20
+        assert share(str, range(5)) == ["0", "1", "2", "3", "4"]
+        with pytest.raises(ZeroDivisionError):
+            share(lambda a: 1 / a, [2, 1, 0, 3])

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
 from exmesh_graph.gpu.warp_runtime import convert, launch, warp
+
+Result = TypeVar("Result")
 
 _count: ContextVar[int] = ContextVar("exmesh_cores", default=1)
 _launched: set[Any] = set()
@@ -66,6 +68,17 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
     finally:
         for other in others:
             other.result()
+
+
+def share(function: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
+    """[function(a, b, ...) for a, b, ... in zip(*items)], calls shared by the cores of `cores()`.
+
+    For calls that leave the interpreter's lock (torch, numpy, decoders) and do not depend on one another.
+    """
+    if _count.get() <= 1:
+        return [function(*each) for each in zip(*items, strict=True)]
+    with ThreadPoolExecutor(_count.get(), initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        return list(pool.map(function, *items))
 
 
 def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
