@@ -113,7 +113,9 @@ def _optimise(
             continue
         if model.exposure is not None:
             model.exposure.follow(buffer, predicted, step / settings.iterations)
+        gradient = model.maps.parameter.grad
         optimiser.step(guard.scale * settings.rate_decay ** (step / settings.iterations))
+        model.maps.spare = gradient
         model.factor.bound(model.maps.parameter)
         if step % 10 == 0 or step == settings.iterations - 1:
             figures = {

@@ -157,7 +157,8 @@ class Guard:
 
     def _gradients_finite(self) -> bool:
         gradients = [p.grad for p in self.optimiser.parameters if p.grad is not None]
-        return all(bool(g.abs().max() < LARGEST_GRADIENT) for g in gradients if g.numel())
+        extremes = [extreme for g in gradients if g.numel() for extreme in g.aminmax()]
+        return all(abs(float(extreme)) < LARGEST_GRADIENT for extreme in extremes)
 
     def _clear(self) -> None:
         for parameter in self.optimiser.parameters:

@@ -73,6 +73,7 @@ class MaterialMaps:
     """The free parameters of T texels and the maps they stand for.
 
     texels     int64 [T], ascending: flat positions in the size x size maps; all others stay out of the fit
+    spare      memory [T, C] of a gradient that is no longer wanted, for the next one (None: none)
     parameter  [T, C] leaf; columns: base colour 3, roughness, (metallic), each the logit of its map; (the normal map's
                two slopes over `SLOPE`)
     """
@@ -97,6 +98,7 @@ class MaterialMaps:
             flat = np.zeros((1, 1, 2), np.float32)
             columns.append(texels_of(flat if start.normal is None else slopes_of(start.normal)) / SLOPE)
         self.parameter = torch.cat(columns, dim=1).requires_grad_()
+        self.spare: torch.Tensor | None = None
 
     def values(self) -> torch.Tensor:
         """Base colour, roughness (metallic, slopes) of the texels, [T, 4 to 7]; differentiable in `parameter`."""

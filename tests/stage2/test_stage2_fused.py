@@ -200,3 +200,16 @@ def test_a_fit_goes_the_way_of_plain_operations(carrier, train_views, transport,
         # Adam divides a gradient by its size: a texel with next to none may go either way
         assert np.quantile(np.abs(found - known), 0.98) < 2e-3, name
         assert np.median(np.abs(found - known)) < 1e-5, name
+
+
+def test_a_views_terms_may_be_differentiated_again_until_the_next_view(carrier, train_views, transport):
+    """The guard takes terms apart; the pixels' record then serves the next view."""
+    model = _stir(_model(carrier, train_views, transport))
+    terms, _ = weighted_terms(model, model.buffers[2], STEP)
+    whole = torch.autograd.grad(sum(terms.values()), model.maps.parameter, retain_graph=True)[0]
+    parts = [torch.autograd.grad(terms[name], model.maps.parameter, retain_graph=True)[0] for name in terms if
+             name not in ("environment", "chroma")]  # fmt: skip
+    torch.testing.assert_close(torch.stack(parts).sum(0), whole, rtol=1e-4, atol=1e-9)
+    weighted_terms(model, model.buffers[3], STEP)
+    with pytest.raises(RuntimeError, match="differentiated again"):
+        terms["image"].backward()

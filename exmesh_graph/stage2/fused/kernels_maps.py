@@ -12,6 +12,7 @@ wp.set_module_options({"enable_backward": False})
 # A texel's values are min(cap, from + by sigmoid(p)) for a logit p, else by p: base colour over its gain, roughness cut
 # at 1. Vectors hold a row of the table, or, with four channels, the two rows of a pair, which lie side by side.
 COLUMNS = r"""
+    constexpr int AHEAD = 16;  // how many points ahead memory is asked for
     const int C = channels;
     float by[8], from[8], cap[8];
     vi is_logit;
@@ -38,6 +39,8 @@ READ = (
     for (int n = begin; n < end; ++n) {
         const int* t = texel.data + 4 * (long)n;
         const float* w = weight.data + 4 * (long)n;
+        for (int k = 0; k < 4 && n + AHEAD < end; k += 2)
+            __builtin_prefetch(parameter.data + C * (long)t[4 * AHEAD + k]);
         if (C == 4) {
             vf sum = 0.f;
             for (int k = 0; k < 4; k += 2) {
@@ -120,6 +123,12 @@ SCATTER = (
             const int end = first_from(b);
             for (int i = first_from(a - 1); i < end; ++i) {
                 const int n = order[i];
+                if (i + AHEAD < end) {
+                    const long later = order[i + AHEAD];
+                    __builtin_prefetch(texel + 4 * later);
+                    __builtin_prefetch(weight + 4 * later);
+                    __builtin_prefetch(g + C * later);
+                }
                 for (int k = pair; k < pair + 2; ++k) {
                     const int row = texel[4 * n + k];
                     if (row < a || row >= b) continue;

@@ -38,15 +38,15 @@ def read_maps(
     """
     settings = maps.settings
     logits = 5 if settings.metallic else 4
-    return _ReadMaps.apply(maps.parameter, gain, settings.roughness_min, logits, pixels, points)
+    return _ReadMaps.apply(maps.parameter, gain, settings.roughness_min, logits, pixels, points, maps)
 
 
 class _ReadMaps(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, parameter, gain, low, logits, pixels, points):  # type: ignore[no-untyped-def]
+    def forward(ctx, parameter, gain, low, logits, pixels, points, maps):  # type: ignore[no-untyped-def]
         span = (1 - low) * (1 + PAST_ONE)
         ctx.save_for_backward(parameter, gain)
-        ctx.shape = logits, low, span, pixels, points
+        ctx.maps, ctx.shape = maps, (logits, low, span, pixels, points)
         channels = parameter.shape[1]
         found = []
         for where in (pixels, points):
@@ -70,9 +70,12 @@ class _ReadMaps(torch.autograd.Function):
         for where, gradient in zip(places, gradients, strict=True):
             lists += [len(where.rows), where.order, where.rows, where.weight, gradient.contiguous()]
         items = -(-rows // ROWS)
-        out, to_gain = torch.empty_like(parameter), torch.empty(items, 3, dtype=torch.float64)
+        spare, ctx.maps.spare = ctx.maps.spare, None
+        out = torch.empty_like(parameter) if spare is None or spare.shape != parameter.shape else spare
+        del spare  # nobody else may hold what becomes the parameter's gradient: it would be copied
+        to_gain = torch.empty(items, 3, dtype=torch.float64)
         split(
             _kernels().scatter_maps, items, ROWS, rows, channels, logits, low, span, SLOPE, gain, parameter, *lists,
             out, to_gain, grain=1,
         )  # fmt: skip
-        return out, to_gain.sum(0).to(gain), None, None, None, None
+        return out, to_gain.sum(0).to(gain), None, None, None, None, None

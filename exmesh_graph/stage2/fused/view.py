@@ -7,6 +7,7 @@ is tested against.
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -80,7 +81,7 @@ class _ImageTerms(torch.autograd.Function):
         buffer, tables, light = view.buffer, view.tables, view.buffer.light
         count, channels = material.shape
         height, width = buffer.box
-        predicted, record = torch.empty(count, 3), torch.empty((count + 7) // 8 * 8 * _kernels().RECORD)
+        predicted, record = torch.empty(count, 3), _record((count + 7) // 8 * 8 * _kernels().RECORD)
         image = torch.zeros(height * width if view.ssim else 0, 3)
         shared = (
             count, channels, view.exposure, material, predicted, record, light.point, light.point_weight,
@@ -99,6 +100,7 @@ class _ImageTerms(torch.autograd.Function):
         ctx.per_pixel = 1 / weight if weight else math.nan  # the mean over no pixels
         ctx.per_step = 1 / max(len(buffer.pairs) * channels, 1)
         ssim, to_image = display_d_ssim(image, buffer) if view.ssim and count else (torch.zeros(()), image)
+        ctx.record, ctx.given = record, False
         ctx.shared, ctx.looked_up, ctx.to_image = shared, looked_up, to_image
         ctx.sizes = len(irradiance), len(stack), len(flux)
         ctx.mark_non_differentiable(predicted)
@@ -108,6 +110,8 @@ class _ImageTerms(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, by_miss, by_ssim, by_steps, _):  # type: ignore[no-untyped-def]
+        if ctx.given and _spare.__dict__.get("record") is not ctx.record:
+            raise RuntimeError("a view's terms are differentiated again after another view's were computed")
         count, channels = ctx.shared[:2]
         points, rows, suns = ctx.sizes
         grain = max(LEAST, -(-count // (8 * ITEMS)) * 8)
@@ -119,8 +123,18 @@ class _ImageTerms(torch.autograd.Function):
             _kernels().pull_back, items, grain, *ctx.shared, *ctx.looked_up, float(by_miss) * ctx.per_pixel,
             float(by_ssim), ctx.to_image, float(by_steps) * ctx.per_step, even, whole, to_material, *tables, grain=1,
         )  # fmt: skip
+        _spare.record, ctx.given = ctx.record, True
         to_irradiance, to_flux, to_stack = (_sum(table)[:, :3] for table in tables)
         return to_material, to_irradiance[:points], to_stack[:rows] if whole else None, to_flux[:suns], None
+
+
+_spare = threading.local()
+
+
+def _record(size: int) -> torch.Tensor:
+    """Memory of a view between its two passes: that of an earlier view which has had both, where it is large enough."""
+    kept = _spare.__dict__.pop("record", None)
+    return torch.empty(size) if kept is None or len(kept) < size else kept
 
 
 def _rows_of_four(values: torch.Tensor) -> torch.Tensor:
