@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import copy
 import math
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -48,13 +49,18 @@ class LightTransport:
         cosine = torch.from_numpy(light.normals @ light.directions.T).to(device).clamp_min(0)
         # [P, K], but stored by directions: both products below then run along rows, four to nine times faster
         self.transfer = (cosine * self.visible).t().contiguous().t()
-        self.gather = self.gather_transposed = None
+        self.gather = None
         if light.bounces and light.gather_start is not None:
             assert light.gather_point is not None
             assert light.gather_weight is not None
             shape = (len(light.points), len(light.points))
             self.gather = csr_tensor(light.gather_start, light.gather_point, light.gather_weight, shape).to(device)
-            self.gather_transposed = _transposed(light, shape, device)
+
+    @cached_property
+    def gather_transposed(self) -> torch.Tensor:
+        """M^T, which gradients need; CSR, as M is."""
+        shape = (len(self.light.points), len(self.light.points))
+        return _transposed(self.light, shape, self.transfer.device)
 
     def bin_matrix(self, height: int, width: int) -> torch.Tensor:
         """Sparse [K, H W]: takes a map's radiance to L_k, radiance x solid angle nearest to each direction.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import rasterize
 from exmesh_graph.rays import make_ray_tracer
@@ -102,13 +105,18 @@ def render_views(
     light = transport or render_transport(asset, bounces, casts=casts)
     check_fits(light, asset.vertices, asset.faces)
     scene = Scene(asset, light, asset.environment if environment is None else environment, device, casts)
-    generator = torch.Generator().manual_seed(seed)
-    results = []
-    for number in range(len(intrinsics)):
+    done, told = itertools.count(1), threading.Lock()
+
+    def one(number: int) -> tuple[np.ndarray, ...]:
+        generator = torch.Generator().manual_seed((seed << 20) + number)  # a view's own: whoever renders it
         camera = (intrinsics[number], camera_to_world[number])
-        results.append(_render(scene, *camera, height, width, supersampling, specular_samples, generator))
+        result = _render(scene, *camera, height, width, supersampling, specular_samples, generator)
         if progress:
-            progress(number + 1, len(intrinsics))
+            with told:
+                progress(next(done), len(intrinsics))
+        return result
+
+    results = share(one, range(len(intrinsics)))
     columns = [np.stack(column) for column in zip(*results, strict=True)]
     return Rendered(*columns)
 
