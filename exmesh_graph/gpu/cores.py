@@ -20,6 +20,7 @@ from exmesh_graph.gpu.warp_runtime import convert, launch, warp
 
 Result = TypeVar("Result")
 
+_LAUNCHES = 4
 _count: ContextVar[int] = ContextVar("exmesh_cores", default=1)
 _launched: set[Any] = set()
 _pool: ThreadPoolExecutor | None = None
@@ -42,7 +43,7 @@ def cores(count: int) -> Iterator[int]:
 
 
 def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
-    """Launch `kernel` over [0, size), in pieces of `grain` items that the cores of `cores()` take one by one.
+    """Launch `kernel` over [0, size), in pieces of `grain` items, runs of which the cores of `cores()` take in turn.
 
     The kernel's first parameter is `first: int`, and its item is `first + wp.tid()`; `arguments` are the others, as
     for `launch`. Items must not write what other items read or write; sums belong to an item, or to a piece (number
@@ -56,11 +57,13 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
         _launched.add(kernel)
         return
     converted = convert(kernel, (0, *arguments))[1:]
-    pieces = iter(range(0, size, grain))  # shared: taking the next one is atomic
+    # a launch costs some 20 us of the interpreter's lock: a few for each core are enough to even out their ends
+    run = grain * max(1, size // (grain * workers * _LAUNCHES))
+    pieces = iter(range(0, size, run))  # shared: taking the next one is atomic
 
     def work() -> None:
         for first in pieces:
-            warp().launch(kernel, dim=min(grain, size - first), inputs=[first, *converted], device="cpu")
+            warp().launch(kernel, dim=min(run, size - first), inputs=[first, *converted], device="cpu")
 
     others = [_threads().submit(work) for _ in range(workers - 1)]
     try:
