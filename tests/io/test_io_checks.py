@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from check_scenes import BALLS, cameras, close_cameras, drawn, outlines
 from io_scenes import blender_from_opencv
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.blender import load_blender
+from exmesh_graph.io.blender import list_blender, load_blender
 from exmesh_graph.io.checks.finding import Finding, settle
 from exmesh_graph.io.checks.half_pixel import find_half_pixel, told
 from exmesh_graph.io.checks.lens import check_lens
@@ -18,11 +19,13 @@ from exmesh_graph.io.checks.masks import check_masks
 from exmesh_graph.io.checks.outlines import Outlines
 from exmesh_graph.io.checks.pictures import check_pictures
 from exmesh_graph.io.checks.places import check_places
+from exmesh_graph.io.checks.readings import Cameras
 from exmesh_graph.io.idr import list_idr, load_idr
 from exmesh_graph.io.images import encode_rgba, write_image
 from exmesh_graph.io.load import load_shots, shifted
 from exmesh_graph.io.settings import BlenderOptions, IdrOptions
 
+SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
@@ -111,6 +114,17 @@ class TestMasks:
         [finding], _ = check_masks(masks_of(clean, masks))
         assert finding.views == ("v3", "v10")
         assert "swapped" in finding.cause
+
+    def test_a_focal_length_a_little_too_long_is_named_and_no_mask_blamed(self):
+        """On the sample, whose long lens lets one or two masks alone contradict it."""
+        fit = load_shots(list_blender(SAMPLE, BlenderOptions())[0][::2], split="training")
+        k = fit.silhouette_intrinsics * np.array([[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]])
+        seen = Cameras(fit.names, k, fit.camera_to_world, *fit.silhouettes.shape[:0:-1])
+        [finding], supported = check_masks(Outlines.of(fit.silhouettes >= 0.5, seen))
+        assert not supported
+        assert finding.grave
+        assert not finding.views
+        assert "focal length is about 1.25 times" in finding.cause
 
     def test_a_camera_turned_away_is_left_to_others(self, clean):
         poses = clean.cameras.camera_to_world.copy()
@@ -243,9 +257,19 @@ class TestPictures:
         poses = seen.camera_to_world.copy()
         poses[[4, 19]] = poses[[19, 4]]
         [finding], _ = check_pictures(pictures, replace(seen, camera_to_world=poses))
-        assert finding.views
-        assert {*finding.views} <= {"v5", "v20"}  # of the other too few matches are left to say so
+        assert finding.views == ("v5", "v20")  # of the other too few matches are left to say so by itself
+        assert "swapped" in finding.cause
         assert not finding.grave
+
+    def test_a_camera_that_no_other_view_has_is_named_alone(self, photographs):
+        pictures, seen = photographs
+        poses = seen.camera_to_world.copy()
+        turn = np.eye(4)
+        turn[:2, :2] = [[0, -1], [1, 0]]
+        poses[4] = poses[4] @ turn
+        [finding], _ = check_pictures(pictures, replace(seen, camera_to_world=poses))
+        assert finding.views == ("v5",)
+        assert "or their cameras are wrong" in finding.cause
 
     def test_pictures_without_texture_say_nothing(self, photographs):
         pictures, seen = photographs

@@ -7,7 +7,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.checks.finding import Finding
 from exmesh_graph.io.checks.outlines import Outlines, common_shape, covered, depths_of, overlap, rays_of_masks
-from exmesh_graph.io.checks.readings import Reading, readings
+from exmesh_graph.io.checks.readings import Reading, focal_lengths, readings
 from exmesh_graph.io.normalise import centre_of_masks
 from exmesh_graph.io.shots import spread
 
@@ -22,8 +22,8 @@ def check_masks(outlines: Outlines, wrong_masks: int = 0) -> tuple[list[Finding]
     """(findings, whether the masks support the cameras as they are).
 
     Every view's share of mask rays that the common shape explains is near 1 where cameras and masks are right. Where it
-    is not, few views may be to blame (they are found by leaving out one after the other), or the reading of the camera
-    file (the likely other ones are tried). Nothing is said of fewer than four views.
+    is not, the focal length may be to blame, few views (they are found by leaving out one after the other), or the
+    reading of the camera file (the likely other ones are tried). Nothing is said of fewer than four views.
     """
     outlines = _in_front(outlines)
     if len(outlines) < _FEWEST:
@@ -31,6 +31,9 @@ def check_masks(outlines: Outlines, wrong_masks: int = 0) -> tuple[list[Finding]
     shares = _shares(outlines)
     if shares.min() >= CLEAN:
         return [], True
+    focal = _focal(outlines, shares)
+    if focal is not None:
+        return [focal], False
     bad = _to_blame(outlines) if _rim(outlines) < _RIM else []
     if bad:
         return _single(outlines, bad, shares, wrong_masks), len(bad) <= wrong_masks
@@ -73,6 +76,19 @@ def _off_middle(outlines: Outlines, centre: np.ndarray) -> np.ndarray:
 
 def _shares(outlines: Outlines) -> np.ndarray:
     return covered(outlines, *_middle(outlines))
+
+
+def _focal(outlines: Outlines, shares: np.ndarray) -> Finding | None:
+    """The focal length under which all masks have a common shape: a wrong mask or camera has it under none."""
+    everything = range(len(outlines))
+    tried = [(reading, _shares(outlines.read(reading, everything))) for reading in focal_lengths()]
+    reading, best = max(tried, key=lambda one: float(one[1].mean()))
+    if best.min() < CLEAN or 1 - best.mean() > (1 - shares.mean()) / 2:
+        return None
+    return Finding(
+        "masks", f"the masks have no common shape: it explains {shares.mean():.1%} of them, least {shares.min():.1%}; "
+        f"read otherwise, {best.mean():.1%} and {best.min():.1%}", reading.cause, reading.cure, explained=True,
+    )  # fmt: skip
 
 
 def _to_blame(outlines: Outlines) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ _SURE = 15  # matches of a pair that one geometry explains
 _HOLDS, _FAILS = 0.6, 0.4
 _FOCAL = (1 / 3, 0.5, 0.67, 0.8, 1.25, 1.5, 2.0, 3.0)
 _SHARPER = 0.6
+_ASKED = 4  # views that seem to be wrong and are matched with all others
 
 
 def check_pictures(pictures: np.ndarray, cameras: Cameras) -> tuple[list[Finding], bool]:
@@ -36,7 +37,7 @@ def check_pictures(pictures: np.ndarray, cameras: Cameras) -> tuple[list[Finding
         return [_all(pairs, could, ratio, cameras)], False
     if np.median(ratio) < _HOLDS:
         return [], False
-    return [*_focal(pairs, cameras), *_views(pairs, ratio, cameras)], True
+    return [*_focal(pairs, cameras), *_views(pictures, pairs, ratio, cameras)], True
 
 
 def _some(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -91,18 +92,62 @@ def _focal(pairs: Sequence[Pair], cameras: Cameras) -> list[Finding]:
     )]  # fmt: skip
 
 
-def _views(pairs: Sequence[Pair], ratio: np.ndarray, cameras: Cameras) -> list[Finding]:
-    """Views of which no pair agrees, where two or more speak."""
+def _views(pictures: np.ndarray, pairs: Sequence[Pair], ratio: np.ndarray, cameras: Cameras) -> list[Finding]:
+    """Views of which no pair agrees, where two or more speak; apart, those whose cameras belong to each other."""
     words: dict[int, list[float]] = {}
     for pair, value in zip(pairs, ratio, strict=True):
         for view in (pair.first, pair.second):
             words.setdefault(view, []).append(float(value))
-    bad = [view for view, said in sorted(words.items()) if len(said) >= 2 and max(said) < _FAILS]
-    if not bad:
-        return []
-    return [Finding(
-        "matches", f"all matches of {len(bad)} of {len(words)} views contradict their cameras",
-        "pictures of these views are swapped, or their cameras are wrong",
-        "put pictures and cameras in one order, or leave these views out",
-        tuple(cameras.names[view] for view in bad), grave=False,
-    )]  # fmt: skip
+    blamed = [view for view, said in sorted(words.items()) if len(said) >= 2 and max(said) < _FAILS]
+    witnesses = {view: _Witness.of(view, pictures) for view in blamed[:_ASKED]}
+    bad = [view for view in blamed if view not in witnesses or not witnesses[view].agrees(cameras, view)]
+    swapped: list[int] = []
+    for view in bad[:_ASKED]:
+        other = None if view in swapped else _partner(witnesses[view], pictures, cameras)
+        swapped += [] if other is None or other in swapped else [view, other]
+    others = [view for view in bad if view not in swapped]
+    findings = []
+    if swapped:
+        couples = [" with ".join(cameras.names[view] for view in swapped[n : n + 2]) for n in range(0, len(swapped), 2)]
+        findings.append(Finding(
+            "matches", "matches contradict the cameras of these views, and agree once they change places: "
+            + ", ".join(couples),
+            "files are swapped: they fit each other's views", "put pictures and cameras in one order",
+            tuple(cameras.names[view] for view in sorted(swapped)), grave=False,
+        ))  # fmt: skip
+    if others:
+        findings.append(Finding(
+            "matches", f"all matches of {len(others)} of {len(words)} views contradict their cameras",
+            "pictures of these views are swapped, or their cameras are wrong",
+            "put pictures and cameras in one order, or leave these views out",
+            tuple(cameras.names[view] for view in others), grave=False,
+        ))  # fmt: skip
+    return findings
+
+
+@dataclass(frozen=True)
+class _Witness:
+    """All telling pairs of one view with the others, and what share of their matches some geometry explains."""
+
+    view: int
+    pairs: list[Pair]
+    could: np.ndarray
+
+    @classmethod
+    def of(cls, view: int, pictures: np.ndarray) -> _Witness:
+        pairs = match_pairs(pictures, [(view, other) for other in range(len(pictures)) if other != view])
+        return cls(view, *_telling(pairs))
+
+    def agrees(self, cameras: Cameras, camera: int) -> bool:
+        """Whether most of the pairs, two at least, lie on their lines when the view has another one's `camera`."""
+        order = np.arange(len(cameras.names))
+        order[[self.view, camera]] = camera, self.view
+        changed = replace(cameras, intrinsics=cameras.intrinsics[order], camera_to_world=cameras.camera_to_world[order])
+        said = agreeing(self.pairs, changed) / self.could
+        return bool((said >= _HOLDS).sum() >= max(2, len(said) / 2))
+
+
+def _partner(witness: _Witness, pictures: np.ndarray, cameras: Cameras) -> int | None:
+    """The view with which the witness's own has changed places: each agrees with the camera of the other."""
+    fitting = [view for view in range(len(pictures)) if view != witness.view and witness.agrees(cameras, view)]
+    return next((view for view in fitting if _Witness.of(view, pictures).agrees(cameras, witness.view)), None)

@@ -101,6 +101,15 @@ def readings(cameras: Cameras) -> Iterator[Reading]:
     yield from _orders(cameras)
 
 
+def focal_lengths() -> Iterator[Reading]:
+    """Other focal lengths for all pictures."""
+    for off in (0.67, 0.8, 1.25, 1.5):
+        yield Reading(
+            f"the focal length is about {1 / off:.2f} times what it should be", "find or export the cameras again",
+            partial(_scaled, scale=off, columns=2),
+        )  # fmt: skip
+
+
 def _sizes(cameras: Cameras) -> Iterator[Reading]:
     for factor, name in _SIZES:
         for scale, size, remedy in (
@@ -117,11 +126,7 @@ def _sizes(cameras: Cameras) -> Iterator[Reading]:
                 f"{remedy} the focal lengths in the camera file",
                 partial(_scaled, scale=scale, columns=2),
             )
-    for off in (0.67, 0.8, 1.25, 1.5):
-        yield Reading(
-            f"the focal length is about {1 / off:.2f} times what it should be", "find or export the cameras again",
-            partial(_scaled, scale=off, columns=2),
-        )  # fmt: skip
+    yield from focal_lengths()
     if cameras.width != cameras.height:
         yield Reading(
             "the camera file is for pictures that are turned by 90 degrees (portrait, landscape)",
