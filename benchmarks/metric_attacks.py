@@ -33,6 +33,7 @@ from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.evaluate.carrier import score_carrier
 from exmesh_graph.evaluate.mesh import score_mesh
 from exmesh_graph.evaluate.region import find_region
+from exmesh_graph.evaluate.scores import add_lpips
 from exmesh_graph.evaluate.settings import Quality, RegionSettings
 from exmesh_graph.geometry.adjacency import angle_weighted_normals
 from exmesh_graph.geometry.clean import clean_mesh
@@ -64,6 +65,7 @@ class Setting:
     quality: Quality
     views: int
     samples: int = 20_000
+    lpips: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,10 @@ class Attack:
 def figures(asset: Asset, setting: Setting) -> Figures:
     """Every figure of a headline that has a better direction, and SSIM: label -> (value, "higher" or "lower")."""
     texture = score_carrier(asset, setting.test, max_views=setting.views, region=setting.region).values
-    light = score_asset(asset, setting.test, setting.truth, max_views=setting.views, quality=setting.quality,
-                        region=setting.region).values  # fmt: skip
+    scored = score_asset(asset, setting.test, setting.truth, max_views=setting.views, quality=setting.quality,
+                         region=setting.region)  # fmt: skip
+    light = scored.values
+    add_lpips(light, setting.lpips, scored.held_out, scored.relit)
     found: Figures = {"SSIM, Stage I": (texture["held_out"]["ssim"], "higher")}
     found["SSIM"] = (light["held_out"]["ssim"], "higher")
     if "relit" in light:
@@ -265,6 +269,7 @@ def main() -> None:
     parser.add_argument("--store", type=Path, help="its store, where it is not the usual one")
     parser.add_argument("--downscale", type=int, default=0, help="of the pictures; 0: 2 for the sample, else 1")
     parser.add_argument("--quick", action="store_true", help="two views, few attacks")
+    parser.add_argument("--lpips", type=Path, help="LPIPS's weights (docs/metrics.md), for two more figures")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -284,7 +289,7 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     for setting in settings_of(scene.test, scene.train, scene.truth, options.quick):
         for name, asset, exact in subjects:
-            rows += run_attacks(name, asset, setting, exact, options.quick)
+            rows += run_attacks(name, asset, replace(setting, lpips=options.lpips), exact, options.quick)
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     faults = [row for row in rows if row["fault"]]
