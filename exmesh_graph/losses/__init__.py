@@ -4,7 +4,16 @@ Images are [H, W, C] (or [H, W]); every loss is a scalar tensor, a mean over pix
 """
 
 from exmesh_graph.colour import display, linear_to_srgb, srgb_to_linear
-from exmesh_graph.losses.dssim import SSIM_WINDOW, Box, SsimTarget, d_ssim, mask_box, ssim, ssim_target
+from exmesh_graph.losses.dssim import (
+    SSIM_WINDOW,
+    Box,
+    SsimTarget,
+    d_ssim,
+    mask_box,
+    ssim,
+    ssim_and_gradient,
+    ssim_target,
+)
 from exmesh_graph.losses.image import l1, log_l1, pair_variation, pearson_depth, silhouette_bce
 
 __all__ = [
@@ -22,5 +31,6 @@ __all__ = [
     "silhouette_bce",
     "srgb_to_linear",
     "ssim",
+    "ssim_and_gradient",
     "ssim_target",
 ]

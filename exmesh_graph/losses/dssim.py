@@ -69,6 +69,13 @@ def d_ssim(image: torch.Tensor, target: torch.Tensor | SsimTarget, mask: torch.T
     return (1 - ssim(image, target, mask)) / 2
 
 
+def ssim_and_gradient(image: torch.Tensor, target: SsimTarget) -> tuple[torch.Tensor, torch.Tensor]:
+    """`ssim` of images [H, W, C] and its gradient, for who adds up gradients without autograd."""
+    value, gradient = _similarity(image.detach(), target, None, True)
+    assert gradient is not None
+    return value, gradient
+
+
 class Box(NamedTuple):
     """Rows [top, bottom) and columns [left, right) of an image."""
 
@@ -117,8 +124,7 @@ class _MeanSsim(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, x, y, y_mean, y_variance, weight):
-        of = _fused if _fuses(x, y, y_mean, y_variance) else _by_convolution
-        value, gradient = of(x, SsimTarget(y, y_mean, y_variance), weight, ctx.needs_input_grad[0])
+        value, gradient = _similarity(x, SsimTarget(y, y_mean, y_variance), weight, ctx.needs_input_grad[0])
         if gradient is not None:
             ctx.save_for_backward(gradient)
         return value
@@ -132,6 +138,14 @@ class _MeanSsim(torch.autograd.Function):
 
 def _fuses(*images: torch.Tensor) -> bool:
     return all(t.device.type == "cpu" and t.dtype == torch.float32 and t.numel() for t in images)
+
+
+def _similarity(
+    x: torch.Tensor, target: SsimTarget, weight: torch.Tensor | None, with_gradient: bool
+) -> tuple[torch.Tensor, torch.Tensor | None]:
+    """sum of w S and its gradient in x."""
+    of = _fused if _fuses(x, *target) else _by_convolution
+    return of(x, target, weight, with_gradient)
 
 
 def _fused(

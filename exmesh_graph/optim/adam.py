@@ -107,7 +107,7 @@ def _fused(
     split(
         k.adam_blocks, -(-count // int(k.BLOCK)), count, 1 - b1, b2, 1 - b2, bias, int(torch_rounding), epsilon,
         -rate / (1 - b1**step), int(bounds is not None), row, threshold, values.detach(), gradient, first, second,
-        touched, grain=4,
+        touched, grain=16,
     )  # fmt: skip
 
 

@@ -36,13 +36,25 @@ def empty_cover(faces: int, height: int, width: int) -> Cover:
     )
 
 
-def cover(points: torch.Tensor, faces: torch.Tensor, near: float, cull_back: bool, result: Cover) -> None:
-    """Fill `result` from homogeneous pixel coordinates `points` float32 [V, 3] and `faces` int32 [F, 3]."""
+def cover(
+    points: torch.Tensor,
+    faces: torch.Tensor,
+    near: float,
+    cull_back: bool,
+    result: Cover,
+    ground: tuple[torch.Tensor, torch.Tensor] | None = None,
+) -> None:
+    """Fill `result` from homogeneous pixel coordinates `points` float32 [V, 3] and `faces` int32 [F, 3].
+
+    ground   float32 (alpha [H, W], colour [H, W, 3]) to fill with what is covered, 1 or 0, and with black
+    """
     k = kernels("cover")
     height, width = result.face_id.shape
     if len(faces) == 0 or height * width == 0:
         result.face_id.fill_(-1)
         result.depth.zero_()
+        for picture in ground or ():
+            picture.zero_()
         return
     chunks, strips = -(-len(faces) // int(k.CHUNK)), -(-height // int(k.STRIP))
     tallies, places = (scratch(f"cover {name}", 2 * chunks * strips, torch.int32) for name in ("tallies", "places"))
@@ -56,6 +68,6 @@ def cover(points: torch.Tensor, faces: torch.Tensor, near: float, cull_back: boo
     lists = scratch("cover lists", int(tallies[: 2 * chunks * strips].sum()), torch.int32)
     split(k.list_faces, chunks, chunks, len(faces), strips, boxes, away, tallies, places, ends, lists, grain=4)
     split(
-        k.cover_strips, strips, height, width, near, int(cull_back), points, faces, boxes, ends, lists, shown,
-        result.face_id, result.depth, grain=1,
+        k.cover_strips, strips, height, width, near, int(cull_back), int(ground is not None), points, faces, boxes,
+        ends, lists, shown, result.face_id, result.depth, *(ground or (result.depth, result.depth)), grain=1,
     )  # fmt: skip

@@ -17,7 +17,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 CHUNK = wp.constant(1024)
 """Faces that one item sorts."""
-STRIP = wp.constant(16)
+STRIP = wp.constant(32)
 """Rows of a strip."""
 
 # box of a face: (first column, first row, last column, last row), as kernels._pixel_box gives it
@@ -96,10 +96,8 @@ _COVER = (
     const vi number = {0, 1, 2, 3, 4, 5, 6, 7};
     const int top = strip * rows;
     const int bottom = top + rows < height ? top + rows : height;
-    for (long p = (long)top * width; p < (long)bottom * width; ++p) {
-        face_id.data[p] = -1;
-        depth.data[p] = __builtin_inff();
-    }
+    for (long p = (long)top * width; p < (long)bottom * width; ++p) face_id.data[p] = -1;
+    for (long p = (long)top * width; p < (long)bottom * width; ++p) depth.data[p] = __builtin_inff();
     for (int n = strip ? ends.data[strip - 1] : 0; n < ends.data[strip]; ++n) {
         const int f = lists.data[n];
         const int* box = boxes.data + 4 * (long)f;
@@ -152,12 +150,28 @@ _COVER = (
             }
         }
     }
+    // the background's depth; which faces are shown; for a painter, coverage and a black background
     int before = -1;
-    for (long p = (long)top * width; p < (long)bottom * width; ++p) {
+    auto finish = [&](long p) {
         const int f = face_id.data[p];
         if (f < 0) depth.data[p] = 0.f;
         else if (f != before) __atomic_store_n(shown.data + f, 1, __ATOMIC_RELAXED);
         before = f;
+        if (!paints) return;
+        alpha.data[p] = f < 0 ? 0.f : 1.f;
+        for (int c = 0; c < 3; ++c) colour.data[3 * p + c] = 0.f;
+    };
+    const vf zero = 0.f;
+    const long end = (long)bottom * width;
+    for (long p = (long)top * width; p < end; p += LANES) {
+        if (p + LANES <= end && __builtin_reduce_and(*(const vi*)(face_id.data + p) < 0)) {
+            STORE(depth.data + p, zero);
+            if (!paints) continue;
+            STORE(alpha.data + p, zero);
+            for (int c = 0; c < 3; ++c) STORE(colour.data + 3 * p + c * LANES, zero);
+        } else {
+            for (long q = p; q < p + LANES && q < end; ++q) finish(q);
+        }
     }
 """
 )
@@ -245,6 +259,7 @@ def _cover(
     width: int,
     near: float,
     cull_back: int,
+    paints: int,
     vertices: wp.array(dtype=float),
     faces: wp.array(dtype=wp.int32),
     boxes: wp.array(dtype=wp.int32),
@@ -253,6 +268,8 @@ def _cover(
     shown: wp.array(dtype=wp.uint8),
     face_id: wp.array(dtype=wp.int32),
     depth: wp.array(dtype=float),
+    alpha: wp.array(dtype=float),
+    colour: wp.array(dtype=float),
 ): ...
 
 
@@ -263,6 +280,7 @@ def cover_strips(
     width: int,
     near: float,
     cull_back: int,
+    paints: int,
     vertices: wp.array(dtype=float),
     faces: wp.array(dtype=wp.int32),
     boxes: wp.array(dtype=wp.int32),
@@ -271,21 +289,14 @@ def cover_strips(
     shown: wp.array(dtype=wp.uint8),
     face_id: wp.array(dtype=wp.int32),
     depth: wp.array(dtype=float),
+    alpha: wp.array(dtype=float),
+    colour: wp.array(dtype=float),
 ):
-    """Strip `first + tid`: face and depth of its pixels (-1 and 0 on the background), and which faces are shown."""
+    """Strip `first + tid`: face and depth of its pixels (-1 and 0 on the background), and which faces are shown.
+
+    If it `paints`, also where it is covered, and black all over as the ground that is painted on.
+    """
     _cover(
-        first + wp.tid(),
-        STRIP,
-        height,
-        width,
-        near,
-        cull_back,
-        vertices,
-        faces,
-        boxes,
-        ends,
-        lists,
-        shown,
-        face_id,
-        depth,
-    )
+        first + wp.tid(), STRIP, height, width, near, cull_back, paints, vertices, faces, boxes, ends, lists, shown,
+        face_id, depth, alpha, colour,
+    )  # fmt: skip

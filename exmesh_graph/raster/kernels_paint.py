@@ -27,6 +27,7 @@ _PLACE = (
     typedef int vi __attribute__((ext_vector_type(LANES), aligned(4)));
     typedef bool vb __attribute__((ext_vector_type(LANES)));
     typedef float v4 __attribute__((ext_vector_type(4), aligned(4)));
+    typedef float v2 __attribute__((ext_vector_type(2), aligned(4)));
     const vi lane = {0, 1, 2, 3, 4, 5, 6, 7};
     const float* v[3]; const float* t[3];                         // the face's corners: (x z, y z, z) and (u, v)
     auto corners = [&](int f) {
@@ -139,9 +140,12 @@ _ADJOINT = (
                 const float r = right[k], l = lower[k];
                 if (with_texture) {
                     float* to = grad_texture.data + 3 * ((long)texel_y[k] * columns + texel_x[k]);
-                    auto add = [&](float* pair, v4 both) {
-                        *(v4*)pair += both * (1.f - r);
-                        *(v4*)(pair + 2) += (both * r).wxyz;
+                    auto add = [&](float* pair, v4 both) {        // six floats of two texels, in accesses of equal size
+                        const v4 here = both * (1.f - r), there = both * r;
+                        const v4 four = {here.x, here.y, here.z, there.x};
+                        const v2 two = {there.y, there.z};
+                        *(v4*)pair += four;
+                        *(v2*)(pair + 4) += two;
                     };
                     if (texel_y[k] >= top && texel_y[k] < bottom) add(to, g * (1.f - l));
                     if (texel_y[k] + 1 >= top && texel_y[k] + 1 < bottom) add(to + below, g * l);

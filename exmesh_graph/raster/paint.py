@@ -26,7 +26,9 @@ _MARGIN = 0.01
 
 
 class Painter:
-    """Paints one topology at one size, on a CPU in float32. A picture is valid until the next one is painted.
+    """Paints one topology at one size, on a CPU in float32.
+
+    A picture is valid until the next one is painted, and a texture's gradient until the next is asked for.
 
     faces, uv_faces   int32 [F, 3];  uvs float32 [T, 2];  edges, the mesh's
     vertices          how many there are
@@ -58,6 +60,7 @@ class Painter:
         self.cover = empty_cover(len(faces), height, width)
         self.colour = torch.empty((height, width, 3))
         self.alpha = torch.empty((height, width))
+        self.by_texture = torch.empty((*texels, 3))
         self.by_face = torch.empty((len(faces), 3, 3))
         corner = faces.reshape(-1).long().numpy()
         self.corners = torch.from_numpy(np.argsort(corner, kind="stable").astype(np.int32))
@@ -84,9 +87,7 @@ class _Paint(torch.autograd.Function):
         points, texture = projected.detach().contiguous(), texture.detach().contiguous()
         count, width = len(painter.faces), painter.alpha.shape[1]
         seen, colour, alpha = painter.cover, painter.colour, painter.alpha
-        cover(points, painter.faces, NEAR, False, seen)
-        torch.ge(seen.face_id, 0, out=alpha)
-        colour.zero_()
+        cover(points, painter.faces, NEAR, False, seen, (alpha, colour))
         atlas = (points, painter.faces, painter.uvs, painter.uv_faces, texture)
         visible = (seen.boxes, seen.shown, seen.face_id)
         if count and alpha.numel():
@@ -118,7 +119,7 @@ class _Paint(torch.autograd.Function):
             passed = torch.empty((number, 9))
             of_alpha = grad_alpha.detach().contiguous()
             launch(k.blend_adjoint, 1, number, width, points, *pairs, steps, grad, of_alpha, passed, by_vertex)
-        by_texture = torch.empty_like(texture) if with_texture else torch.empty(0)
+        by_texture = painter.by_texture if with_texture else torch.empty(0)
         inner = with_vertices and ctx.uv_gradient
         if len(painter.faces) and texture.numel():
             split(

@@ -9,7 +9,7 @@ from exmesh_graph.gpu.simd import PRELUDE
 
 wp.set_module_options({"enable_backward": False})
 
-STRIP = wp.constant(16)
+STRIP = wp.constant(32)
 """Rows of an image that one item is for."""
 
 _SNIPPET = (

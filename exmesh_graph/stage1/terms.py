@@ -14,7 +14,7 @@ import torch
 from exmesh_graph import losses
 from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.appearance.model import Surface
-from exmesh_graph.stage1.image_terms import image_terms
+from exmesh_graph.stage1.image_terms import ImageTerms
 from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, smoother
 from exmesh_graph.stage1.render import Picture, draw
 from exmesh_graph.stage1.settings import RefineSettings
@@ -35,7 +35,8 @@ class Terms:
     ) -> None:
         """`fused`: image terms of the usual kind come with one gradient for their sum (`image_terms`)."""
         usual = settings.silhouette == "l1" and targets.inside is None and not settings.gains
-        self.fused = fused and usual and targets.images.device.type == "cpu"
+        on_cpu = targets.images.device.type == "cpu"
+        self.fused = ImageTerms(targets, settings) if fused and usual and on_cpu else None
         self.targets, self.settings, self.faces = targets, settings, surface.faces.long()
         vertices = surface.vertices.detach()
         self.smoothness = smoothness.prepare(vertices, surface.edges.edges)
@@ -57,8 +58,8 @@ class Terms:
         Equations: 7, 8.
         """
         settings = self.settings
-        if self.fused and bool(self.targets.masked[view]):
-            *usual, error = image_terms(picture.colour, picture.alpha, self.targets, view, settings)
+        if self.fused is not None and bool(self.targets.masked[view]):
+            *usual, error = self.fused.of(view, picture.colour, picture.alpha)
             terms = dict(zip(("l1", "d_ssim", "silhouette"), usual, strict=True))
         else:
             terms, error = self._image_terms(view, picture)

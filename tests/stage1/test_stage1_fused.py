@@ -9,7 +9,7 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.gpu.cores import cores
 from exmesh_graph.stage1 import refine as module
-from exmesh_graph.stage1.image_terms import image_terms
+from exmesh_graph.stage1.image_terms import ImageTerms
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import draw, painter_of, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
@@ -68,8 +68,10 @@ def pictures(views, view, settings):
     targets = prepare_targets(views)
     drawn = draw(surface, targets.intrinsics[view], targets.world_to_camera[view], targets.height, targets.width)
     colour, alpha = (t.detach().clone().requires_grad_() for t in (drawn.colour, drawn.alpha))
-    *ours, error = image_terms(colour, alpha, targets, view, settings)
-    got = torch.autograd.grad(sum(ours), (colour, alpha))
+    *ours, error = ImageTerms(targets, settings).of(view, colour, alpha)
+    got = torch.autograd.grad(sum(ours), (colour, alpha), retain_graph=True)
+    twice = torch.autograd.grad(2 * sum(ours), (colour, alpha))
+    assert all(torch.equal(2 * a, b) for a, b in zip(got, twice, strict=True))
     plain = Terms(surface, targets, settings.replaced(depth_weight=0.0), module.Bilaplacian(weight=0.0))
     terms, plain_error = plain.of(view, drawn._replace(colour=colour, alpha=alpha), surface.vertices)
     return [float(t.detach()) for t in ours], error, got, terms, plain_error, colour, alpha
@@ -90,7 +92,7 @@ def test_image_terms_and_their_gradient_are_the_plain_ones(settings, size):
 def test_terms_weighed_apart_are_refused(views):
     targets = prepare_targets(views)
     colour, alpha = torch.rand(61, 61, 3).requires_grad_(), torch.rand(61, 61).requires_grad_()
-    l1, d_ssim, silhouette, _ = image_terms(colour, alpha, targets, 0, STEPS)
+    l1, d_ssim, silhouette, _ = ImageTerms(targets, STEPS).of(0, colour, alpha)
     with pytest.raises(ValueError, match="plain sum"):
         torch.autograd.grad(l1 + d_ssim + 2 * silhouette, colour)
 
