@@ -32,6 +32,7 @@ from exmesh_graph.shading import envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.point_sets import nearest_direction
+from exmesh_graph.shading.products import dense_adjoint, dense_product, sparse_product
 from exmesh_graph.shading.transport import gathered_hits
 from exmesh_graph.types import Transport
 
@@ -54,7 +55,7 @@ class LightTransport:
             assert light.gather_point is not None
             assert light.gather_weight is not None
             shape = (len(light.points), len(light.points))
-            self.gather = csr_tensor(light.gather_start, light.gather_point, light.gather_weight, shape).to(device)
+            self.gather = _csr(light.gather_start, light.gather_point, light.gather_weight, shape).to(device)
 
     @cached_property
     def gather_transposed(self) -> torch.Tensor:
@@ -105,11 +106,11 @@ class LightTransport:
 
         Equation: 12.
         """
-        return (radiance.t() @ self.transfer.t()).t().contiguous()
+        return dense_product(self.transfer, radiance)
 
     def direct_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
         """T^T g, [K, C] from [P, C]."""
-        return torch.nn.functional.linear(self.transfer.t(), gradient.t().contiguous())
+        return dense_adjoint(self.transfer, gradient)
 
 
 class VectorTransport:
@@ -136,7 +137,7 @@ class VectorTransport:
         if sent is None or not self.gather:
             return direct
         with torch.no_grad():
-            arrived = torch.stack([matrix @ sent.detach() for matrix in self.gather], dim=1)
+            arrived = torch.stack([sparse_product(matrix, sent.detach()) for matrix in self.gather], dim=1)
             if received is not None:
                 arrived = arrived * received.detach()[:, None]
         return direct + arrived.reshape(-1, 9)
@@ -173,7 +174,7 @@ class _Bounces(torch.autograd.Function):
         states = [direct]
         for _ in range(operators.bounces):
             sent = diffuse * states[-1] if own else states[-1]
-            arrived = strength * (operators.gather @ sent)
+            arrived = strength * sparse_product(operators.gather, sent)
             states.append(direct + (arrived if own else diffuse * arrived))
         ctx.operators, ctx.strength = operators, strength
         ctx.save_for_backward(diffuse, *states[:-1])
@@ -189,12 +190,12 @@ class _Bounces(torch.autograd.Function):
         for state in reversed(states):
             direct = direct + adjoint
             if own:
-                back = ctx.strength * (operators.gather_transposed @ adjoint)
+                back = ctx.strength * sparse_product(operators.gather_transposed, adjoint)
                 to_diffuse = to_diffuse + back * state
                 adjoint = back * diffuse
             else:
-                to_diffuse = to_diffuse + adjoint * (ctx.strength * (operators.gather @ state))
-                adjoint = ctx.strength * (operators.gather_transposed @ (diffuse * adjoint))
+                to_diffuse = to_diffuse + adjoint * (ctx.strength * sparse_product(operators.gather, state))
+                adjoint = ctx.strength * sparse_product(operators.gather_transposed, diffuse * adjoint)
         direct = direct + adjoint
         return operators.direct_adjoint(direct), to_diffuse, None, None
 
@@ -206,7 +207,7 @@ def _transposed(light: Transport, shape: tuple[int, int], device: torch.device |
     row = np.repeat(np.arange(shape[0]), np.diff(light.gather_start))
     order = np.lexsort((row, light.gather_point))
     start = np.concatenate([[0], np.cumsum(np.bincount(light.gather_point, minlength=shape[1]))])
-    return csr_tensor(start, row[order], light.gather_weight[order], shape).to(device)
+    return _csr(start, row[order], light.gather_weight[order], shape).to(device)
 
 
 def _component(operators: LightTransport, axis: int) -> torch.Tensor:
@@ -215,4 +216,11 @@ def _component(operators: LightTransport, axis: int) -> torch.Tensor:
     faces_up = (light.normals[light.hit_point] * light.directions[light.hit_direction]).sum(axis=1) > 0
     measure = light.directions[light.hit_direction, axis] * faces_up * (4 * math.pi / len(light.directions))
     count = len(light.points)
-    return csr_tensor(*gathered_hits(light, measure), (count, count)).to(operators.transfer.device)
+    return _csr(*gathered_hits(light, measure), (count, count)).to(operators.transfer.device)
+
+
+def _csr(start: np.ndarray, column: np.ndarray, weight: np.ndarray, shape: tuple[int, int]) -> torch.Tensor:
+    """A CSR matrix with 32-bit indices, which a Transport's own are."""
+    wide = csr_tensor(start, column, weight, shape)
+    indices = (wide.crow_indices().to(torch.int32), wide.col_indices().to(torch.int32))
+    return torch.sparse_csr_tensor(*indices, wide.values(), shape, check_invariants=False)

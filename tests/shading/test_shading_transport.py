@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
+from exmesh_graph.gpu.cores import cores
 from exmesh_graph.rays import make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import build_lattice, locate
 from exmesh_graph.shading.operators import LightTransport
+from exmesh_graph.shading.products import dense_adjoint, dense_product, sparse_product
 from exmesh_graph.shading.transport import check_fits, choose_subdivision, trace_transport, with_bounces
 from exmesh_graph.types import Transport
 
@@ -251,3 +253,31 @@ def test_transport_round_trip_and_mesh_check(tmp_path):
         check_fits(again, vertices + 0.01, faces)
     with pytest.raises(GeometryError, match="another mesh"):
         check_fits(again, vertices, faces[:2])
+
+
+@pytest.mark.parametrize("points", [1, 7, 1024, 2500])
+def test_products_on_a_cpu_are_those_of_torch_in_float64_with_the_same_bytes_on_any_cores(points):
+    generator = torch.Generator().manual_seed(points)
+    transfer = torch.rand(37, points, generator=generator).t()
+    light, gradient = torch.randn(37, 3, generator=generator), torch.randn(points, 3, generator=generator)
+    dense = torch.where(torch.rand(points, points, generator=generator) < 0.01, 1.5, 0.0)
+    sparse = dense.to_sparse_csr()
+    matrix = torch.sparse_csr_tensor(
+        sparse.crow_indices().int(), sparse.col_indices().int(), sparse.values(), sparse.shape
+    )
+    found = []
+    for count in (1, 2, 3):
+        with cores(count):
+            found.append(
+                (
+                    dense_product(transfer, light),
+                    dense_adjoint(transfer, gradient),
+                    sparse_product(matrix, gradient),
+                )
+            )
+    wide, back = transfer.double(), gradient.double()
+    expected = (wide @ light.double(), wide.T @ back, dense.double() @ back)
+    for one, known in zip(found[0], expected, strict=True):
+        torch.testing.assert_close(one.double(), known, rtol=1e-5, atol=1e-4)
+    for others in found[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(others, found[0], strict=True))

