@@ -3,6 +3,7 @@
 import os
 import threading
 
+import numpy as np
 import pytest
 import torch
 import warp as wp
@@ -81,6 +82,20 @@ def test_a_forked_child_has_threads_of_its_own():
             split(count_items, 100, counts, grain=10)
             os._exit(0 if counts.tolist() == [3] * 100 else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+@wp.kernel
+def affine(scale: float, shift: wp.vec3, number: int, values: wp.array(dtype=wp.vec3), out: wp.array(dtype=float)):
+    i = wp.tid()
+    out[i] = scale * values[i][number] + shift[number]
+
+
+def test_a_launch_takes_its_own_arguments_and_none_of_the_last():
+    for size, scale, number in ((5, 2.0, 0), (9, np.float32(0.5), np.int64(2)), (1, 3, True), (5, -1.0, 1)):
+        values, out = torch.rand(size, 3), torch.zeros(size)
+        launch(affine, size, scale, wp.vec3(1.0, 2.0, float(scale)), number, values, out)
+        shift = [1.0, 2.0, float(scale)][int(number)]
+        assert torch.allclose(out, float(scale) * values[:, int(number)] + shift)
 
 
 def test_descriptors_of_tensors_reach_kernels_of_every_shape():

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import torch
 
-from exmesh_graph.gpu.warp_runtime import convert, launch, warp
+from exmesh_graph.gpu.warp_runtime import convert, launch, launch_converted
 
 Result = TypeVar("Result")
 
@@ -63,7 +63,7 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
 
     def work() -> None:
         for first in pieces:
-            warp().launch(kernel, dim=min(run, size - first), inputs=[first, *converted], device="cpu")
+            launch_converted(kernel, min(run, size - first), [first, *converted])
 
     others = [_threads().submit(work) for _ in range(workers - 1)]
     try:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -13,6 +15,14 @@ from typing import Any
 
 import torch
 
+
+class _Recorded(threading.local):
+    def __init__(self) -> None:
+        self.launches: dict[Any, tuple[Any, Any]] = {}
+        """Of each kernel: Warp's recorded launch, and its size."""
+
+
+_recorded = _Recorded()
 _NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver"
 
 
@@ -41,8 +51,35 @@ def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:
     """
     wp = warp()
     device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
+    converted = convert(kernel, arguments)
+    if device.type == "cpu":
+        launch_converted(kernel, size, converted)
+        return
     stream = wp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None
-    wp.launch(kernel, dim=size, inputs=convert(kernel, arguments), device=wp.device_from_torch(device), stream=stream)
+    wp.launch(kernel, dim=size, inputs=converted, device=wp.device_from_torch(device), stream=stream)
+
+
+def launch_converted(kernel: Any, size: int | tuple[int, ...], converted: Sequence[Any]) -> None:
+    """Launch on the CPU with arguments of `convert`.
+
+    `warp.launch` takes some 60 us to look at its arguments, as long as many kernels of a small picture take. Its
+    recorded launches take new arguments as they are: each thread records one of each kernel.
+    """
+    if kernel not in _recorded.launches:
+        command = warp().launch(kernel, dim=size, inputs=converted, device="cpu", record_cmd=not kernel.is_generic)
+        if command is None:  # of a generic kernel: its types may be others next time
+            return
+    else:
+        command, before = _recorded.launches[kernel]
+        for index, value in enumerate(converted):
+            if isinstance(value, (int, float, ctypes.Structure)):
+                command.set_param_at_index_from_ctype(index, value)
+            else:
+                command.set_param_at_index(index, value)
+        if size != before:
+            command.set_dim(size)
+    _recorded.launches[kernel] = (command, size)
+    command.launch()
 
 
 def convert(kernel: Any, arguments: Sequence[Any]) -> list[Any]:
