@@ -130,7 +130,8 @@ def test_hdr_photographs_hold_highlights_that_8_bit_ones_lose(carrier, train_vie
     assert (cut.images < bright.images).mean() > 0.02
     settings = SETTINGS.replaced(exposure=False)
     skies = [fit(carrier, views, transport, settings)[0].environment for views in (bright, cut)]
-    assert skies[0].max() / np.median(skies[0]) > skies[1].max() / np.median(skies[1])
+    # the brightest value: over the median, which the albedo's scale moves too, the two differ by a hundredth
+    assert skies[0].max() > 1.1 * skies[1].max()
     blind = dataclasses.replace(cut, clipped=False)  # an EXR that was clipped before: its top is taken for the truth
     dull = fit(carrier, blind, transport, settings)[0].environment
-    assert dull.max() / np.median(dull) < skies[1].max() / np.median(skies[1])
+    assert dull.max() < 0.9 * skies[1].max()
