@@ -88,6 +88,14 @@ def test_benchmark_graphs_say_what_they_extend_and_dtu_begins_without_a_hull(gra
         assert "start: random" in inner
 
 
+def test_every_row_of_the_sweep_stands_in_the_table_of_departures() -> None:
+    from ruamel.yaml import YAML
+
+    text = (ROOT / "docs" / "departures.md").read_text()
+    rows = YAML(typ="safe").load(GRAPHS / "departures.yaml")["variants"]
+    assert [name for name in rows if name != "carrier" and f"`{name}`" not in text] == []
+
+
 TINY = {
     "paper": {
         "gaussians": {"iterations": 150, "count": 3000, "max_gaussians": 5000},
