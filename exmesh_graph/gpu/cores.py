@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, TypeVar
@@ -21,7 +22,7 @@ from exmesh_graph.gpu.warp_runtime import convert, launch, launch_converted
 Result = TypeVar("Result")
 
 _LAUNCHES = 4
-_count: ContextVar[int] = ContextVar("exmesh_cores", default=1)
+_count: ContextVar[int] = ContextVar("exmesh_cores", default=0)
 _launched: set[Any] = set()
 _pool: ThreadPoolExecutor | None = None
 _own = threading.local()
@@ -34,10 +35,10 @@ def available() -> int:
 
 @contextmanager
 def cores(count: int) -> Iterator[int]:
-    """Let `split` share its launches among `count` cores (0: all that the process may use) within the block."""
-    token = _count.set(count or available())
+    """Let `split` and `share` take `count` cores (0, as without a block: all that the process may use)."""
+    token = _count.set(count)
     try:
-        yield _count.get()
+        yield _workers()
     finally:
         _count.reset(token)
 
@@ -50,7 +51,7 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
     item // grain), and are added up by the caller in their order. On CUDA this is one launch with first = 0.
     """
     device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
-    workers = min(_count.get(), -(-size // grain))
+    workers = min(_workers(), -(-size // grain))
     # the first launch of a kernel compiles its module: on one thread
     if workers <= 1 or device.type != "cpu" or kernel not in _launched:
         launch(kernel, size, 0, *arguments)
@@ -76,12 +77,20 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
 def share(function: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
     """[function(a, b, ...) for a, b, ... in zip(*items)], calls shared by the cores of `cores()`.
 
-    For calls that leave the interpreter's lock (torch, numpy, decoders) and do not depend on one another.
+    For calls that leave the interpreter's lock (torch, numpy, decoders) and do not depend on one another. `items` are
+    taken when a core will soon be free, so few of those that come from a generator are there at a time.
     """
-    if _count.get() <= 1:
+    workers = _workers()
+    if workers <= 1:
         return [function(*each) for each in zip(*items, strict=True)]
-    with ThreadPoolExecutor(_count.get(), initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        return list(pool.map(function, *items))
+    results: list[Result] = []
+    waiting: deque[Future[Result]] = deque()
+    with ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        for each in zip(*items, strict=True):
+            if len(waiting) > workers:
+                results.append(waiting.popleft().result())
+            waiting.append(pool.submit(function, *each))
+        return results + [future.result() for future in waiting]
 
 
 def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
@@ -94,6 +103,10 @@ def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.T
     if name not in kept or len(kept[name]) < size or kept[name].dtype != dtype:
         kept[name] = torch.empty(size, dtype=dtype)
     return kept[name]
+
+
+def _workers() -> int:
+    return _count.get() or available()
 
 
 def _threads() -> ThreadPoolExecutor:

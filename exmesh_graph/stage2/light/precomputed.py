@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer
 from exmesh_graph.shading import brdf, envmap
@@ -210,11 +211,18 @@ class PrecomputedLight:
         if self.suns is not None and prepared.flux is not None:
             arriving = arriving + self.suns.lattice @ prepared.flux
         leaving = self.lattice_diffuse(maps, values) * arriving
-        for buffer in buffers:
+
+        @torch.no_grad()  # a thread's own switch
+        def measured(seed: int, buffer: ViewBuffer) -> None:
             if len(buffer.pixel):
                 material = maps.read(values, buffer.texel, buffer.texel_weight)
-                scale = measured_specular_scale(self, buffer, material, prepared, environment, leaving, generator)
-                self._keep(buffer, scale)
+                drawn = torch.Generator().manual_seed(seed)  # a view's own: whoever measures it
+                self._keep(
+                    buffer, measured_specular_scale(self, buffer, material, prepared, environment, leaving, drawn)
+                )
+
+        first = int(torch.randint(1 << 40, (), generator=generator))
+        share(lambda numbered: measured(*numbered), enumerate(buffers, first))
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
         suns = None if self.suns is None else self.suns.state()
