@@ -10,7 +10,8 @@ photographs would pick, where black is nearer to the photograph than they are. A
 photographs' mean colour, below or behind the object, a roof that no held-out view sees, and a floor of small faces at
 the object's feet; beside the whole mesh and beside what deletion left of it.
 Swelling and shrinking by 1 and 3 % of the radius count for the true asset: a poor one may well get better by them.
-Every figure that gets better is named, and the exit status is then 1. Chamfer may move by 1 %, which is its sampling.
+Every figure that gets better by 1e-4 is named, and the exit status is then 1. Chamfer may move by 1 %, which is its
+sampling.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from exmesh_graph.uv.unwrap import unwrap
 SAMPLE = Path(__file__).parents[1] / "graphs" / "samples" / "spot"
 SHARES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.95)
 NOISE = {"Chamfer": 0.01}
-ROUNDING = 1e-6  # of float32 sums, which more faces add up in another order
+LEAST = 1e-4  # dB or SSIM that count as a gain: light is sampled on the surface, at points that move when faces go
 Figures = dict[str, tuple[float, str]]
 
 
@@ -100,7 +101,7 @@ def gains(before: Figures, after: Figures) -> dict[str, float]:
     better = {}
     for label, (value, direction) in after.items():
         gain = (value - before[label][0]) * (1 if direction == "higher" else -1)
-        if gain > ROUNDING + NOISE.get(label, 0) * abs(before[label][0]):
+        if gain > LEAST + NOISE.get(label, 0) * abs(before[label][0]):
             better[label] = gain
     return better
 

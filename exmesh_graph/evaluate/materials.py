@@ -65,11 +65,14 @@ def score_materials(
 @dataclass(frozen=True)
 class _Pixels:
     """true [M, H, W(, 3)], 0 where unknown; inside float32 [M, H, W], the truth's coverage where it counts; shown bool
-    [M, H, W], where ours counts; weight [M, H, W], what both are weighed by with masks, None without."""
+    [M, H, W], where ours counts; missing bool [M, H, W], what of the truth has nothing of ours; weight [M, H, W], what
+    both are weighed by with masks, None without.
+    """
 
     true: np.ndarray
     inside: np.ndarray
     shown: np.ndarray
+    missing: np.ndarray
     weight: np.ndarray | None
 
     @classmethod
@@ -91,9 +94,9 @@ class _Pixels:
             places = [counted(marks[i]) for i, _ in paired]
             inside = (filled & np.stack([within for within, _ in places])).astype(np.float32)
             shown, weight = np.stack([covered for _, covered in places]), None
-        kept = inside > 0
-        return cls(np.where(kept[..., None] if true.ndim == 4 else kept, true, 0).astype(true.dtype), inside, shown,
-                   weight)  # fmt: skip
+        kept, missing = inside > 0, ((alpha == 0) | ~shown) & (inside > 0.5)
+        known = np.where(kept[..., None] if true.ndim == 4 else kept, true, 0).astype(true.dtype)
+        return cls(known, inside, shown, missing, weight)
 
     @property
     def rows(self) -> list[int]:
@@ -107,7 +110,10 @@ def _score_albedo(scores: MaterialScores, rendered: Any, pixels: _Pixels, rule: 
     true, inside = pixels.true, pixels.inside
     ours = np.where(pixels.shown[..., None], rendered.albedo, 0).astype(np.float32)
     gray = np.full_like(true, GRAY_ALBEDO)
-    scale, gray_scale = (albedo_scale(albedo, true, inside, rule) for albedo in (ours, gray))
+    # what is missing would be infinitely too dark, and move the scale of all the rest
+    there = np.where(pixels.missing, 0, inside)
+    scale = albedo_scale(ours, true, there if there.any() else inside, rule)
+    gray_scale = albedo_scale(gray, true, inside, rule)
     scores.scale, scores.gray_scale, scores.albedo_maps = scale, gray_scale, (ours, true, inside)
     scores.values["albedo_scale"] = scale.tolist()
     for space in ("linear", "srgb"):
@@ -129,8 +135,11 @@ def _albedo_figure(pixels: _Pixels, srgb: bool) -> Callable[[np.ndarray, np.ndar
     def figure(albedo: np.ndarray, factor: np.ndarray, exact: bool) -> float:
         if pixels.weight is not None:
             weight = pixels.inside if exact else pixels.weight
-            triples = zip(albedo, pixels.true, weight, strict=True)
-            return float(np.mean([albedo_psnr(a, t, c, factor, srgb=srgb) for a, t, c in triples]))
+            shown = np.clip(albedo * factor, 0, 1)
+            if not exact:  # black may be nearer to a dark truth than what stood there
+                shown = np.where(pixels.missing[..., None], pixels.true < 0.5, shown)
+            triples = zip(shown, pixels.true, weight, strict=True)
+            return float(np.mean([albedo_psnr(a, t, c, np.ones(3), srgb=srgb) for a, t, c in triples]))
         db = []
         for n in pixels.rows:
             inside = pixels.inside[n] > 0
@@ -146,8 +155,7 @@ def _score_roughness(scores: MaterialScores, rendered: Any, pixels: _Pixels) -> 
     if not pixels.rows:
         return
     # 0 is no wrong roughness where a surface is glossy: what is missing is as wrong as can be
-    missing = ((rendered.alpha == 0) | ~pixels.shown) & (pixels.inside > 0.5)
-    ours = np.where(missing, pixels.true < 0.5, rendered.roughness).astype(np.float32)
+    ours = np.where(pixels.missing, pixels.true < 0.5, rendered.roughness).astype(np.float32)
     weight, masked = pixels.inside if pixels.weight is None else pixels.weight, pixels.weight is None
     mean, guess = (
         float(np.mean([roughness_mse(own[n], pixels.true[n], by[n], masked=masked) for n in pixels.rows]))
