@@ -11,9 +11,12 @@ grazing angles, occlusion, reflections of the mesh itself) `stage2.correction` m
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import torch
+from torch.autograd.function import once_differentiable
 
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.brdf import ALPHA_MIN
@@ -37,19 +40,11 @@ class PrefilteredStack:
         self.widths = torch.tensor([s[1] for s in sizes], device=device)
         counts = [h * w for h, w in sizes]
         self.starts = torch.tensor(np.concatenate([[0], np.cumsum(counts[:-1])]), device=device)
-        self.kernels = [
-            None if r == 0 else torch.from_numpy(_lobe_spectrum(r, *size)).to(device)
-            for r, size in zip(LEVELS, sizes, strict=True)
-        ]
+        self.groups = [_Group.of(factor, self.factors, sizes, device) for factor in dict.fromkeys(self.factors)]
 
     def build(self, environment: torch.Tensor) -> torch.Tensor:
         """All levels of `environment` [H, W, 3], flattened and stacked: [sum of level sizes, 3]."""
-        levels, pooled = [], {1: environment}
-        for factor, kernel in zip(self.factors, self.kernels, strict=True):
-            if factor not in pooled:
-                pooled[factor] = _pool(environment, factor)
-            levels.append(pooled[factor] if kernel is None else _convolve(pooled[factor], kernel))
-        return torch.cat([level.reshape(-1, 3) for level in levels])
+        return _Build.apply(environment, self.groups)
 
     def locate(self, u: torch.Tensor, v: torch.Tensor, roughness: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Rows of `build`'s result and their weights for N lookups: int64 [N, 8], float [N, 8].
@@ -67,6 +62,77 @@ class PrefilteredStack:
         return torch.cat(index, dim=1), torch.cat(weight, dim=1)
 
 
+@dataclass(frozen=True)
+class _Group:
+    """The levels of one pooling factor, which share its map and its Fourier transform.
+
+    sharp   whether the map itself is the first of them
+    weight  float32 [h, factor, 1, 1, 1], share of each row of texels in its block's mean
+    kernel  [w / 2 + 1, levels x h, h], the lobes' matrices between rows, one per longitudinal frequency
+    """
+
+    factor: int
+    sharp: bool
+    weight: torch.Tensor
+    kernel: torch.Tensor
+
+    @classmethod
+    def of(cls, factor: int, factors: list[int], sizes: list[tuple[int, int]], device: torch.device | str) -> _Group:
+        mine = [k for k, own in enumerate(factors) if own == factor]
+        height, width = sizes[mine[0]]
+        angle = envmap.solid_angles(height * factor, width * factor).reshape(height, factor)
+        weight = torch.from_numpy((angle / (angle.sum(axis=1, keepdims=True) * factor)).astype(np.float32))
+        lobes = [_lobe_spectrum(LEVELS[k], height, width) for k in mine if LEVELS[k] > 0]
+        kernel = np.concatenate([np.zeros((width // 2 + 1, 0, height), np.float32), *lobes], axis=1)
+        sharp = any(LEVELS[k] == 0 for k in mine)
+        return cls(
+            factor, sharp, weight.reshape(height, factor, 1, 1, 1).to(device), torch.from_numpy(kernel).to(device)
+        )
+
+    def pool(self, environment: torch.Tensor) -> torch.Tensor:
+        """Mean [h, w, 3] of blocks of factor x factor texels, by solid angle."""
+        if self.factor == 1:
+            return environment
+        rows, factor = self.weight.shape[:2]
+        blocks = environment.reshape(rows, factor, -1, factor, 3)
+        return (blocks * self.weight.to(environment.dtype)).sum(dim=(1, 3))
+
+    def spread(self, gradient: torch.Tensor) -> torch.Tensor:
+        """The adjoint of `pool`."""
+        if self.factor == 1:
+            return gradient
+        rows, factor = self.weight.shape[:2]
+        blocks = gradient.reshape(rows, 1, -1, 1, 3) * self.weight.to(gradient.dtype)
+        return blocks.expand(-1, -1, -1, factor, -1).reshape(rows * factor, -1, 3)
+
+
+class _Build(torch.autograd.Function):
+    """All levels of a map. A lobe is even in longitude, so its adjoint differs in the matrices between rows alone."""
+
+    @staticmethod
+    def forward(ctx, environment, groups):  # type: ignore[no-untyped-def]
+        ctx.groups, levels = groups, []
+        for group in groups:
+            pooled = group.pool(environment)
+            levels += [pooled] if group.sharp else []
+            levels.append(_convolve(pooled, group.kernel))
+        return torch.cat([level.reshape(-1, 3) for level in levels])
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, gradient):  # type: ignore[no-untyped-def]
+        total, start = None, 0
+        for group in ctx.groups:
+            height, width = len(group.weight), 2 * (len(group.kernel) - 1)
+            rows = [height * group.sharp, group.kernel.shape[1]]
+            own = gradient[start : start + sum(rows) * width].reshape(-1, width, 3)
+            start += sum(rows) * width
+            pooled = _convolve(own[rows[0] :], group.kernel.transpose(1, 2))
+            part = group.spread(pooled + own[: rows[0]] if group.sharp else pooled)
+            total = part if total is None else total + part
+        return total, None
+
+
 _TEXELS_PER_LOBE = 5.0
 #: Rounds of scaling the lobe's rows and columns; a sun in the polar row is then kept to 1e-4.
 _BALANCING = 30
@@ -79,15 +145,6 @@ def _pooling(roughness: float, height: int, width: int) -> int:
     while height // (factor * 2) >= max(rows, 16) and height % (factor * 2) == 0 and width % (factor * 2) == 0:
         factor *= 2
     return factor
-
-
-def _pool(environment: torch.Tensor, factor: int) -> torch.Tensor:
-    height, width = environment.shape[:2]
-    row = torch.as_tensor(
-        envmap.solid_angles(height, width), dtype=environment.dtype, device=environment.device
-    ).reshape(height // factor, factor, 1, 1, 1)
-    blocks = environment.reshape(height // factor, factor, width // factor, factor, 3)
-    return (blocks * row).sum(dim=(1, 3)) / (row.sum(dim=1)[:, 0] * factor)
 
 
 def _lobe_spectrum(roughness: float, height: int, width: int) -> np.ndarray:
@@ -118,12 +175,13 @@ def _lobe_spectrum(roughness: float, height: int, width: int) -> np.ndarray:
     return np.ascontiguousarray(np.fft.rfft(lobe, axis=2).real.transpose(2, 0, 1)).astype(np.float32)
 
 
-def _convolve(environment: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
-    spectrum = torch.fft.rfft(environment, dim=1).permute(1, 0, 2)
-    parts = torch.cat([spectrum.real, spectrum.imag], dim=2)
-    filtered = torch.bmm(kernel.to(environment.dtype), parts)
-    result = torch.complex(filtered[..., :3].contiguous(), filtered[..., 3:].contiguous())
-    return torch.fft.irfft(result.permute(1, 0, 2), n=environment.shape[1], dim=1)
+def _convolve(rows: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
+    """`rows` [R, W, 3] through a matrix per longitudinal frequency, `kernel` [W / 2 + 1, S, R]: [S, W, 3]."""
+    if kernel.shape[1] == 0 or len(rows) == 0:
+        return rows.new_zeros(kernel.shape[1], rows.shape[1], 3)
+    spectrum = torch.view_as_real(torch.fft.rfft(rows, dim=1)).permute(1, 0, 2, 3).reshape(len(kernel), len(rows), 6)
+    filtered = torch.bmm(kernel.to(rows.dtype), spectrum).reshape(len(kernel), -1, 3, 2)
+    return torch.fft.irfft(torch.view_as_complex(filtered).permute(1, 0, 2), n=rows.shape[1], dim=1)
 
 
 def _bilinear_in(
@@ -147,8 +205,10 @@ def _bilinear_in(
 _TABLE = 64
 
 
+@cache
 def reflectance_table(samples: int = 24, device: torch.device | str = "cpu") -> torch.Tensor:
     """A and B of the split sum on a grid of (n.v, r), float32 [64, 64, 2]; samples^2 half vectors each.
+    Computed once in a process: not to be written to.
 
     A F0 + B is the directional albedo of D V F: the integral of f_s n.l over the upper hemisphere.
     """
