@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from ruamel.yaml import YAML
 
 import exmesh_graph as ex
 
@@ -89,8 +89,6 @@ def test_benchmark_graphs_say_what_they_extend_and_dtu_begins_without_a_hull(gra
 
 
 def test_every_row_of_the_sweep_stands_in_the_table_of_departures() -> None:
-    from ruamel.yaml import YAML
-
     text = (ROOT / "docs" / "departures.md").read_text()
     rows = YAML(typ="safe").load(GRAPHS / "departures.yaml")["variants"]
     assert [name for name in rows if name != "carrier" and f"`{name}`" not in text] == []
@@ -126,7 +124,7 @@ def test_it_runs_from_photographs_to_usd(graph: str, tmp_path: Path) -> None:
     nodes |= own | {"coarse": {"faces": 500} | own.get("coarse", {})}
     file = tmp_path / "tiny.yaml"
     whole = {"extends": str(GRAPHS / f"{graph}.yaml"), "params": {"faces": 1500, "texels": 64}, "nodes": nodes}
-    file.write_text(json.dumps(whole))
+    YAML().dump(whole, file)
     words = [sys.executable, "-c", "from exmesh_graph.cli import main; main()", "run", "tiny.yaml", "--workers", "0"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
