@@ -86,7 +86,7 @@ def test_no_figure_gets_better_by_faces_that_go(assets, settings, base, name, ma
 
 
 @pytest.mark.parametrize("masks", ["with masks", "without masks"])
-@pytest.mark.parametrize(("name", "kind"), [("true", "wall"), ("poor", "floor"), ("poor", "floor at the feet")])
+@pytest.mark.parametrize(("name", "kind"), [("true", "wall"), ("poor", "floor"), ("poor", "roof out of sight")])
 def test_no_figure_gets_better_by_a_sheet(assets, settings, base, name, kind, masks):
     asset, setting = assets[name], settings[masks]
     sheet = sheets(asset, setting.test)[kind]
