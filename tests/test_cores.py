@@ -1,6 +1,8 @@
 """Launches shared by threads: every item once, errors told, memory of a thread its own."""
 
 import os
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -10,7 +12,7 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.gpu.cores import available, cores, scratch, share, split
+from exmesh_graph.gpu.cores import _workers, available, cores, scratch, share, split
 from exmesh_graph.gpu.warp_runtime import launch
 
 
@@ -84,6 +86,39 @@ def test_a_forked_child_has_threads_of_its_own():
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
+FIRST_LAUNCHES = """
+import threading, torch, warp as wp
+from exmesh_graph.gpu.warp_runtime import launch
+
+@wp.kernel
+def add_one(counts: wp.array(dtype=wp.int32)):
+    counts[wp.tid()] = counts[wp.tid()] + 1
+
+together = threading.Barrier(8)
+results = [torch.zeros(100000, dtype=torch.int32) for _ in range(8)]
+
+def work(counts):
+    together.wait()
+    for _ in range(20):
+        launch(add_one, 100000, counts)
+
+threads = [threading.Thread(target=work, args=(counts,)) for counts in results]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+assert all(bool((counts == 20).all()) for counts in results)
+"""
+
+
+def test_threads_may_be_the_first_to_launch(tmp_path):
+    """Warp initialises itself and loads modules without locks of its own: half of such runs died without ours."""
+    script = tmp_path / "first_launches.py"
+    script.write_text(FIRST_LAUNCHES)
+    run = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+
+
 @wp.kernel
 def affine(scale: float, shift: wp.vec3, number: int, values: wp.array(dtype=wp.vec3), out: wp.array(dtype=float)):
     i = wp.tid()
@@ -108,5 +143,6 @@ def test_calls_are_shared_in_order_and_their_errors_told(count):
     with cores(count):
         assert share(lambda a, b: a - b, range(20), range(20, 40)) == [-20] * 20
         assert share(str, range(5)) == ["0", "1", "2", "3", "4"]
+        assert share(lambda _: _workers(), range(4)) == [1] * 4
         with pytest.raises(ZeroDivisionError):
             share(lambda a: 1 / a, [2, 1, 0, 3])

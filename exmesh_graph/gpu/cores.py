@@ -78,18 +78,24 @@ def share(function: Callable[..., Result], *items: Iterable[Any]) -> list[Result
     """[function(a, b, ...) for a, b, ... in zip(*items)], calls shared by the cores of `cores()`.
 
     For calls that leave the interpreter's lock (torch, numpy, decoders) and do not depend on one another. `items` are
-    taken when a core will soon be free, so few of those that come from a generator are there at a time.
+    taken when a core will soon be free, so few of those that come from a generator are there at a time. A call has one
+    core: what it splits itself stays on its thread.
     """
     workers = _workers()
     if workers <= 1:
         return [function(*each) for each in zip(*items, strict=True)]
+
+    def alone(*each: Any) -> Result:
+        with cores(1):  # a new thread does not know of the caller's block
+            return function(*each)
+
     results: list[Result] = []
     waiting: deque[Future[Result]] = deque()
     with ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,)) as pool:
         for each in zip(*items, strict=True):
             if len(waiting) > workers:
                 results.append(waiting.popleft().result())
-            waiting.append(pool.submit(function, *each))
+            waiting.append(pool.submit(alone, *each))
         return results + [future.result() for future in waiting]
 
 

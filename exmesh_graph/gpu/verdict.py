@@ -17,6 +17,8 @@ from typing import Any
 
 import torch
 
+from exmesh_graph.version import __version__
+
 _LIMIT_S = 300
 
 
@@ -71,7 +73,7 @@ def _machine() -> str:
     except PackageNotFoundError:
         warp = "none"
     facts = [
-        torch.cuda.get_device_name(), str(torch.version.cuda), torch.__version__, warp, version("exmesh-graph"),
+        torch.cuda.get_device_name(), str(torch.version.cuda), torch.__version__, warp, __version__,
         driver.read_text(encoding="utf-8").splitlines()[0] if driver.is_file() else "unknown driver",
     ]  # fmt: skip
     return " | ".join(facts)

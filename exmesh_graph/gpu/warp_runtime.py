@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import ctypes
 import os
 import sys
@@ -23,12 +24,19 @@ class _Recorded(threading.local):
 
 
 _recorded = _Recorded()
+_first: dict[Any, Any] = {}
+_loading = threading.RLock()
 _NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver"
 
 
-@cache
 def warp() -> Any:
     """The initialised `warp` module. Nothing is compiled yet: each module of kernels does so on its first launch."""
+    with _loading:  # a cached function runs twice when two threads call it first
+        return _initialised()
+
+
+@cache
+def _initialised() -> Any:
     import warp as wp
 
     if hasattr(wp.config, "log_level"):
@@ -56,30 +64,50 @@ def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:
         launch_converted(kernel, size, converted)
         return
     stream = wp.stream_from_torch(torch.cuda.current_stream(device)) if device.type == "cuda" else None
-    wp.launch(kernel, dim=size, inputs=converted, device=wp.device_from_torch(device), stream=stream)
+    with _loading:
+        wp.launch(kernel, dim=size, inputs=converted, device=wp.device_from_torch(device), stream=stream)
 
 
 def launch_converted(kernel: Any, size: int | tuple[int, ...], converted: Sequence[Any]) -> None:
     """Launch on the CPU with arguments of `convert`.
 
     `warp.launch` takes some 60 us to look at its arguments, as long as many kernels of a small picture take. Its
-    recorded launches take new arguments as they are: each thread records one of each kernel.
+    recorded launches take new arguments as they are: each thread has one of each kernel, copied from the first.
     """
+    if size == 0 or (isinstance(size, tuple) and 0 in size):  # Warp records nothing then
+        return
+    if kernel.is_generic:  # its types may be others next time
+        _record(kernel, size, converted).launch()
+        return
     if kernel not in _recorded.launches:
-        command = warp().launch(kernel, dim=size, inputs=converted, device="cpu", record_cmd=not kernel.is_generic)
-        if command is None:  # of a generic kernel: its types may be others next time
-            return
-    else:
-        command, before = _recorded.launches[kernel]
-        for index, value in enumerate(converted):
-            if isinstance(value, (int, float, ctypes.Structure)):
-                command.set_param_at_index_from_ctype(index, value)
-            else:
-                command.set_param_at_index(index, value)
-        if size != before:
-            command.set_dim(size)
+        _recorded.launches[kernel] = (_copy_of_first(kernel, size, converted), None)
+    command, before = _recorded.launches[kernel]
+    for index, value in enumerate(converted):
+        if isinstance(value, (int, float, ctypes.Structure)):
+            command.set_param_at_index_from_ctype(index, value)
+        else:
+            command.set_param_at_index(index, value)
+    if size != before:
+        command.set_dim(size)
     _recorded.launches[kernel] = (command, size)
     command.launch()
+
+
+def _record(kernel: Any, size: Any, converted: Sequence[Any]) -> Any:
+    """Warp compiles and loads modules while it records, one thread at a time: two unload each other's code."""
+    with _loading:
+        return warp().launch(kernel, dim=size, inputs=converted, device="cpu", record_cmd=True)
+
+
+def _copy_of_first(kernel: Any, size: Any, converted: Sequence[Any]) -> Any:
+    with _loading:
+        if kernel not in _first:
+            _first[kernel] = _record(kernel, size, converted)
+    command = copy.copy(_first[kernel])
+    # numbers are changed in place, so each copy needs its own
+    command.params = [type(p)(p.value) if isinstance(p, ctypes._SimpleCData) else p for p in command.params]
+    command.fwd_args = list(command.fwd_args) if command.fwd_args is not None else None
+    return command
 
 
 def convert(kernel: Any, arguments: Sequence[Any]) -> list[Any]:
@@ -130,3 +158,12 @@ def _without_driver_notice() -> Iterator[None]:
             lines = [line for line in held if not line.startswith(_NO_DRIVER)]
             if lines:
                 os.write(2, b"".join(lines))
+
+
+def _unlock() -> None:
+    """A forked child has none of its parent's threads, so nobody would give back what they hold."""
+    global _loading
+    _loading = threading.RLock()
+
+
+os.register_at_fork(after_in_child=_unlock)
