@@ -10,6 +10,7 @@ from torch.autograd.function import once_differentiable
 
 from exmesh_graph.gpu.limits import check_near, check_size
 from exmesh_graph.gpu.warp_runtime import launch
+from exmesh_graph.splat.fused.draw import Camera, Splat
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.runtime import kernels
 
@@ -103,7 +104,12 @@ def render(
         torch.full((height, width), -1, dtype=torch.int32, device=device),
         gaussians.means.new_zeros((len(gaussians), 2)),
     )
-    view = (camera.to(gaussians.means.dtype), height, width, near, degree, tile or TILE[device.type])
+    camera, tile = camera.to(gaussians.means.dtype), tile or TILE[device.type]
+    if device.type == "cpu" and camera.dtype == torch.float32:
+        seen_by = Camera(camera, height, width, near, degree, tile)
+        colour, alpha, normal, distance = Splat.apply(*gaussians.tensors().values(), seen_by, PAIRS, drawn)
+        return Render(colour, alpha, normal, distance, drawn)
+    view = (camera, height, width, near, degree, tile)
     planes = _Splat.apply(*(t.contiguous() for t in gaussians.tensors().values()), view, drawn)
     return Render(planes[..., :3], planes[..., 7], planes[..., 3:6], planes[..., 6], drawn)
 

@@ -191,8 +191,10 @@ def test_the_code_of_every_kernel_is_part_of_the_nodes_fingerprint():
     from exmesh_graph.graph.cache.fingerprint import fingerprint
     from exmesh_graph.graph.declare.packs import load_packs
 
-    files = {f"exmesh_graph.splat.{path.stem}" for path in Path(runtime.__file__).parent.glob("kernels_*.py")}
+    room = Path(runtime.__file__).parent
+    files = {f"exmesh_graph.splat.{path.stem}" for path in room.glob("kernels_*.py")}
     assert len(files) == 5
+    files |= {f"exmesh_graph.splat.fused.{path.stem}" for path in room.glob("fused/*.py") if path.stem != "__init__"}
     assert files <= set(fingerprint(load_packs().types["init.pgsr"]).modules)
     assert files <= set(fingerprint(load_packs().types["prior.depth_from_gaussians"]).modules)
 

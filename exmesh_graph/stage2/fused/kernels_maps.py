@@ -5,7 +5,7 @@
 
 import warp as wp
 
-from exmesh_graph.stage2.fused.simd import MATHS
+from exmesh_graph.gpu.simd import MATHS
 
 wp.set_module_options({"enable_backward": False})
 

@@ -6,7 +6,7 @@ a, r, m: the material; I: irradiance; F: the prefiltered environment at roughnes
 colours have rows of four floats, so that a row is one load.
 """
 
-from exmesh_graph.stage2.fused.simd import MATHS
+from exmesh_graph.gpu.simd import MATHS
 
 #: Floats that `shade_view` keeps of a pixel for `pull_back`: I, F, dF/dr, d log-L1 / dL (3 each), A, B, dA/dr, dB/dr,
 #: and for each channel of the material (5) the neighbours below less those above it.

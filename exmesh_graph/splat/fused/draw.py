@@ -1,0 +1,180 @@
+"""Gaussians drawn and differentiated by native kernels: float32 on a CPU. `render.render` is the way in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import torch
+from torch.autograd.function import once_differentiable
+
+from exmesh_graph.gpu.cores import scratch, split
+from exmesh_graph.gpu.limits import check_size
+from exmesh_graph.gpu.warp_runtime import launch, warp
+from exmesh_graph.splat.gaussians import Gaussians
+
+_RECORD = 16
+
+
+class Camera(NamedTuple):
+    """numbers: float32 [21], rotation, shift, the first two rows of K, and the eye; `near` in world units, the degree
+    of the harmonics in use, or -1 for a drawing without colours; `tile` in pixels."""
+
+    numbers: torch.Tensor
+    height: int
+    width: int
+    near: float
+    degree: int
+    tile: int
+
+
+class Planes(NamedTuple):
+    """Contiguous pictures: colour [H, W, 3], alpha [H, W], normal [H, W, 3], distance [H, W]."""
+
+    colour: torch.Tensor
+    alpha: torch.Tensor
+    normal: torch.Tensor
+    distance: torch.Tensor
+
+
+@dataclass
+class Seen:
+    """What a drawing says of each Gaussian besides: box int32 [G, 4], weight [G] and middle int32 [H, W] of
+    `render.DrawnGaussians`."""
+
+    box: torch.Tensor
+    weight: torch.Tensor
+    middle: torch.Tensor
+
+
+class _Lists(NamedTuple):
+    """first int32 [G + 1], a Gaussian's first slot (one for each tile that it touches); start int32 [tiles + 1], a
+    tile's first entry; entries int32 [slots, 2], slot and Gaussian, by tile and depth; `weights` [slots]."""
+
+    first: torch.Tensor
+    start: torch.Tensor
+    entries: torch.Tensor
+    weights: torch.Tensor
+    tile: int
+    across: int
+
+
+class Drawing:
+    """A picture of Gaussians, and what the way back needs."""
+
+    def __init__(self, gaussians: Gaussians, camera: Camera, most_pairs: int) -> None:
+        count, height, width = len(gaussians), camera.height, camera.width
+        self.gaussians, self.camera = gaussians, camera
+        self.planes = Planes(
+            torch.zeros(height, width, 3), torch.zeros(height, width), torch.zeros(height, width, 3),
+            torch.zeros(height, width),
+        )  # fmt: skip
+        self.seen = Seen(
+            torch.zeros(count, 4, dtype=torch.int32), torch.zeros(count),
+            torch.full((height, width), -1, dtype=torch.int32),
+        )  # fmt: skip
+        self.seen.box[:, 2] = -1
+        self.lists: _Lists | None = None
+        if not (count and height and width):
+            return
+        k = _kernels()
+        self.records = torch.empty(-(-count // 8) * 8, _RECORD)
+        depth, touched = scratch("splat depths", count)[:count], scratch("splat tiles", count, torch.int32)[:count]
+        split(
+            k.project, self.blocks, count, *gaussians.tensors().values(), gaussians.sh.shape[1], max(camera.degree, 0),
+            int(camera.degree >= 0), camera.numbers, height, width, camera.near, camera.tile, self.records,
+            self.seen.box, depth, touched, grain=4,
+        )  # fmt: skip
+        lists = self.lists = _listed(self.seen.box, depth, touched, camera, most_pairs)
+        if not len(lists.entries):
+            return
+        self.left, self.last = torch.empty(height, width), torch.empty(height, width, dtype=torch.int32)
+        split(
+            k.blend, len(lists.start) - 1, *self._tiles(), *self.planes, self.left, self.last, self.seen.middle,
+            lists.weights, grain=1,
+        )  # fmt: skip
+        split(k.sum_slots, self.blocks, count, lists.first, lists.weights, self.seen.weight, grain=16)
+
+    @property
+    def blocks(self) -> int:
+        return -(-len(self.gaussians) // int(_kernels().GAUSSIANS))
+
+    def _tiles(self) -> tuple[Any, ...]:
+        assert self.lists is not None
+        lists, camera = self.lists, self.camera
+        return (
+            lists.start, lists.entries, self.records, self.seen.box, lists.tile, lists.across, camera.height,
+            camera.width,
+        )  # fmt: skip
+
+    def back(self, to: Planes, on_screen: torch.Tensor) -> Gaussians:
+        """dL/d of every parameter for dL/d of the planes (contiguous), 0 where not seen; fills `on_screen` [G, 2] as
+        `DrawnGaussians.gradient`."""
+        lists, gaussians = self.lists, self.gaussians
+        if lists is None or not len(lists.entries):
+            on_screen.zero_()
+            return gaussians.map(torch.zeros_like)
+        k = _kernels()
+        slots = scratch("splat slots", len(lists.entries) * _RECORD)
+        split(
+            k.blend_adjoint, len(lists.start) - 1, *self._tiles(), lists.weights, self.left, self.last, *to, slots,
+            grain=1,
+        )  # fmt: skip
+        gradients = gaussians.map(torch.empty_like)
+        camera = self.camera
+        split(
+            k.project_adjoint, self.blocks, len(gaussians), lists.first, lists.weights, slots, self.seen.weight,
+            self.records, *gaussians.tensors().values(), gaussians.sh.shape[1], camera.degree, camera.numbers,
+            camera.height, camera.width, *gradients.tensors().values(), on_screen, grain=4,
+        )  # fmt: skip
+        return gradients
+
+
+class Splat(torch.autograd.Function):
+    """`Drawing` for autograd: the parameters of the Gaussians to the four planes; `drawn` is filled."""
+
+    @staticmethod
+    def forward(ctx: Any, means, scales, rotations, opacities, sh, camera, most_pairs, drawn):  # type: ignore[no-untyped-def]
+        tensors = (t.detach().contiguous() for t in (means, scales, rotations, opacities, sh))
+        ctx.drawing = drawing = Drawing(Gaussians(*tensors), camera, most_pairs)
+        drawn.box, drawn.weight, drawn.middle = drawing.seen.box, drawing.seen.weight, drawing.seen.middle
+        ctx.drawn = drawn
+        return tuple(drawing.planes)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *to):  # type: ignore[no-untyped-def]
+        gradients = ctx.drawing.back(Planes(*(t.contiguous() for t in to)), ctx.drawn.gradient)
+        return *gradients.tensors().values(), None, None, None
+
+
+def _listed(box: torch.Tensor, depth: torch.Tensor, touched: torch.Tensor, camera: Camera, most_pairs: int) -> _Lists:
+    """Tiles are enlarged until there are at most `most_pairs` slots, or one tile is all."""
+    k, tile, count = _kernels(), camera.tile, len(box)
+    while int(touched.sum(dtype=torch.int64)) > most_pairs and tile < max(camera.height, camera.width):
+        tile *= 2
+        low, high = (torch.div(corner, tile, rounding_mode="floor") for corner in (box[:, :2], box[:, 2:]))
+        touched = torch.where(box[:, 2] >= box[:, 0], (high - low + 1).prod(dim=1), 0)
+    total = int(touched.sum(dtype=torch.int64))
+    check_size(**{"pairs of Gaussians and tiles": total})
+    first = torch.zeros(count + 1, dtype=torch.int32)
+    torch.cumsum(touched, 0, dtype=torch.int32, out=first[1:])
+    across, down = -(-camera.width // tile), -(-camera.height // tile)
+    start = torch.empty(across * down + 1, dtype=torch.int32)
+    entries, weights = torch.empty(total, 2, dtype=torch.int32), torch.empty(total)
+    if total:
+        tile_of = scratch("splat tile", total, torch.int32)
+        split(k.list_tiles, -(-count // int(k.GAUSSIANS)), count, box, first, tile, across, tile_of, grain=16)
+        memory = scratch("splat sort", 4 * count + across * down, torch.int32)
+        launch(k.sort_slots, 1, count, total, across * down, depth, first, tile_of, memory, start, entries)
+    return _Lists(first, start, entries, weights, tile, across)
+
+
+@cache
+def _kernels() -> Any:
+    """Imported after Warp has been set up."""
+    warp()
+    from exmesh_graph.splat.fused import kernels_draw
+
+    return kernels_draw
