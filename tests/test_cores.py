@@ -12,7 +12,7 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.gpu.cores import _workers, available, cores, scratch, share, split
+from exmesh_graph.gpu.cores import available, cores, scratch, share, split, workers
 from exmesh_graph.gpu.warp_runtime import launch
 
 
@@ -143,6 +143,6 @@ def test_calls_are_shared_in_order_and_their_errors_told(count):
     with cores(count):
         assert share(lambda a, b: a - b, range(20), range(20, 40)) == [-20] * 20
         assert share(str, range(5)) == ["0", "1", "2", "3", "4"]
-        assert share(lambda _: _workers(), range(4)) == [1] * 4
+        assert share(lambda _: workers(), range(4)) == [1] * 4
         with pytest.raises(ZeroDivisionError):
             share(lambda a: 1 / a, [2, 1, 0, 3])

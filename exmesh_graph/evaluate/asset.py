@@ -9,7 +9,7 @@ what the held-out pictures allow to be there (evaluate.casting).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,6 +39,9 @@ from exmesh_graph.evaluate.settings import Quality, ScaleRule
 from exmesh_graph.io.images import display
 from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Asset, Region, SceneTruth, ScoredViews, Views
+
+#: Pixels of relit pictures held at a time; each takes 36 bytes in ours, ours scaled and the guess.
+PIXELS_AT_ONCE = 1 << 24
 
 
 @dataclass
@@ -90,9 +93,9 @@ def score_asset(
     known = {name: index for index, name in enumerate(truth.names)} if truth is not None else {}
     paired = [(i, known[views.names[i]]) for i in chosen if views.names[i] in known]
     lights = sorted(truth.relit) if truth is not None and paired else []
-    extra = 2 if quality.bounces else 0
     guessed = len(chosen) if views.has_masks else 0
-    steps = Steps(progress, len(chosen) + guessed + 3 * len(lights) * len(paired) + extra)
+    passes = 2 * len(list(_passes(lights, len(paired) * views.height * views.width)))
+    steps = Steps(progress, len(chosen) + guessed + passes * len(paired) + bool(quality.bounces))
     # without masks a pixel is the surface at its centre, with nothing in it of what stands behind
     own = quality if views.has_masks else quality.replaced(supersampling=1)
     casts = casting_faces(asset, views, region)
@@ -102,7 +105,7 @@ def score_asset(
     guess = Renderer(gray_object(asset, truth), views, coarse, steps, seed)
     scores = AssetScores({"headline": [], "floor": {}}, chosen)
 
-    rendered = ours.render(chosen)
+    (rendered,) = ours.render(chosen)
     if quality.bounces:
         scores.indirect = _indirect(ours, chosen[len(chosen) // 2])
     _score_held_out(scores, rendered, guess, views, chosen, train, region, asset)
@@ -158,7 +161,9 @@ def asset_pairs(scores: AssetScores, views: Views, count: int) -> ScoredViews:
 
 def _indirect(ours: Renderer, view: int) -> tuple[int, np.ndarray, np.ndarray]:
     """The view twice with the same random rays, with all bounces and with none: their difference."""
-    whole, direct = ours.render([view]), ours.render([view], direct=True)
+    from exmesh_graph.stage2.scene import Lighting
+
+    whole, direct = ours.render([view], [Lighting(), Lighting(bounces=False)])
     alone = np.maximum(whole.images[0] - direct.images[0], 0)
     return view, shown(whole)[0], display(alone, whole.alpha[0])
 
@@ -176,7 +181,7 @@ def _score_held_out(
     """Fill `held_out` and its floor."""
     compared = compare_views(shown(rendered), list(rendered.alpha), asset, views, chosen, region)
     if views.has_masks:
-        gray = guess.render(chosen)  # light is linear: the level scales the image
+        (gray,) = guess.render(chosen)  # light is linear: the level scales the image
         lit = train if train is not None and train.has_masks else views
         level = _uniform_level(lit.images, lit.alpha > 0.5, gray)
         flat = [display(level * image, alpha) for image, alpha in zip(gray.images, gray.alpha, strict=True)]
@@ -215,29 +220,32 @@ def _score_relit(
     The gray guess gets a scale of its own by the same rule, so that the margin above it owes nothing to the scale.
     Without masks the pixels are those of the held-out views.
     """
+    from exmesh_graph.stage2.scene import Lighting
+
     cameras, rows = [i for i, _ in paired], [k for _, k in paired]
     per_light: dict[str, dict[str, Any]] = {}
-    for light in lights:
-        environment, photographs = truth.relit[light]
-        true = [display(photographs[k], truth.relit_alpha[light][k]) for k in rows]
-        figures: dict[str, Any] = {}
-        plain = shown(ours.render(cameras, environment=environment))
-        scaled = plain
-        if maps.scale is not None:
-            scaled = shown(ours.render(cameras, environment=environment, scale=maps.scale))
-        gray = shown(guess.render(cameras, environment=environment, scale=maps.gray_scale))
-        for key, images in (("", scaled), ("_unscaled", plain), ("_floor", gray)):
-            if marks is None:
-                pairs, (db, structure) = list(zip(images, true, strict=True)), compare(images, true)
-            else:
-                here = [marks[i] if key != "_floor" else counted_everywhere(marks[i]) for i in cameras]
-                pairs, db, structure = compare_marked(images, true, here)
-            figures |= {f"psnr{key}": float(np.mean(db)), f"ssim{key}": float(np.mean(structure))}
-            if not key:
-                names = [truth.names[k] for k in rows]
-                figures["psnr_per_view"] = dict(zip(names, db, strict=True))
-                scores.relit[light] = pairs
-        per_light[light] = figures
+    for some in _passes(lights, len(cameras) * ours.views.height * ours.views.width):
+        plain, scaled, gray = ([Lighting(truth.relit[light][0], scale) for light in some]
+                               for scale in (None, maps.scale, maps.gray_scale))  # fmt: skip
+        rendered = ours.render(cameras, plain if maps.scale is None else plain + scaled)
+        floors = guess.render(cameras, gray)
+        for number, light in enumerate(some):
+            photographs, alpha = truth.relit[light][1], truth.relit_alpha[light]
+            true = [display(photographs[k], alpha[k]) for k in rows]
+            figures: dict[str, Any] = {}
+            taken = {"": rendered[number - len(some)], "_unscaled": rendered[number], "_floor": floors[number]}
+            for key, images in ((key, shown(each)) for key, each in taken.items()):
+                if marks is None:
+                    pairs, (db, structure) = list(zip(images, true, strict=True)), compare(images, true)
+                else:
+                    here = [marks[i] if key != "_floor" else counted_everywhere(marks[i]) for i in cameras]
+                    pairs, db, structure = compare_marked(images, true, here)
+                figures |= {f"psnr{key}": float(np.mean(db)), f"ssim{key}": float(np.mean(structure))}
+                if not key:
+                    names = [truth.names[k] for k in rows]
+                    figures["psnr_per_view"] = dict(zip(names, db, strict=True))
+                    scores.relit[light] = pairs
+            per_light[light] = figures
 
     def mean(key: str) -> float:
         return float(np.mean([figures[key] for figures in per_light.values()]))
@@ -249,3 +257,10 @@ def _score_relit(
         "per_light": per_light,
     }
     scores.values["floor"] |= {"relit_psnr": mean("psnr_floor"), "relit_ssim": mean("ssim_floor")}
+
+
+def _passes(lights: Sequence[str], pixels: int) -> Iterator[Sequence[str]]:
+    """Lights rendered together, rays traced once for all: as many as keep the pictures, `pixels` a light, in memory."""
+    together = max(1, PIXELS_AT_ONCE // max(pixels, 1))
+    for start in range(0, len(lights), together):
+        yield lights[start : start + together]

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exmesh_graph.evaluate.settings import Quality
 from exmesh_graph.io.images import display
-from exmesh_graph.types import Asset, SceneTruth, Transport, Views
+from exmesh_graph.types import Asset, SceneTruth, Views
+
+if TYPE_CHECKING:
+    from exmesh_graph.stage2.scene import Lighting
 
 GRAY_ALBEDO = 0.5
 GRAY_ROUGHNESS = 0.5
@@ -38,41 +41,28 @@ class Renderer:
     ) -> None:
         self.asset, self.views, self.quality, self.steps, self.seed = asset, views, quality, steps, seed
         self.casts = casts
-        self._transport: Transport | None = None
+        self._body: Any = None
 
-    def render(
-        self,
-        chosen: Sequence[int],
-        *,
-        environment: np.ndarray | None = None,
-        scale: np.ndarray | None = None,
-        direct: bool = False,
-    ) -> Any:
-        """`stage2.render.Rendered` of the chosen views; `scale` [3] multiplies the albedo; `direct`: no bounces."""
-        from exmesh_graph.stage2.render import render_transport, render_views
+    def render(self, chosen: Sequence[int], lightings: Sequence[Lighting] | None = None) -> list[Any]:
+        """`stage2.render.Rendered` of the chosen views under each of `lightings` (None: its own environment alone)."""
+        from exmesh_graph.stage2.render import render_transport, render_under
+        from exmesh_graph.stage2.scene import Body, Lighting
 
-        if self._transport is None:
-            self._transport = render_transport(
-                self.asset, self.quality.bounces, self.quality.directions, casts=self.casts
-            )
-        asset = self.asset
-        if scale is not None:
-            scaled = np.clip(asset.base_color * scale.astype(np.float32), 0.0, 1.0)
-            asset = replace(asset, base_color=scaled)
-        return render_views(
-            asset,
-            self.views.intrinsics[list(chosen)],
-            self.views.camera_to_world[list(chosen)],
+        quality, rows = self.quality, list(chosen)
+        if self._body is None:
+            transport = render_transport(self.asset, quality.bounces, quality.directions, casts=self.casts)
+            self._body = Body(self.asset, transport, casts=self.casts)
+        return render_under(
+            self._body,
+            self.views.intrinsics[rows],
+            self.views.camera_to_world[rows],
             self.views.height,
             self.views.width,
-            environment=environment,
-            transport=replace(self._transport, bounces=0) if direct else self._transport,
-            bounces=self.quality.bounces,
-            supersampling=self.quality.supersampling,
-            specular_samples=self.quality.specular_samples,
+            lightings or [Lighting()],
+            supersampling=quality.supersampling,
+            specular_samples=quality.specular_samples,
             seed=self.seed,
             progress=self.steps,
-            casts=self.casts,
         )
 
 

@@ -33,12 +33,17 @@ def available() -> int:
     return len(os.sched_getaffinity(0))
 
 
+def workers() -> int:
+    """The cores that `split` and `share` take here."""
+    return _count.get() or available()
+
+
 @contextmanager
 def cores(count: int) -> Iterator[int]:
     """Let `split` and `share` take `count` cores (0, as without a block: all that the process may use)."""
     token = _count.set(count)
     try:
-        yield _workers()
+        yield workers()
     finally:
         _count.reset(token)
 
@@ -51,22 +56,22 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
     item // grain), and are added up by the caller in their order. On CUDA this is one launch with first = 0.
     """
     device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
-    workers = min(_workers(), -(-size // grain))
+    count = min(workers(), -(-size // grain))
     # the first launch of a kernel compiles its module: on one thread
-    if workers <= 1 or device.type != "cpu" or kernel not in _launched:
+    if count <= 1 or device.type != "cpu" or kernel not in _launched:
         launch(kernel, size, 0, *arguments)
         _launched.add(kernel)
         return
     converted = convert(kernel, (0, *arguments))[1:]
     # a launch costs some 20 us of the interpreter's lock: a few for each core are enough to even out their ends
-    run = grain * max(1, size // (grain * workers * _LAUNCHES))
+    run = grain * max(1, size // (grain * count * _LAUNCHES))
     pieces = iter(range(0, size, run))  # shared: taking the next one is atomic
 
     def work() -> None:
         for first in pieces:
             launch_converted(kernel, min(run, size - first), [first, *converted])
 
-    others = [_threads().submit(work) for _ in range(workers - 1)]
+    others = [_threads().submit(work) for _ in range(count - 1)]
     try:
         work()
     finally:
@@ -81,8 +86,8 @@ def share(function: Callable[..., Result], *items: Iterable[Any]) -> list[Result
     taken when a core will soon be free, so few of those that come from a generator are there at a time. A call has one
     core: what it splits itself stays on its thread.
     """
-    workers = _workers()
-    if workers <= 1:
+    count = workers()
+    if count <= 1:
         return [function(*each) for each in zip(*items, strict=True)]
 
     def alone(*each: Any) -> Result:
@@ -91,9 +96,9 @@ def share(function: Callable[..., Result], *items: Iterable[Any]) -> list[Result
 
     results: list[Result] = []
     waiting: deque[Future[Result]] = deque()
-    with ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+    with ThreadPoolExecutor(count, initializer=torch.set_num_threads, initargs=(1,)) as pool:
         for each in zip(*items, strict=True):
-            if len(waiting) > workers:
+            if len(waiting) > count:
                 results.append(waiting.popleft().result())
             waiting.append(pool.submit(alone, *each))
         return results + [future.result() for future in waiting]
@@ -109,10 +114,6 @@ def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.T
     if name not in kept or len(kept[name]) < size or kept[name].dtype != dtype:
         kept[name] = torch.empty(size, dtype=dtype)
     return kept[name]
-
-
-def _workers() -> int:
-    return _count.get() or available()
 
 
 def _threads() -> ThreadPoolExecutor:

@@ -16,7 +16,7 @@ def make_ray_tracer(
     threads: int | None = None,
     casts: np.ndarray | None = None,
 ) -> RayTracer:
-    """The tracer for `device`: embree on `threads` cores (None: all) for "cpu", Warp's BVH for "cuda".
+    """The tracer for `device`: embree on `threads` cores (None: `gpu.cores`') for "cpu", Warp's BVH for "cuda".
 
     vertices [V, 3], faces [F, 3]; `casts` bool [F], the faces that stop rays (None: all), which keep their numbers, and
     whose box alone is the tracer's. Raises MissingLibraryError when embreex is not installed or torch sees no CUDA

@@ -1,8 +1,7 @@
-"""Embree on the CPU. Its calls release the interpreter's lock, so rays are split over a few threads."""
+"""Embree on the CPU. Its calls release the interpreter's lock, so rays are split over the cores (gpu.cores)."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -35,7 +34,7 @@ class EmbreeTracer:
         self._scene = EmbreeScene()
         self._faces = np.ascontiguousarray(faces, np.int32)
         self._mesh = TriangleMesh(self._scene, self._vertices, self._faces)
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self._threads = threads
         # the first query commits the scene; do it before threads share it
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), query="OCCLUDED")
 
@@ -94,13 +93,16 @@ class EmbreeTracer:
 
     def _over_threads(self, trace: Callable[[slice], None], count: int) -> None:
         """Call `trace` for slices of all rays: small enough to even out the threads, large enough to hide the calls."""
-        size = min(max(-(-count // (4 * self._threads)), _LEAST), _MOST)
+        from exmesh_graph.gpu.cores import workers
+
+        threads = self._threads or workers()
+        size = min(max(-(-count // (4 * threads)), _LEAST), _MOST)
         parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
-        if len(parts) < 2 or self._threads == 1:
+        if len(parts) < 2 or threads == 1:
             for part in parts:
                 trace(part)
             return
-        with ThreadPoolExecutor(self._threads) as pool:
+        with ThreadPoolExecutor(threads) as pool:
             list(pool.map(trace, parts))
 
 

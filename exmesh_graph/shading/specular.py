@@ -251,8 +251,13 @@ def mean_visibility(
 ) -> torch.Tensor:
     """Share of the lobe around `reflected` [N, 3] that sees the sky, [N]: the average over all K rays of a point,
     weighted by the lobe, from their visibility [N, K]."""
-    alpha = max(roughness * roughness, math.sqrt(4 * math.pi / len(directions)) / 4)
+    alpha = resolved_alpha(roughness, len(directions))
     cosine = reflected @ directions.T
     sine2_half = (0.5 * (1 - cosine)).clamp(0, 1)
     weight = cosine.clamp_min(0) / (alpha**2 + (1 - alpha**2) * sine2_half) ** 2
     return (weight * transfer_visible).sum(1) / weight.sum(1)
+
+
+def resolved_alpha(roughness: float, directions: int) -> float:
+    """The width of the lobe of `roughness`, or the least that K = `directions` rays of a point resolve."""
+    return max(roughness * roughness, math.sqrt(4 * math.pi / directions) / 4)

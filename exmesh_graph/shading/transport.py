@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_normals
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.rays import MISS, RayTracer, make_ray_tracer, offset_origins
 from exmesh_graph.shading.lattice import Lattice, build_lattice, locate
 from exmesh_graph.shading.point_sets import fibonacci_sphere
@@ -75,15 +77,20 @@ def trace_transport(
     sky = fibonacci_sphere(directions)
     flat = face_normals(vertices, faces)
     origins = lattice_origins(lattice, vertices, faces, tracer.radius)
-    visible, hits = [], []
     chunk = max(1, (1 << 20) // directions)
-    for start in range(0, len(origins), chunk):
+    done, told = 0, threading.Lock()
+
+    def one(start: int) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        nonlocal done
         part = slice(start, start + chunk)
-        free, hit = _trace_points(tracer, origins[part], lattice, flat, sky, start)
-        visible.append(free)
-        hits.append(hit)
+        traced = _trace_points(tracer, origins[part], lattice, flat, sky, start)
         if progress:
-            progress(min(start + chunk, len(origins)), len(origins))
+            with told:
+                done += len(origins[part])
+                progress(done, len(origins))
+        return traced
+
+    visible, hits = zip(*share(one, range(0, len(origins), chunk)), strict=True)
     hit_point, hit_direction, hit_face, hit_bary = (np.concatenate(column) for column in zip(*hits, strict=True))
     return Transport(
         directions=sky.astype(np.float32),
@@ -114,10 +121,11 @@ def _trace_points(
     part = slice(start, start + len(origins))
     above = (lattice.normals[part] @ sky.T > 0) & (flat[lattice.point_face[part]] @ sky.T > 0)
     point, direction = np.nonzero(above)
-    hits = tracer.closest_hit(origins[point], sky[direction])
+    hits = tracer.closest_hit(origins[point], sky.astype(np.float32)[direction])
     free = np.zeros(above.shape, bool)
-    free[point, direction] = hits.face == MISS
-    front = (hits.face != MISS) & ((flat[hits.face] * sky[direction]).sum(axis=1) < 0)
+    free[above] = hits.face == MISS
+    met = np.flatnonzero(hits.face != MISS)
+    front = met[(flat[hits.face[met]] * sky[direction[met]]).sum(axis=1) < 0]
     return np.packbits(free, axis=1, bitorder="little"), (
         (point[front] + start).astype(np.int32),
         direction[front].astype(np.uint16),

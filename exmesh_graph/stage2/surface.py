@@ -11,6 +11,8 @@ E(n') = max(E(n) + (n' - n) . F, 0), equal to E(n) where the map is flat.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,6 +20,8 @@ import torch.nn.functional as F
 
 from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
 from exmesh_graph.geometry.tangents import corner_tangents
+from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.warp_runtime import warp
 from exmesh_graph.types import Carrier
 
 #: A smooth normal may turn away from the camera near a silhouette; shading then sees it at this cosine.
@@ -45,6 +49,9 @@ class SurfaceSamples:
     def __len__(self) -> int:
         return len(self.n_v)
 
+    def __getitem__(self, part: slice) -> SurfaceSamples:
+        return SurfaceSamples(*(values[part] for values in vars(self).values()))
+
 
 class CarrierGeometry:
     """A carrier's arrays as tensors, with its normals; rebuilds surface samples from faces and barycentrics."""
@@ -62,6 +69,20 @@ class CarrierGeometry:
 
     def samples(self, face: torch.Tensor, bary: torch.Tensor, camera: torch.Tensor) -> SurfaceSamples:
         """The surface at `face` int64 [N], `bary` [N, 3], seen from `camera` [3] (world)."""
+        if self.device.type != "cpu" or not self.vertices.dtype == bary.dtype == torch.float32:
+            return self.plain_samples(face, bary, camera)
+        count = len(face)
+        outputs = [torch.empty(count, *shape) for shape in ((3,), (3,), (3,), (3,), (3,), (), (2,))]
+        if count:
+            split(
+                _kernels().surface_samples, count, GRAZING, camera.float(), face, bary.contiguous(), self.vertices,
+                self.vertex_normals, self.faces, self.face_normals, self.uvs, self.uv_faces, *outputs, grain=2048,
+            )  # fmt: skip
+        position, normal, flat, view, reflected, n_v, uv = outputs
+        return SurfaceSamples(position, normal, flat, view, reflected, n_v, uv, face, bary)
+
+    def plain_samples(self, face: torch.Tensor, bary: torch.Tensor, camera: torch.Tensor) -> SurfaceSamples:
+        """`samples` in torch: the reference, and the form of other devices and dtypes."""
         corners = self.faces[face]
         position = _mix(self.vertices[corners], bary)
         normal = _unit(_mix(self.vertex_normals[corners], bary))
@@ -153,6 +174,15 @@ def normals_of(slopes: np.ndarray) -> np.ndarray:
     """Unit tangent-space normals float32 [..., 3] of slopes [..., 2]."""
     upright = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
     return (upright / np.linalg.norm(upright, axis=-1, keepdims=True)).astype(np.float32)
+
+
+@cache
+def _kernels() -> Any:
+    """Imported after Warp has been set up."""
+    warp()
+    from exmesh_graph.stage2 import kernels_surface
+
+    return kernels_surface
 
 
 def _mix(corners: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:

@@ -1,6 +1,7 @@
 """The specular factor's start and the light a mirrored surface sends, each against its definition spelt out."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,8 +46,20 @@ def test_the_factor_starts_as_the_lobes_visible_share(model):
 
 def test_every_pixel_is_set_whatever_the_chunk(model):
     for buffer in model.buffers:
-        whole = initial_specular_scale(model.light, buffer, 0.5)
-        torch.testing.assert_close(initial_specular_scale(model.light, buffer, 0.5, chunk=7), whole)
+        whole = initial_specular_scale(model.light, buffer, 0.5, plain=True)
+        torch.testing.assert_close(initial_specular_scale(model.light, buffer, 0.5, chunk=7, plain=True), whole)
+
+
+@pytest.mark.parametrize(("roughness", "every"), [(0.5, 1), (0.02, 1), (1.0, 2), (0.3, 5)])
+def test_the_fused_start_equals_the_plain_one(model, roughness, every, monkeypatch):
+    """Any number of directions, of which a row of eight may be left over; lobes narrower than they resolve."""
+    operators = model.light.operators
+    fewer = replace(operators.light, directions=operators.light.directions[1::every])
+    monkeypatch.setattr(operators, "light", fewer)
+    monkeypatch.setattr(operators, "visible", operators.visible[:, 1::every].contiguous())
+    for buffer in model.buffers[:4]:
+        plain = initial_specular_scale(model.light, buffer, roughness, plain=True)
+        torch.testing.assert_close(initial_specular_scale(model.light, buffer, roughness), plain, rtol=1e-4, atol=1e-5)
 
 
 def test_hits_send_diffuse_times_irradiance(model):

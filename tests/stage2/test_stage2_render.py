@@ -11,7 +11,8 @@ from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.specular import directional_albedo, reflectance_table
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.light.traced import traced_specular
-from exmesh_graph.stage2.render import render_transport, render_views
+from exmesh_graph.stage2.render import render_transport, render_under, render_views
+from exmesh_graph.stage2.scene import Body, Lighting
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, texel_footprint
 
@@ -61,6 +62,27 @@ def test_occlusion_darkens_and_bounces_brighten(true_asset, cameras):
         lit[bounces] = render_views(true_asset, *some, 40, 40, transport=light).images.mean()
     assert lit[0] < lit[1] < lit[3]
     assert lit[3] - lit[1] < lit[1] - lit[0]
+
+
+def test_one_trace_serves_all_lightings(true_asset, cameras):
+    """Each picture is what a render of its own gives: another sky, a scaled base colour, no interreflection."""
+    some = [c[:2] for c in cameras]
+    light = render_transport(true_asset, 2, directions=64, points=500)
+    sky, scale = true_asset.environment[:, ::-1].copy() * np.float32(2), np.array([0.5, 1.2, 3.0])
+    scaled = np.clip(true_asset.base_color * scale.astype(np.float32), 0, 1)
+    painted = dataclasses.replace(true_asset, base_color=scaled)
+    lightings = [Lighting(), Lighting(sky, scale), Lighting(bounces=False), Lighting(sky)]
+    found = render_under(Body(true_asset, light), *some, 40, 40, lightings)
+    alone = [
+        render_views(true_asset, *some, 40, 40, transport=light),
+        render_views(painted, *some, 40, 40, environment=sky, transport=light),
+        render_views(true_asset, *some, 40, 40, transport=dataclasses.replace(light, bounces=0)),
+        render_views(true_asset, *some, 40, 40, environment=sky, transport=light),
+    ]
+    for ours, expected in zip(found, alone, strict=True):
+        np.testing.assert_array_equal(ours.images, expected.images)
+        np.testing.assert_array_equal(ours.normal, expected.normal)
+    assert len({ours.images.mean() for ours in found}) == 4
 
 
 def test_what_is_covered_more_leaves_the_noise_elsewhere_alone(true_asset, cameras):

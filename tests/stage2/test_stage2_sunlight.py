@@ -8,13 +8,16 @@ import torch
 
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading import envmap, monte_carlo
+from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.stage2 import render
+from exmesh_graph.stage2 import scene as scenes
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.light import traced
 from exmesh_graph.stage2.maps import Appearance
 from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.surface import texel_footprint
 from exmesh_graph.types.state import load_state, save_state
 
 
@@ -25,8 +28,8 @@ def _sunny(asset, roughness, height=64, row=12, column=30):
     return dataclasses.replace(asset, roughness=np.full_like(asset.roughness, roughness), environment=sky)
 
 
-def _surface(scene, intrinsics, pose):
-    geometry = scene.geometry
+def _surface(body, intrinsics, pose):
+    geometry = body.geometry
     seen = rasterize(
         geometry.vertices,
         geometry.faces.int(),
@@ -41,20 +44,24 @@ def _surface(scene, intrinsics, pose):
     return geometry.samples(face[chosen].long(), seen.bary.reshape(-1, 3)[chosen], eye)
 
 
-def _reference(scene, surface, environment):
+def _read(body, uv):
+    return gather_rows(body.maps, *texel_footprint(uv, body.size))
+
+
+def _reference(body, surface, environment):
     """Direct light and one diffuse bounce by 1024 + 64 x 64 samples."""
 
     def query(face, bary):
-        corners = scene.geometry.vertex_normals[scene.geometry.faces[face]]
+        corners = body.geometry.vertex_normals[body.geometry.faces[face]]
         normal = torch.nn.functional.normalize((corners * bary[..., None]).sum(1), dim=-1)
-        uv = (scene.geometry.uvs[scene.geometry.uv_faces[face]] * bary[..., None]).sum(1)
-        read = scene.read(uv)
+        uv = (body.geometry.uvs[body.geometry.uv_faces[face]] * bary[..., None]).sum(1)
+        read = _read(body, uv)
         return normal, monte_carlo.Material(read[:, :3], read[:, 3])
 
     settings = MonteCarloSettings(technique="mis", samples=1024, secondary_rays=64, secondary_samples=64)
-    light = monte_carlo.MonteCarloLight(scene.geometry, scene.tracer, settings)
+    light = monte_carlo.MonteCarloLight(body.geometry, body.tracer, settings)
     points = monte_carlo.Points(surface.position, surface.flat, surface.normal, surface.view)
-    read = scene.read(surface.uv)
+    read = _read(body, surface.uv)
     return light.render(points, monte_carlo.Material(read[:, :3], read[:, 3]), query, torch.from_numpy(environment), 1)
 
 
@@ -67,14 +74,15 @@ def test_a_small_suns_light_and_shadow_lie_where_they_should(true_asset, cameras
     errors = {}
     for sharp in (True, False):
         if not sharp:
-            monkeypatch.setattr(render, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
-        scene = render.Scene(asset, light, asset.environment, "cpu")
-        assert len(scene.suns) == int(sharp)
-        surface = _surface(scene, cameras[0][0], cameras[1][0])
+            monkeypatch.setattr(scenes, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
+        body = scenes.Body(asset, light)
+        (scene,) = body.under([scenes.Lighting()])
+        assert len(scene.environment.suns) == int(sharp)
+        surface = _surface(body, cameras[0][0], cameras[1][0])
         generator = torch.Generator().manual_seed(0)
         shifts = torch.rand(2, len(surface), 5, generator=generator)
-        shaded = torch.stack([scene.shade(surface, scene.read(surface.uv), 12, shift) for shift in shifts]).mean(0)
-        expected = _reference(scene, surface, asset.environment)
+        shaded = torch.stack([scenes.shade(body, [scene], surface, 12, shift)[0] for shift in shifts]).mean(0)
+        expected = _reference(body, surface, asset.environment)
         errors[sharp] = float((shaded - expected).abs().mean() / expected.mean())
     assert errors[True] < 0.04
     assert errors[False] > 2.5 * errors[True]

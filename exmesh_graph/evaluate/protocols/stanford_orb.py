@@ -59,20 +59,21 @@ def score_orb(
     views  the capture's test views, rendered under the asset's own light
     novel  those of the object's other captures, each rendered under its own measured light
     """
-    from exmesh_graph.stage2.render import render_transport, render_views
+    from exmesh_graph.stage2.render import render_transport, render_under
+    from exmesh_graph.stage2.scene import Body, Lighting
 
     lpips = Lpips.from_file(p.lpips) if p.lpips else None
     tests, others = spread(len(views), p.max_views), spread(len(novel), p.max_views)
     steps = Steps(progress, len(tests) + len(others))
-    transport = render_transport(asset, p.bounces, p.directions)
+    body = Body(asset, render_transport(asset, p.bounces, p.directions))
 
     def render(where: Views, chosen: list[int], environment: np.ndarray | None) -> Any:
         cameras = (where.intrinsics[chosen], where.camera_to_world[chosen], where.height, where.width)
-        return render_views(
-            asset, *cameras, environment=environment, transport=transport, bounces=p.bounces,
-            supersampling=p.supersampling, specular_samples=p.specular_samples, seed=seed,
-            progress=steps,
+        (rendered,) = render_under(
+            body, *cameras, [Lighting(environment)], supersampling=p.supersampling,
+            specular_samples=p.specular_samples, seed=seed, progress=steps,
         )  # fmt: skip
+        return rendered
 
     rendered = render(views, tests, None)
     held_out = [

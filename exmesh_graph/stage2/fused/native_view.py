@@ -7,6 +7,7 @@ colours have rows of four floats, so that a row is one load.
 """
 
 from exmesh_graph.gpu.simd import MATHS
+from exmesh_graph.stage2.fused.corners import CORNERS
 
 #: Floats that `shade_view` keeps of a pixel for `pull_back`: I, F, dF/dr, d log-L1 / dL (3 each), A, B, dA/dr, dB/dr,
 #: and for each channel of the material (5) the neighbours below less those above it.
@@ -14,6 +15,7 @@ RECORD = 21
 
 COMMON = (
     MATHS
+    + CORNERS
     + r"""
     typedef float v4 __attribute__((ext_vector_type(4), aligned(4)));
     auto load4 = [](const float* p) { return *(const v4*)p; };
@@ -31,36 +33,6 @@ COMMON = (
         vf v;
         for (int j = 0; j < 8; ++j) v[j] = values[(long)at[j] * stride + c];
         return v;
-    };
-    // rows of the prefiltered stack around (u, v) in the level of each lane, and their weights
-    auto corners = [&](vi level, vf u, vf v, vi* row, vf* w) {
-        vi high, wide, start;
-        for (int j = 0; j < 8; ++j) {
-            high[j] = levels.data[3 * level[j]];
-            wide[j] = levels.data[3 * level[j] + 1];
-            start[j] = levels.data[3 * level[j] + 2];
-        }
-        const vf h = __builtin_convertvector(high, vf), x = u * __builtin_convertvector(wide, vf) - 0.5f;
-        vf y = v * h - 0.5f;
-        y = y > 0.f ? y : (vf)0.f;
-        y = y < h - 1.f ? y : h - 1.f;
-        const vf x0 = __builtin_elementwise_floor(x);
-        vf y0 = __builtin_elementwise_floor(y);
-        y0 = y0 < h - 2.f ? y0 : h - 2.f;
-        y0 = y0 > 0.f ? y0 : (vf)0.f;
-        const vf fx = x - x0, fy = y - y0;
-        vi left = __builtin_convertvector(x0, vi), top = __builtin_convertvector(y0, vi);
-        left = left < 0 ? left + wide : left;
-        left = left >= wide ? left - wide : left;
-        const vi right = left + 1 < wide ? left + 1 : (vi)0;
-        const vi bottom = top + 1 < high ? top + 1 : top;
-        const vi r[4] = {start + top * wide + left, start + top * wide + right,
-                         start + bottom * wide + left, start + bottom * wide + right};
-        for (int k = 0; k < 4; ++k) row[k] = r[k];
-        w[0] = (1.f - fx) * (1.f - fy);
-        w[1] = fx * (1.f - fy);
-        w[2] = (1.f - fx) * fy;
-        w[3] = fx * fy;
     };
     // the level above the roughness, the share t of it (the rest is the level below), and 1 / (knots' distance)
     auto between = [&](vf r, vi& upper, vf& t, vf& slope) {

@@ -27,9 +27,16 @@ from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.operators import LightTransport, VectorTransport, at_surface
-from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, mean_visibility, reflectance_table
+from exmesh_graph.shading.specular import (
+    PrefilteredStack,
+    directional_albedo,
+    mean_visibility,
+    reflectance_table,
+    resolved_alpha,
+)
 from exmesh_graph.stage2.fused.view import SpecularTables
 from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.light.fused_lobes import visible_share
 from exmesh_graph.stage2.light.traced import FittedSuns, find_fitted_suns, traced_specular
 from exmesh_graph.stage2.maps import Appearance, Footprint, Material, MaterialMaps
 from exmesh_graph.stage2.settings import DecompositionSettings
@@ -240,12 +247,20 @@ class PrecomputedLight:
 
 @torch.no_grad()
 def initial_specular_scale(
-    light: PrecomputedLight, buffer: ViewBuffer, roughness: float, chunk: int = 1 << 14
+    light: PrecomputedLight, buffer: ViewBuffer, roughness: float, chunk: int = 1 << 14, plain: bool = False
 ) -> torch.Tensor:
-    """A view's factor [N, 3] before any measurement: the visible share of the lobe of `roughness`."""
-    visible = light.operators.visible.float()
-    directions = torch.from_numpy(light.operators.light.directions).to(visible)
-    kept, reflected = buffer.light, buffer.samples(light.geometry).reflected
+    """A view's factor [N, 3] before any measurement: the visible share of the lobe of `roughness`.
+
+    `plain`: in torch, the reference of the fused form.
+    """
+    operators, kept = light.operators, buffer.light
+    reflected = buffer.samples(light.geometry).reflected
+    directions = torch.from_numpy(operators.light.directions).to(reflected)
+    if reflected.device.type == "cpu" and reflected.dtype == torch.float32 and not plain:
+        alpha = resolved_alpha(roughness, len(directions))
+        share = visible_share(operators.visible, directions, kept.point, kept.point_weight, reflected, alpha)
+        return share[:, None].repeat(1, 3)
+    visible = operators.visible.to(reflected)
     scale = torch.ones_like(kept.specular_scale)
     for start in range(0, len(buffer.pixel), chunk):
         part = slice(start, start + chunk)

@@ -13,15 +13,16 @@ from typing import Any
 import torch
 
 from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.rays import MISS, RayTracer, offset_origins, tensors
+from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.shading import brdf
-from exmesh_graph.shading.brdf_sampling import sample_specular
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.operators import LightTransport
-from exmesh_graph.shading.point_sets import hammersley, sobol_points
+from exmesh_graph.shading.point_sets import sobol_points
 from exmesh_graph.shading.suns import Suns, find_suns, sun_transfer, unoccluded
 from exmesh_graph.shading.transport import lattice_origins
 from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.light.fused_lobes import trace_lobes
+from exmesh_graph.stage2.light.lobes import Sky
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
 
 #: (face int64 [N], bary [N, 3]) -> diffuse radiance [N, 3] that the surface sends out there.
@@ -39,45 +40,16 @@ def traced_specular(
     hit_radiance: HitRadiance,
     samples: int,
     shift: torch.Tensor,
-    chunk: int = 1 << 15,
-    extra: tuple[Pyramid, torch.Tensor] | None = None,
+    chunk: int = 1 << 13,
 ) -> torch.Tensor:
-    """Specular radiance [N, 3]: the mean over `samples` visible-normal samples of F G/G1 times what their ray meets.
-
-    Free rays read the environment averaged over the solid angle they stand for (Krivanek and Colbert 2008); rays that
-    meet a front face (by `face_normals` [F, 3]) read its diffuse radiance; back faces are black.
-    roughness [N], f0 [N, 3]. `extra`: light that only the samples of some points (bool [N]) meet.
-    The samples are one Hammersley set, moved by `shift` [N, 2], uniform in [0, 1), per point (Cranley and Patterson).
-    """
-    grid = hammersley(samples, roughness.device)
-    shift = shift[:, None].to(roughness)
-    result = torch.empty(len(surface), 3, device=roughness.device)
+    """Specular radiance [N, 3] of `samples` rays per point (`fused_lobes.trace_lobes`); the mesh sends `hit_radiance`,
+    the sky `pyramid`. face_normals [F, 3], roughness [N], f0 [N, 3], shift [N, 2]."""
+    sky = Sky(pyramid)
+    result = torch.empty_like(f0)
     for start in range(0, len(surface), chunk):
         part = slice(start, start + chunk)
-        light, weight, pdf, v_h = sample_specular(
-            surface.normal[part], surface.view[part], brdf.alpha_of(roughness[part]), (grid + shift[part]) % 1
-        )
-        shape = weight.shape
-        flat_normal = surface.flat[part]
-        useful = (weight > 0) & ((light * flat_normal[:, None]).sum(-1) > 0)
-        row, column = torch.nonzero(useful, as_tuple=True)
-        directions = light[row, column]
-        origins = offset_origins(surface.position[part], flat_normal.double(), tracer.radius)
-        hits = tensors.closest_hit(tracer, origins[row], directions)
-        face = hits.face.long()
-        radiance = torch.zeros(len(row), 3, device=roughness.device)
-        free = face == MISS
-        solid_angle = 1 / (samples * pdf[row, column][free])
-        radiance[free] = pyramid.lookup(directions[free], solid_angle)
-        if extra is not None:
-            meets = extra[1][part][row][free]
-            radiance[torch.nonzero(free)[meets, 0]] += extra[0].lookup(directions[free][meets], solid_angle[meets])
-        if not bool(free.all()):
-            front = ~free & ((face_normals[face.clamp_min(0)] * directions).sum(-1) < 0)
-            radiance[front] = hit_radiance(face[front], hits.bary[front])
-        fresnel = brdf.schlick(v_h[row, column], f0[part][row])
-        value = radiance * fresnel * weight[row, column][:, None]
-        result[part] = torch.zeros(shape[0], 3, device=roughness.device).index_add_(0, row, value) / samples
+        lobes = trace_lobes(surface[part], face_normals, roughness[part], tracer, samples, shift[part])
+        result[part] = lobes.radiance(f0[part], sky, hit_radiance(lobes.face, lobes.bary))
     return result
 
 
@@ -90,39 +62,47 @@ def narrow_lobes(suns: Suns, roughness: torch.Tensor) -> torch.Tensor:
     return brdf.alpha_of(roughness) < NARROW * float(suns.radius.max()) if len(suns) else roughness < -math.inf
 
 
-@torch.no_grad()
-def sun_radiance(
-    suns: Suns,
-    flux: torch.Tensor,
-    surface: SurfaceSamples,
-    diffuse: torch.Tensor,
-    roughness: torch.Tensor,
-    f0: torch.Tensor,
-    tracer: RayTracer,
-    samples: int,
-    shift: torch.Tensor,
-    chunk: int = 1 << 16,
-) -> torch.Tensor:
-    """Radiance [N, 3] that `surface` sends to its viewer of the suns' light, `flux` [S, 3].
+@dataclass(frozen=True)
+class SunRays:
+    """Rays from N surface samples towards S small suns: for each sample `towards` [S, N, 3] and `cosine` [S, N] of
+    what is seen of a sun (0 where it is hidden)."""
 
-    diffuse f_d [N, 3], roughness [N], f0 [N, 3]. Points with narrow lobes reflect it diffusely only. Directions are a
-    set of `samples` per sun, moved by `shift` [N, 3], uniform in [0, 1), per point (Cranley and Patterson).
-    """
-    grid = sobol_points(samples).to(roughness.device)
-    shift = shift.to(roughness)
-    origins = offset_origins(surface.position, surface.flat.double(), tracer.radius)
-    mirrored = ~narrow_lobes(suns, roughness)
-    result = torch.zeros_like(diffuse)
-    for start in range(0, len(surface), chunk):
-        part = slice(start, start + chunk)
-        normal, view, f_d = surface.normal[part], surface.view[part], diffuse[part]
-        for number in range(samples):
-            towards = suns.directions((grid[number] + shift[part]) % 1)
-            seen = unoccluded(origins[part], surface.flat[part], towards, tracer)
-            cosine = (towards * normal).sum(-1).clamp_min(0) * seen
-            f = f_d + brdf.specular(normal, view, towards, roughness[part], f0[part]) * mirrored[part, None]
-            result[part] += (f * cosine[..., None] * flux[:, None]).sum(0)
-    return result / samples
+    suns: Suns
+    surface: SurfaceSamples
+    towards: list[torch.Tensor]
+    cosine: list[torch.Tensor]
+
+    @classmethod
+    @torch.no_grad()
+    def traced(
+        cls, suns: Suns, surface: SurfaceSamples, tracer: RayTracer, samples: int, shift: torch.Tensor
+    ) -> SunRays:
+        """A set of `samples` directions per sun, moved by `shift` [N, 3], uniform in [0, 1), per point (Cranley and
+        Patterson)."""
+        grid = sobol_points(samples).to(surface.n_v.device)
+        origins = offset_origins(surface.position, surface.flat.double(), tracer.radius)
+        towards = [suns.directions((grid[number] + shift.to(surface.n_v)) % 1) for number in range(samples)]
+        cosine = [
+            (each * surface.normal).sum(-1).clamp_min(0) * unoccluded(origins, surface.flat, each, tracer)
+            for each in towards
+        ]
+        return cls(suns, surface, towards, cosine)
+
+    @torch.no_grad()
+    def radiance(
+        self, flux: torch.Tensor, diffuse: torch.Tensor, roughness: torch.Tensor, f0: torch.Tensor
+    ) -> torch.Tensor:
+        """Radiance [N, 3] that the samples send to their viewer of the suns' light, `flux` [S, 3].
+
+        diffuse f_d [N, 3], roughness [N], f0 [N, 3]. Points with narrow lobes reflect it diffusely only.
+        """
+        normal, view = self.surface.normal, self.surface.view
+        mirrored = ~narrow_lobes(self.suns, roughness)[:, None]
+        result = torch.zeros_like(diffuse)
+        for towards, cosine in zip(self.towards, self.cosine, strict=True):
+            f = diffuse + brdf.specular(normal, view, towards, roughness, f0) * mirrored
+            result += (f * cosine[..., None] * flux[:, None]).sum(0)
+        return result / len(self.towards)
 
 
 @dataclass(frozen=True)
