@@ -92,13 +92,23 @@ def edge_weight(image: torch.Tensor, floor: float = 0.02) -> torch.Tensor:
 
     `floor` is the least maximum in display units: noise on a flat picture is no edge.
     """
+    slope = _slope(image)
+    return (1 - slope / slope.max().clamp(min=floor)).square()
+
+
+def strongest_edge(image: torch.Tensor, floor: float = 0.02) -> torch.Tensor:
+    """The largest slope of a picture [H, W, 3] in display units a pixel, at least `floor`."""
+    return _slope(image).max().clamp(min=floor)
+
+
+def _slope(image: torch.Tensor) -> torch.Tensor:
     grey = image.mean(-1)
     slope = torch.zeros_like(grey)
     if min(grey.shape) >= 3:
         across = (grey[1:-1, 2:] - grey[1:-1, :-2]) / 2
         down = (grey[2:, 1:-1] - grey[:-2, 1:-1]) / 2
         slope[1:-1, 1:-1] = torch.hypot(across, down)
-    return (1 - slope / slope.max().clamp(min=floor)).square()
+    return slope
 
 
 def patch_mismatch(

@@ -9,8 +9,8 @@ import torch
 
 from exmesh_graph.priors.depth_filter import agreed, normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
-from exmesh_graph.splat.fit import nearest_views
 from exmesh_graph.splat.gaussians import Gaussians
+from exmesh_graph.splat.pictures import nearest_views
 from exmesh_graph.splat.render import Render, plane_depth, render
 from exmesh_graph.targets import Targets
 from exmesh_graph.types import DepthMaps

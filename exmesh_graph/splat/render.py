@@ -10,7 +10,7 @@ from torch.autograd.function import once_differentiable
 
 from exmesh_graph.gpu.limits import check_near, check_size
 from exmesh_graph.gpu.warp_runtime import launch
-from exmesh_graph.splat.fused.draw import Camera, Splat
+from exmesh_graph.splat.fused.draw import Camera, Splat, numbers
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.runtime import kernels
 
@@ -27,7 +27,8 @@ PAIRS = 1 << 22
 COVERED = 0.5
 """Coverage from which on a pixel has a depth."""
 
-_GRAZING = 0.05
+GRAZING = 0.05
+"""Cosine of a ray and its plane below which there is no depth."""
 
 
 @dataclass
@@ -95,9 +96,7 @@ def render(
             raise ValueError(f"{name} is {tensor.dtype} {tuple(tensor.shape)}, the means are {gaussians.means.dtype} "
                              f"{tuple(gaussians.means.shape)}")  # fmt: skip
     device = gaussians.means.device
-    pose, matrix = world_to_camera.to(device, torch.float64), intrinsics.to(device, torch.float64)
-    rotation, shift = pose[:3, :3], pose[:3, 3]
-    camera = torch.cat([rotation.reshape(-1), shift, matrix[:2].reshape(-1), -rotation.T @ shift])
+    camera = numbers(intrinsics.to(device), world_to_camera.to(device))
     drawn = DrawnGaussians(
         torch.zeros((len(gaussians), 4), dtype=torch.int32, device=device),
         gaussians.means.new_zeros(len(gaussians)),
@@ -128,7 +127,7 @@ def plane_depth(
     facing = (normal * rays).sum(-1)
     with torch.no_grad():
         length = (normal.square().sum(-1) * rays.square().sum(-1)).sqrt()
-        valid = (alpha > COVERED) & (facing < -_GRAZING * length) & (distance < 0)
+        valid = (alpha > COVERED) & (facing < -GRAZING * length) & (distance < 0)
     return torch.where(valid, distance / torch.where(valid, facing, -1.0), 0.0), valid
 
 

@@ -194,9 +194,10 @@ def test_the_code_of_every_kernel_is_part_of_the_nodes_fingerprint():
     room = Path(runtime.__file__).parent
     files = {f"exmesh_graph.splat.{path.stem}" for path in room.glob("kernels_*.py")}
     assert len(files) == 5
-    files |= {f"exmesh_graph.splat.fused.{path.stem}" for path in room.glob("fused/*.py") if path.stem != "__init__"}
-    assert files <= set(fingerprint(load_packs().types["init.pgsr"]).modules)
-    assert files <= set(fingerprint(load_packs().types["prior.depth_from_gaussians"]).modules)
+    fused = {f"exmesh_graph.splat.fused.{path.stem}" for path in room.glob("fused/*.py") if path.stem != "__init__"}
+    assert files | fused <= set(fingerprint(load_packs().types["init.pgsr"]).modules)
+    drawn = {f"exmesh_graph.splat.fused.{name}" for name in ("kernels_draw", "native_project", "native_blend")}
+    assert files | drawn <= set(fingerprint(load_packs().types["prior.depth_from_gaussians"]).modules)
 
 
 def test_any_object_with_the_settings_attributes_will_do(views):

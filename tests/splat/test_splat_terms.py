@@ -9,8 +9,8 @@ from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.consistency import View, edge_weight, flattening, multi_view, patch_mismatch, single_view_normal
 from exmesh_graph.splat.depths import depth_maps, middle_planes
-from exmesh_graph.splat.fit import nearest_views
 from exmesh_graph.splat.gaussians import Gaussians
+from exmesh_graph.splat.pictures import nearest_views
 from exmesh_graph.splat.render import plane_depth, render
 from exmesh_graph.splat.settings import DepthSettings
 from exmesh_graph.targets import prepare_targets

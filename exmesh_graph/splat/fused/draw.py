@@ -12,9 +12,8 @@ from torch.autograd.function import once_differentiable
 from exmesh_graph.gpu.cores import scratch, split
 from exmesh_graph.gpu.limits import check_size
 from exmesh_graph.gpu.warp_runtime import launch, warp
+from exmesh_graph.splat.fused.native_eight import RECORD
 from exmesh_graph.splat.gaussians import Gaussians
-
-_RECORD = 16
 
 
 class Camera(NamedTuple):
@@ -75,11 +74,12 @@ class Drawing:
             torch.full((height, width), -1, dtype=torch.int32),
         )  # fmt: skip
         self.seen.box[:, 2] = -1
+        self.thick = torch.zeros(self.blocks, 2, dtype=torch.float64)
         self.lists: _Lists | None = None
         if not (count and height and width):
             return
         k = _kernels()
-        self.records = torch.empty(-(-count // 8) * 8, _RECORD)
+        self.records = torch.empty(-(-count // 8) * 8, RECORD)
         depth, touched = scratch("splat depths", count)[:count], scratch("splat tiles", count, torch.int32)[:count]
         split(
             k.project, self.blocks, count, *gaussians.tensors().values(), gaussians.sh.shape[1], max(camera.degree, 0),
@@ -91,10 +91,13 @@ class Drawing:
             return
         self.left, self.last = torch.empty(height, width), torch.empty(height, width, dtype=torch.int32)
         split(
-            k.blend, len(lists.start) - 1, *self._tiles(), *self.planes, self.left, self.last, self.seen.middle,
-            lists.weights, grain=1,
+            k.blend, len(lists.start) - 1, *self._tiles(), int(camera.degree >= 0), *self.planes, self.left, self.last,
+            self.seen.middle, lists.weights, grain=1,
         )  # fmt: skip
-        split(k.sum_slots, self.blocks, count, lists.first, lists.weights, self.seen.weight, grain=16)
+        split(
+            k.sum_slots, self.blocks, count, lists.first, lists.weights, gaussians.scales, self.seen.weight, self.thick,
+            grain=16,
+        )  # fmt: skip
 
     @property
     def blocks(self) -> int:
@@ -111,24 +114,38 @@ class Drawing:
     def back(self, to: Planes, on_screen: torch.Tensor) -> Gaussians:
         """dL/d of every parameter for dL/d of the planes (contiguous), 0 where not seen; fills `on_screen` [G, 2] as
         `DrawnGaussians.gradient`."""
-        lists, gaussians = self.lists, self.gaussians
-        if lists is None or not len(lists.entries):
+        gradients = self.gaussians.map(torch.empty_like)
+        if not self._carry(_adjoint().gradients, to, 0.0, *gradients.tensors().values(), on_screen):
             on_screen.zero_()
-            return gaussians.map(torch.zeros_like)
-        k = _kernels()
-        slots = scratch("splat slots", len(lists.entries) * _RECORD)
-        split(
-            k.blend_adjoint, len(lists.start) - 1, *self._tiles(), lists.weights, self.left, self.last, *to, slots,
-            grain=1,
-        )  # fmt: skip
-        gradients = gaussians.map(torch.empty_like)
-        camera = self.camera
-        split(
-            k.project_adjoint, self.blocks, len(gaussians), lists.first, lists.weights, slots, self.seen.weight,
-            self.records, *gaussians.tensors().values(), gaussians.sh.shape[1], camera.degree, camera.numbers,
-            camera.height, camera.width, *gradients.tensors().values(), on_screen, grain=4,
-        )  # fmt: skip
+            return self.gaussians.map(torch.zeros_like)
         return gradients
+
+    def step(self, to: Planes, thin: float, *state: Any) -> None:
+        """A step of Adam for dL/d of the planes (contiguous), plus `thin` for dL/d of each thickness that is seen;
+        `state` is what `kernels_adjoint.adam_step` takes from the moments on."""
+        self._carry(_adjoint().adam_step, to, thin, *state)
+
+    def thickness(self) -> tuple[int, float]:
+        """How many Gaussians are seen, and the mean of their smallest standard deviations."""
+        count, total = self.thick.sum(0).tolist()
+        return int(count), total / max(count, 1)
+
+    def _carry(self, end: Any, to: Planes, thin: float, *rest: Any) -> bool:
+        """The way back, up to what `end` makes of it; False where nothing was drawn."""
+        lists, gaussians, camera = self.lists, self.gaussians, self.camera
+        if lists is None or not len(lists.entries):
+            return False
+        slots = scratch("splat slots", len(lists.entries) * RECORD)
+        split(
+            _adjoint().blend_adjoint, len(lists.start) - 1, *self._tiles(), lists.weights, self.left, self.last, *to,
+            slots, grain=1,
+        )  # fmt: skip
+        split(
+            end, self.blocks, len(gaussians), lists.first, lists.weights, slots, self.seen.weight, self.records, thin,
+            *gaussians.tensors().values(), gaussians.sh.shape[1], camera.degree, camera.numbers, camera.height,
+            camera.width, *rest, grain=4,
+        )  # fmt: skip
+        return True
 
 
 class Splat(torch.autograd.Function):
@@ -147,6 +164,13 @@ class Splat(torch.autograd.Function):
     def backward(ctx: Any, *to):  # type: ignore[no-untyped-def]
         gradients = ctx.drawing.back(Planes(*(t.contiguous() for t in to)), ctx.drawn.gradient)
         return *gradients.tensors().values(), None, None, None
+
+
+def numbers(intrinsics: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
+    """float64 [21] of a camera's [3, 3] and [4, 4]: `Camera.numbers`."""
+    pose, matrix = world_to_camera.double(), intrinsics.double()
+    rotation, shift = pose[:3, :3], pose[:3, 3]
+    return torch.cat([rotation.reshape(-1), shift, matrix[:2].reshape(-1), -rotation.T @ shift])
 
 
 def _listed(box: torch.Tensor, depth: torch.Tensor, touched: torch.Tensor, camera: Camera, most_pairs: int) -> _Lists:
@@ -178,3 +202,12 @@ def _kernels() -> Any:
     from exmesh_graph.splat.fused import kernels_draw
 
     return kernels_draw
+
+
+@cache
+def _adjoint() -> Any:
+    """Imported after Warp has been set up."""
+    warp()
+    from exmesh_graph.splat.fused import kernels_adjoint
+
+    return kernels_adjoint

@@ -1,12 +1,13 @@
-"""Warp kernels that draw Gaussians and carry gradients back. CPU only: each calls a native snippet."""
+"""Warp kernels that draw Gaussians. CPU only: each calls a native snippet."""
 
 # mypy: ignore-errors
 # Kernels are written in Warp's own language, which only looks like Python.
 
 import warp as wp
 
-from exmesh_graph.splat.fused.native_blend import BLEND, BLEND_ADJOINT, LIST_TILES, SORT, SUM_SLOTS
-from exmesh_graph.splat.fused.native_project import ADJOINT, BLOCK, PROJECT
+from exmesh_graph.splat.fused.native_blend import BLEND, LIST_TILES, SORT, SUM_SLOTS
+from exmesh_graph.splat.fused.native_eight import BLOCK
+from exmesh_graph.splat.fused.native_project import PROJECT
 
 wp.set_module_options({"enable_backward": False})
 
@@ -63,9 +64,27 @@ def project(
 ):
     """Record, pixel box, depth and number of touched tiles of each Gaussian of a block; no tile: not drawn."""
     _project(
-        first + wp.tid(), GAUSSIANS, count, means, scales, rotations, opacities, sh, stored, degree, coloured, camera,
-        height, width, near, tile, records, box, depth, tiles_of,
-    )  # fmt: skip
+        first + wp.tid(),
+        GAUSSIANS,
+        count,
+        means,
+        scales,
+        rotations,
+        opacities,
+        sh,
+        stored,
+        degree,
+        coloured,
+        camera,
+        height,
+        width,
+        near,
+        tile,
+        records,
+        box,
+        depth,
+        tiles_of,
+    )
 
 
 @wp.func_native(LIST_TILES)
@@ -96,7 +115,7 @@ def list_tiles(
 
 
 @wp.func_native(SORT)
-def _sort(
+def _sort_slots(
     count: int,
     slots: int,
     tiles: int,
@@ -122,7 +141,7 @@ def sort_slots(
     entries: wp.array(dtype=int),
 ):
     """(slot, Gaussian) by tile and then by depth; of equal depth by number. One item."""
-    _sort(count, slots, tiles, depth, first_slot, tile_of, memory, start, entries)
+    _sort_slots(count, slots, tiles, depth, first_slot, tile_of, memory, start, entries)
 
 
 @wp.func_native(BLEND)
@@ -136,6 +155,7 @@ def _blend(
     across: int,
     height: int,
     width: int,
+    coloured: int,
     colour: wp.array(dtype=float),
     alpha_out: wp.array(dtype=float),
     normal: wp.array(dtype=float),
@@ -158,8 +178,9 @@ def blend(
     across: int,
     height: int,
     width: int,
+    coloured: int,
     colour: wp.array(dtype=float),
-    alpha: wp.array(dtype=float),
+    alpha_out: wp.array(dtype=float),
     normal: wp.array(dtype=float),
     distance: wp.array(dtype=float),
     left: wp.array(dtype=float),
@@ -169,9 +190,25 @@ def blend(
 ):
     """A tile's pixels, and of each of its slots the sum of w; `left` and `last` as in kernels_blend."""
     _blend(
-        first + wp.tid(), start, entries, records, box, tile, across, height, width, colour, alpha, normal, distance,
-        left, last, middle, weights,
-    )  # fmt: skip
+        first + wp.tid(),
+        start,
+        entries,
+        records,
+        box,
+        tile,
+        across,
+        height,
+        width,
+        coloured,
+        colour,
+        alpha_out,
+        normal,
+        distance,
+        left,
+        last,
+        middle,
+        weights,
+    )
 
 
 @wp.func_native(SUM_SLOTS)
@@ -181,7 +218,9 @@ def _sum_slots(
     count: int,
     first_slot: wp.array(dtype=int),
     weights: wp.array(dtype=float),
+    scales: wp.array(dtype=float),
     weight: wp.array(dtype=float),
+    thickness: wp.array(dtype=wp.float64),
 ): ...
 
 
@@ -191,120 +230,9 @@ def sum_slots(
     count: int,
     first_slot: wp.array(dtype=int),
     weights: wp.array(dtype=float),
-    weight: wp.array(dtype=float),
-):
-    """Per Gaussian of a block the sum of its slots' weights."""
-    _sum_slots(first + wp.tid(), GAUSSIANS, count, first_slot, weights, weight)
-
-
-@wp.func_native(BLEND_ADJOINT)
-def _blend_adjoint(
-    item: int,
-    start: wp.array(dtype=int),
-    entries: wp.array(dtype=int),
-    records: wp.array(dtype=float),
-    box: wp.array(dtype=int),
-    tile: int,
-    across: int,
-    height: int,
-    width: int,
-    weights: wp.array(dtype=float),
-    left: wp.array(dtype=float),
-    last: wp.array(dtype=int),
-    to_colour: wp.array(dtype=float),
-    to_alpha: wp.array(dtype=float),
-    to_normal: wp.array(dtype=float),
-    to_distance: wp.array(dtype=float),
-    slots: wp.array(dtype=float),
-): ...
-
-
-@wp.kernel
-def blend_adjoint(
-    first: int,
-    start: wp.array(dtype=int),
-    entries: wp.array(dtype=int),
-    records: wp.array(dtype=float),
-    box: wp.array(dtype=int),
-    tile: int,
-    across: int,
-    height: int,
-    width: int,
-    weights: wp.array(dtype=float),
-    left: wp.array(dtype=float),
-    last: wp.array(dtype=int),
-    to_colour: wp.array(dtype=float),
-    to_alpha: wp.array(dtype=float),
-    to_normal: wp.array(dtype=float),
-    to_distance: wp.array(dtype=float),
-    slots: wp.array(dtype=float),
-):
-    """Per slot of a tile that shows something: dL/d(rgb, normal, distance), sums over its pixels of s = dL/dln alpha
-    times 1, u, v, u^2, u v, v^2 (from the mean), and of |L d/du|, |L d/dv|; slots of weight 0 are left."""
-    _blend_adjoint(
-        first + wp.tid(), start, entries, records, box, tile, across, height, width, weights, left, last, to_colour,
-        to_alpha, to_normal, to_distance, slots,
-    )  # fmt: skip
-
-
-@wp.func_native(ADJOINT)
-def _adjoint(
-    block: int,
-    block_size: int,
-    count: int,
-    first_slot: wp.array(dtype=int),
-    slot_weights: wp.array(dtype=float),
-    slots: wp.array(dtype=float),
-    weight: wp.array(dtype=float),
-    records: wp.array(dtype=float),
-    means: wp.array(dtype=float),
     scales: wp.array(dtype=float),
-    rotations: wp.array(dtype=float),
-    opacities: wp.array(dtype=float),
-    sh: wp.array(dtype=float),
-    stored: int,
-    degree: int,
-    camera: wp.array(dtype=float),
-    height: int,
-    width: int,
-    to_means: wp.array(dtype=float),
-    to_scales: wp.array(dtype=float),
-    to_rotations: wp.array(dtype=float),
-    to_opacities: wp.array(dtype=float),
-    to_sh: wp.array(dtype=float),
-    on_screen: wp.array(dtype=float),
-): ...
-
-
-@wp.kernel
-def project_adjoint(
-    first: int,
-    count: int,
-    first_slot: wp.array(dtype=int),
-    slot_weights: wp.array(dtype=float),
-    slots: wp.array(dtype=float),
     weight: wp.array(dtype=float),
-    records: wp.array(dtype=float),
-    means: wp.array(dtype=float),
-    scales: wp.array(dtype=float),
-    rotations: wp.array(dtype=float),
-    opacities: wp.array(dtype=float),
-    sh: wp.array(dtype=float),
-    stored: int,
-    degree: int,
-    camera: wp.array(dtype=float),
-    height: int,
-    width: int,
-    to_means: wp.array(dtype=float),
-    to_scales: wp.array(dtype=float),
-    to_rotations: wp.array(dtype=float),
-    to_opacities: wp.array(dtype=float),
-    to_sh: wp.array(dtype=float),
-    on_screen: wp.array(dtype=float),
+    thickness: wp.array(dtype=wp.float64),
 ):
-    """Sums of each Gaussian's slots, in their order, carried back to its parameters; 0 where it was not seen."""
-    _adjoint(
-        first + wp.tid(), GAUSSIANS, count, first_slot, slot_weights, slots, weight, records, means, scales, rotations,
-        opacities, sh, stored, degree, camera, height, width, to_means, to_scales, to_rotations, to_opacities, to_sh,
-        on_screen,
-    )  # fmt: skip
+    """Per Gaussian of a block the sum of its slots' weights; of the block how many are seen, and their thickness."""
+    _sum_slots(first + wp.tid(), GAUSSIANS, count, first_slot, weights, scales, weight, thickness)

@@ -7,7 +7,7 @@ still lets light through: what lies behind opaque pixels costs a few operations,
 """
 
 from exmesh_graph.gpu.simd import MATHS
-from exmesh_graph.splat.fused.native_project import SHUFFLES
+from exmesh_graph.splat.fused.native_eight import SHUFFLES
 
 #: Side of a block in pixels, bits of a word. A block's rows have eight more, which show nothing.
 SIDE = 32
@@ -64,14 +64,30 @@ SORT = """
     }
 """
 
-SUM_SLOTS = """
+SUM_SLOTS = (
+    MATHS
+    + """
     const int begin = block * block_size, end = begin + block_size < count ? begin + block_size : count;
-    for (int g = begin; g < end; ++g) {
-        float sum = 0.f;
-        for (int slot = first_slot.data[g]; slot < first_slot.data[g + 1]; ++slot) sum += weights.data[slot];
-        weight.data[g] = sum;
+    double seen = 0.0;
+    vd thick = 0.0;
+    for (int i = begin; i < end; i += LANES) {
+        vf least = -1e30f;
+        for (int g = i; g < i + LANES && g < end; ++g) {
+            float sum = 0.f;
+            for (int slot = first_slot.data[g]; slot < first_slot.data[g + 1]; ++slot) sum += weights.data[slot];
+            weight.data[g] = sum;
+            if (!(sum > 0.f)) continue;
+            seen += 1.0;
+            const float* s = scales.data + 3 * (long)g;
+            const float low = s[0] < s[1] ? s[0] : s[1];
+            least[g - i] = low < s[2] ? low : s[2];
+        }
+        thick += __builtin_convertvector(least > -1e30f ? vexp(least) : (vf)0.f, vd);
     }
+    thickness.data[2 * block] = seen;
+    thickness.data[2 * block + 1] = total(thick);
 """
+)
 
 _COMMON = (
     MATHS
@@ -170,9 +186,11 @@ BLEND = (
                     alpha = alpha < MOST ? alpha : (vf)MOST;
                     const vf w = hit ? t * alpha : (vf)0.f, after = t - w;
                     STORE(passed + at, after);
-                    STORE(sums[0] + at, fma(w, f0, LOAD(sums[0] + at)));
-                    STORE(sums[1] + at, fma(w, f1, LOAD(sums[1] + at)));
-                    STORE(sums[2] + at, fma(w, f2, LOAD(sums[2] + at)));
+                    if (coloured) {
+                        STORE(sums[0] + at, fma(w, f0, LOAD(sums[0] + at)));
+                        STORE(sums[1] + at, fma(w, f1, LOAD(sums[1] + at)));
+                        STORE(sums[2] + at, fma(w, f2, LOAD(sums[2] + at)));
+                    }
                     STORE(sums[3] + at, fma(w, f3, LOAD(sums[3] + at)));
                     STORE(sums[4] + at, fma(w, f4, LOAD(sums[4] + at)));
                     STORE(sums[5] + at, fma(w, f5, LOAD(sums[5] + at)));
