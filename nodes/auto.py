@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.geometry.settings import CleanSettings, HullSettings
+from exmesh_graph.geometry.settings import CleanSettings, HullSettings, Voxels
 from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
+_LEAST_PART = 0.002  # of the largest part's area: smaller ones are what masks fail to rule out
 
 
 class AutoParams(DeviceSettings):
@@ -21,8 +22,13 @@ class AutoParams(DeviceSettings):
     iterations: int = param(0, ge=0, doc="Of the planar Gaussians; 0: as many as `seconds` pays for, 500 to 1500.")
     side: int = param(400, ge=16, unit="px", doc="Longer side of the pictures to which Gaussians are fitted, about.")
     count: int = param(20000, ge=1, doc="Gaussians at the start where no points are wired in.")
-    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Of the hull or the fusion.")
+    resolution: Voxels = param(
+        0, ge=0, le=512, unit="voxels", doc="Of the hull or the fusion; 0: as fine as masks show it, without masks 128."
+    )
     faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
+    tolerance: float = param(
+        0.015, ge=0, le=1, doc="With masks: more faces, where so few would lose thin parts (as init.clean)."
+    )
     close_holes: int = param(60, ge=0, unit="edges", doc="Without masks: fill holes of at most so many edges.")
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point.")
 
@@ -93,7 +99,10 @@ def auto(
             rows.append(row)
             ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
             mesh = mesh if row["value"] == "gaussians" else hull
-    cleaning = CleanSettings(faces=p.faces, close_holes=0 if masks else p.close_holes)
+    if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
+        cleaning = CleanSettings(faces=p.faces, tolerance=p.tolerance, components=0, min_area=_LEAST_PART)
+    else:
+        cleaning = CleanSettings(faces=p.faces, close_holes=p.close_holes)
     return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))
 
 

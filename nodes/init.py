@@ -17,6 +17,9 @@ MaskedTrain = Annotated[Views, facets(split="train", masks=True)]
 Train = Annotated[Views, facets(split="train")]
 
 
+_MUCH = 0.02  # of a surface: dropping more is worth a warning
+
+
 class MeshOut(NamedTuple):
     mesh: Mesh
 
@@ -107,10 +110,20 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
 @node("init.clean", version="1", libraries=("scipy", "pymeshlab", "open3d"))
 def clean(ctx: Context, mesh: Mesh, *, p: CleanSettings) -> ManifoldMeshOut:
     """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed."""
-    from exmesh_graph.geometry.clean import clean_mesh
+    from exmesh_graph.geometry.adjacency import face_areas
+    from exmesh_graph.geometry.clean import clean_mesh, largest_components
 
+    kept = face_areas(*largest_components(mesh.vertices, mesh.faces, p.components, p.min_area)).sum()
+    share = 1 - kept / max(face_areas(mesh.vertices, mesh.faces).sum(), 1e-30)
+    if share > _MUCH:
+        ctx.warn(
+            f"parts that make up {share:.0%} of the surface are dropped: `components` keeps {p.components or 'all'}, "
+            f"`min_area` those above {p.min_area:g} of the largest. If they belong to the object, set components: 0"
+        )
     vertices, faces = clean_mesh(mesh.vertices, mesh.faces, p, where=ctx.node)
-    if len(faces) > 1.1 * p.faces:
+    if p.tolerance and len(faces) > 1.1 * p.faces:
+        ctx.log(f"{len(faces)} faces, where {p.faces} would lose thin parts")
+    if len(faces) > 1.1 * (max(p.faces, p.max_faces) if p.tolerance else p.faces):
         ctx.warn(
             f"{len(faces)} faces, not {p.faces}: the surface has holes or handles that fewer faces cannot hold. "
             "Close the holes (close_holes), or make a smoother surface first"

@@ -4,12 +4,18 @@ from typing import NamedTuple
 
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.types import Carrier, Mesh, Stage1State
+from exmesh_graph.types import Carrier, Mesh, Stage1State, Views
 from exmesh_graph.uv.settings import DiscSettings, XatlasSettings
 
 
 class NewTexture(Params):
-    texture_size: int = param(1024, ge=16, le=8192, unit="texels", doc="Side of the square texture.")
+    texture_size: int = param(
+        1024,
+        ge=0,
+        le=8192,
+        unit="texels",
+        doc="Side of the square texture; 0: as fine as `views` show it, 1.25 pixels, in multiples of 64.",
+    )
     fill: float = param(0.5, ge=0.0, le=1.0, doc="Grey that the sRGB texture starts with.")
 
 
@@ -48,15 +54,15 @@ class StateOut(NamedTuple):
 
 
 @node("uv.unwrap", version="1", libraries=("torch", "warp-lang", "scipy"))
-def unwrap(ctx: Context, mesh: Mesh, *, p: UnwrapParams) -> CarrierOut:
+def unwrap(ctx: Context, mesh: Mesh, views: Views | None = None, *, p: UnwrapParams) -> CarrierOut:
     """Unwrap a mesh into an atlas of nearly flat discs, laid out as rigidly as possible; give it a grey texture."""
-    return _unwrapped(ctx, mesh, p)
+    return _unwrapped(ctx, mesh, views, p)
 
 
 @node("uv.xatlas_unwrap", version="2", libraries=("xatlas", "torch", "warp-lang", "scipy"))
-def xatlas_unwrap(ctx: Context, mesh: Mesh, *, p: XatlasUnwrapParams) -> CarrierOut:
+def xatlas_unwrap(ctx: Context, mesh: Mesh, views: Views | None = None, *, p: XatlasUnwrapParams) -> CarrierOut:
     """Unwrap a mesh into an atlas with the charts of xatlas (slow on large or rough meshes); give it a grey texture."""
-    return _unwrapped(ctx, mesh, p)
+    return _unwrapped(ctx, mesh, views, p)
 
 
 @node("uv.maintain", version="1", libraries=("scipy",))
@@ -101,13 +107,23 @@ def xatlas_regen(ctx: Context, state: Stage1State, *, p: XatlasRegenParams) -> S
     return _regenerated(ctx, state, p)
 
 
-def _unwrapped(ctx: Context, mesh: Mesh, p: UnwrapParams | XatlasUnwrapParams) -> CarrierOut:
+def _unwrapped(ctx: Context, mesh: Mesh, views: Views | None, p: UnwrapParams | XatlasUnwrapParams) -> CarrierOut:
     import numpy as np
 
-    from exmesh_graph.uv.unwrap import unwrap
+    from exmesh_graph.errors import DataError
+    from exmesh_graph.uv.unwrap import shown_side, unwrap
 
-    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, p.texture_size, p, warn=ctx.warn)
-    texture = np.full((p.texture_size, p.texture_size, 3), p.fill, np.float32)
+    size = p.texture_size
+    if size == 0:
+        if views is None:
+            raise DataError(
+                "texture_size: 0 asks the photographs, and none are wired in", where=ctx.node,
+                fix='wire `views: "@<loader>.train"`, or give texture_size',
+            )  # fmt: skip
+        size = shown_side(mesh.vertices, mesh.faces, views.intrinsics, views.world_to_camera)
+        ctx.log(f"a texture of {size} x {size}, as fine as the photographs show the surface")
+    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, size, p, warn=ctx.warn)
+    texture = np.full((size, size, 3), p.fill, np.float32)
     return CarrierOut(Carrier(mesh.vertices, mesh.faces, uvs, uv_faces, texture))
 
 

@@ -390,7 +390,7 @@ class _Gallery(Family):
     def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 128, faces: int | Parameter = 5000, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.015, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
         """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
@@ -400,15 +400,18 @@ class _Init(Family):
         iterations: Of the planar Gaussians; 0: as many as `seconds` pays for, 500 to 1500. [>= 0]
         side: Longer side of the pictures to which Gaussians are fitted, about. [px, >= 16]
         count: Gaussians at the start where no points are wired in. [>= 1]
-        resolution: Of the hull or the fusion. [voxels, >= 16, <= 512]
+        resolution: Of the hull or the fusion; 0: as fine as masks show it, without masks 128. [voxels, >= 0, <= 512]
         faces: Face budget of the result. [faces, >= 20]
+        tolerance: With masks: more faces, where so few would lose thin parts (as init.clean). [>= 0, <= 1]
         close_holes: Without masks: fill holes of at most so many edges. [edges, >= 0]
         wrong_masks: Masks that may be wrong at a point. [views, >= 0]
         """
-    def clean(self, name: str = "", *, mesh: Wire[Mesh] | Node, faces: int | Parameter = 5000, method: Literal["builtin", "pymeshlab", "open3d"] | Parameter = "builtin", components: int | Parameter = 1, min_area: float | Parameter = 0.0, close_holes: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
+    def clean(self, name: str = "", *, mesh: Wire[Mesh] | Node, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.0, max_faces: int | Parameter = 12000, method: Literal["builtin", "pymeshlab", "open3d"] | Parameter = "builtin", components: int | Parameter = 1, min_area: float | Parameter = 0.0, close_holes: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed.
 
         faces: Face budget of the result. [faces, >= 20]
+        tolerance: The budget doubles until 99 % of the surface is kept to within this share of its radius (half the box's diagonal), so that thin parts stay; 0: never. [>= 0, <= 1]
+        max_faces: Where doubling ends (`tolerance`). [faces, >= 20]
         method: builtin, pymeshlab (GPL-3): isotropic remeshing; open3d: quadric decimation.
         components: Connected parts to keep, largest area first; 0 = all. [>= 0]
         min_area: Drop parts below this share of the largest part's area. [>= 0, <= 1]
@@ -479,7 +482,7 @@ class _Init(Family):
     def tsdf(self, name: str = "", *, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node, resolution: int | Parameter = 128, truncation: float | Parameter = 4.0, masked: bool | Parameter = True, min_weight: float | Parameter = 1.0, radius: float | Parameter = 0.0, solid: bool | Parameter = False, wrong_masks: int | Parameter = 0, incidence: float | Parameter = 0.0, agreeing: int | Parameter = 0, tolerance: float | Parameter = 0.01, parts: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull.
 
-        resolution: Voxels along the unit sphere's diameter. [voxels, >= 16, <= 512]
+        resolution: Voxels along the unit sphere's diameter; 0: 128, solid: as init.visual_hull. [voxels, >= 0, <= 512]
         truncation: Distance at which the field is cut off. [voxels, >= 1.5, <= 32]
         masked: Ignore depth where alpha < 1/2.
         min_weight: Views that must have seen a voxel. [views, >= 1]
@@ -494,7 +497,7 @@ class _Init(Family):
     def visual_hull(self, name: str = "", *, views: Wire[Views] | Node, resolution: int | Parameter = 128, wrong_masks: int | Parameter = 0, smooth: int | Parameter = 10, chunk: int | Parameter = 262144, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """The largest closed shape that agrees with the masks.
 
-        resolution: Voxels along the object's longest side. [voxels, >= 16, <= 512]
+        resolution: Voxels along the object's longest side; 0: as fine as pictures show it, 1.25 pixels, 64 to 192 voxels. [voxels, >= 0, <= 512]
         wrong_masks: Masks that may be wrong at a point; 1 for hand-made masks. [views, >= 0]
         smooth: Taubin smoothing steps (no shrinking) after marching cubes. [steps, >= 0, <= 200]
         chunk: Points handled at once; bounds memory. [points, >= 4096]
@@ -740,10 +743,10 @@ class _Uv(Family):
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.
         bend: How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts. [> 0.0, < 1.0]
         """
-    def unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> CarrierNode:
+    def unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> CarrierNode:
         """Unwrap a mesh into an atlas of nearly flat discs, laid out as rigidly as possible; give it a grey texture.
 
-        texture_size: Side of the square texture. [texels, >= 16, <= 8192]
+        texture_size: Side of the square texture; 0: as fine as `views` show it, 1.25 pixels, in multiples of 64. [texels, >= 0, <= 8192]
         fill: Grey that the sRGB texture starts with. [>= 0.0, <= 1.0]
         padding: Space kept free between charts. [texels, >= 0, <= 64]
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.
@@ -759,10 +762,10 @@ class _Uv(Family):
         chart_iterations: xatlas: rounds of chart growing. [>= 1, <= 8]
         max_seconds: When xatlas is not done by then, uv.unwrap's charts take its place, with a warning. [s, > 0.0]
         """
-    def xatlas_unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> CarrierNode:
+    def xatlas_unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> CarrierNode:
         """Unwrap a mesh into an atlas with the charts of xatlas (slow on large or rough meshes); give it a grey texture.
 
-        texture_size: Side of the square texture. [texels, >= 16, <= 8192]
+        texture_size: Side of the square texture; 0: as fine as `views` show it, 1.25 pixels, in multiples of 64. [texels, >= 0, <= 8192]
         fill: Grey that the sRGB texture starts with. [>= 0.0, <= 1.0]
         padding: Space kept free between charts. [texels, >= 0, <= 64]
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.

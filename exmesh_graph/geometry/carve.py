@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.hull import Grid, SilhouetteField, occupied_box, surface
+from exmesh_graph.geometry.hull import Grid, SilhouetteField, occupied_box, shown_resolution, surface
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.types import DepthMaps, Views
 
@@ -37,7 +37,7 @@ def carve(
     settings = settings or TsdfSettings()
     depths.require_of(views, "init.tsdf")
     low, high = occupied_box(field, np.full(3, -1.05), np.full(3, 1.05))
-    grid = Grid.over(low, high, settings.resolution)
+    grid = Grid.over(low, high, settings.resolution or shown_resolution(field, low, high))
     points = grid.points()
     values = field(points, floor=-3 * grid.step)
     inside = np.flatnonzero(values > -2 * grid.step)

@@ -15,11 +15,13 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
+from exmesh_graph.geometry.pixels import FINENESS, pixel_width
 from exmesh_graph.types import Views
 
 # A field this many voxels below zero is certainly outside: the remaining views need not be asked.
 _DROP = 2.5
 _COARSE = 48
+_RESOLUTIONS = 64, 192
 
 
 def silhouette_distance(alpha: np.ndarray) -> np.ndarray:
@@ -214,14 +216,14 @@ def visual_hull(
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) of the hull: closed, counter-clockwise from outside.
 
     `resolution` is the number of voxels along the longest side of the object's box, which a coarse pass over
-    [low, high] finds. Only a band around the coarse surface is evaluated finely: the field changes by about the
-    distance moved, so two coarse voxels hold every sign change.
+    [low, high] finds; 0: `shown_resolution`. Only a band around the coarse surface is evaluated finely: the field
+    changes by about the distance moved, so two coarse voxels hold every sign change.
     Raises DataError where the silhouettes have nothing in common.
     """
     box_low, box_high = occupied_box(field, np.asarray(low, float), np.asarray(high, float))
     coarse = Grid.over(box_low, box_high, _COARSE)
     coarse_values = field(coarse.points(), -4 * coarse.step).reshape(coarse.shape)
-    grid = Grid.over(box_low, box_high, resolution)
+    grid = Grid.over(box_low, box_high, resolution or shown_resolution(field, box_low, box_high))
     axes = [
         (grid.origin[a] + grid.step * np.arange(count) - coarse.origin[a]) / coarse.step
         for a, count in enumerate(grid.shape)
@@ -231,6 +233,16 @@ def visual_hull(
     band = np.flatnonzero(np.abs(values) <= 2 * coarse.step)
     values[band] = field(grid.points()[band], -_DROP * grid.step)
     return surface(values.reshape(grid.shape), grid)
+
+
+def shown_resolution(field: SilhouetteField, low: np.ndarray, high: np.ndarray) -> int:
+    """Voxels along the longest side of the box [low, high] of which each spans 1.25 pixels, 64 to 192.
+
+    By the median, over the views, of a pixel's width at the middle of the box. Parts thinner than two voxels come apart
+    or vanish between grid points; finer voxels than pixels add nothing.
+    """
+    pixel = pixel_width(field.intrinsics, field.world_to_camera, (low + high) / 2)
+    return int(np.clip(round(float((high - low).max()) / (FINENESS * pixel)), *_RESOLUTIONS))
 
 
 def surface(values: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:

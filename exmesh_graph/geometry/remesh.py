@@ -39,7 +39,7 @@ def remesh(vertices: np.ndarray, faces: np.ndarray, budget: int, iterations: int
     where they are or go, along the boundary: a vertex less than a quarter edge from the line between its neighbours,
     and any other where the budget asks for it. Deterministic.
     """
-    to_source = _projector(vertices, faces)
+    to_source = nearest_of(vertices, faces)
     area = float(face_areas(vertices, faces).sum())
     v, f = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
     aim = 1.05 * budget
@@ -261,7 +261,7 @@ def _spread(v: np.ndarray, f: np.ndarray, mean_area: float) -> np.ndarray:
     return v
 
 
-def _projector(vertices: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def nearest_of(vertices: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Function that takes points [P, 3] to the nearest point of the eight triangles whose centroids are nearest."""
     corners = np.asarray(vertices, np.float64)[faces]
     tree = cKDTree(corners.mean(1))

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator
 
 from exmesh_graph.params import Params, param
+
+
+def _enough(voxels: int) -> int:
+    if 0 < voxels < 16:
+        raise ValueError("should be 0, or greater than or equal to 16")
+    return voxels
+
+
+Voxels = Annotated[int, AfterValidator(_enough)]
+"""How fine a grid is; 0: by the photographs."""
 
 
 class HullSettings(Params):
     """The visual hull of masks (`geometry.hull`)."""
 
-    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the object's longest side.")
+    resolution: Voxels = param(
+        128,
+        ge=0,
+        le=512,
+        unit="voxels",
+        doc="Voxels along the object's longest side; 0: as fine as pictures show it, 1.25 pixels, 64 to 192 voxels.",
+    )
     wrong_masks: int = param(
         0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point; 1 for hand-made masks."
     )
@@ -23,7 +41,13 @@ class HullSettings(Params):
 class TsdfSettings(Params):
     """Depth maps to a surface: fused (`geometry.tsdf`), or carved out of the visual hull (`geometry.carve`)."""
 
-    resolution: int = param(128, ge=16, le=512, unit="voxels", doc="Voxels along the unit sphere's diameter.")
+    resolution: Voxels = param(
+        128,
+        ge=0,
+        le=512,
+        unit="voxels",
+        doc="Voxels along the unit sphere's diameter; 0: 128, solid: as init.visual_hull.",
+    )
     truncation: float = param(4.0, ge=1.5, le=32, unit="voxels", doc="Distance at which the field is cut off.")
     masked: bool = param(True, doc="Ignore depth where alpha < 1/2.")
     min_weight: float = param(1.0, ge=1, unit="views", doc="Views that must have seen a voxel.")
@@ -40,6 +64,14 @@ class CleanSettings(Params):
     """From a triangle soup to a start mesh (`geometry.clean`)."""
 
     faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
+    tolerance: float = param(
+        0.0,
+        ge=0,
+        le=1,
+        doc="The budget doubles until 99 % of the surface is kept to within this share of its radius (half the box's "
+        "diagonal), so that thin parts stay; 0: never.",
+    )
+    max_faces: int = param(12000, ge=20, unit="faces", doc="Where doubling ends (`tolerance`).")
     method: Literal["builtin", "pymeshlab", "open3d"] = param(
         "builtin", doc="builtin, pymeshlab (GPL-3): isotropic remeshing; open3d: quadric decimation."
     )

@@ -25,7 +25,7 @@ def fuse(
     Raises DataError where views and depth maps do not belong together, GeometryError where no surface results.
     """
     settings = settings or TsdfSettings()
-    voxel, truncation = 2.0 / settings.resolution, settings.truncation
+    voxel, truncation = 2.0 / (settings.resolution or 128), settings.truncation
     depths.require_of(views, "init.tsdf")
     o3d = import_open3d()
     device = o3d.core.Device("CPU:0")

@@ -6,6 +6,7 @@ resolution by up to 30 %, so that the padding shrinks when the atlas is scaled b
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas, require_mesh, signed_areas_2d
+from exmesh_graph.geometry.pixels import FINENESS, pixel_width
 from exmesh_graph.types import Stage1State
 from exmesh_graph.uv.cut import cut_open, defects
 from exmesh_graph.uv.layout import lay_out
@@ -20,6 +22,8 @@ from exmesh_graph.uv.mend import adopt, mend
 from exmesh_graph.uv.pack import pack
 from exmesh_graph.uv.settings import AtlasSettings, DiscSettings, XatlasSettings
 from exmesh_graph.uv.transfer import transfer_texture
+
+_COVERED = 0.6  # of an atlas by its charts: 0.54 to 0.73 on the scenes for choosing
 
 
 def unwrap(
@@ -75,6 +79,16 @@ def unwrap(
     whole = _repeat(faces, whole, sheets.twin)
     used, index = np.unique(whole, return_inverse=True)
     return np.clip(uvs[used], 0.0, 1.0).astype(np.float32), index.reshape(whole.shape).astype(np.int32)
+
+
+def shown_side(vertices: np.ndarray, faces: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> int:
+    """Side of an atlas whose texels are as fine as N views show the surface, a multiple of 64 (64 to 8192).
+
+    A texel spans `FINENESS` pixels at the middle of the object, charts cover `_COVERED` of the atlas.
+    """
+    area = float(face_areas(vertices, faces).sum())
+    texel = FINENESS * pixel_width(intrinsics, world_to_camera, np.asarray(vertices, np.float64).mean(axis=0))
+    return int(np.clip(64 * round(math.sqrt(area / _COVERED) / texel / 64), 64, 8192))
 
 
 def regenerate(

@@ -6,7 +6,7 @@ import pytest
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry import clean
 from exmesh_graph.geometry.adjacency import signed_volume
-from exmesh_graph.geometry.clean import clean_mesh, inspect, outward, require_sound, weld
+from exmesh_graph.geometry.clean import clean_mesh, inspect, lost_parts, outward, require_sound, weld
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.settings import CleanSettings
 
@@ -189,3 +189,38 @@ def test_same_input_same_bytes(method):
 def test_outward_turns_each_part():
     two = join((CUBE, CUBE_FACES[:, ::-1]), (CUBE + 3, CUBE_FACES))
     assert signed_volume(two[0], outward(*two)) == pytest.approx(2)
+
+
+def rods(resolution=96):
+    """A ball with four rods, a fortieth as thick as the whole is long."""
+    grid = Grid.over(np.full(3, -1.0), np.full(3, 1.0), resolution)
+    points = grid.points()
+    values = 0.3 - np.linalg.norm(points, axis=1)
+    for axis in (0, 1):
+        across = np.linalg.norm(np.delete(points, axis, axis=1), axis=1)
+        values = np.maximum(values, np.minimum(0.025 - across, 0.9 - np.abs(points[:, axis])))
+    return surface(values.reshape(grid.shape), grid)
+
+
+def test_thin_parts_get_the_faces_they_need():
+    start = rods()
+    few = clean_mesh(*start, CleanSettings(faces=200, components=0))
+    assert lost_parts(start, few, 0.03) > 0.05  # what the tolerance is for
+    radius = np.linalg.norm(np.ptp(start[0], axis=0)) / 2
+    kept = clean_mesh(*start, CleanSettings(faces=200, components=0, tolerance=0.03 / radius))
+    assert lost_parts(start, kept, 0.03) <= 0.01
+    assert len(kept[1]) <= CleanSettings().max_faces
+    assert inspect(*kept).closed
+
+
+def test_a_plain_object_keeps_to_its_budget():
+    assert len(clean_mesh(*ball(), CleanSettings(faces=600, tolerance=0.05))[1]) <= 600
+    held = clean_mesh(*rods(), CleanSettings(faces=200, components=0, tolerance=1e-6, max_faces=500))
+    assert len(held[1]) <= 500
+
+
+def test_lost_parts_is_the_share_of_area_that_is_far():
+    whole = join(ball(0.4, (-0.5, 0, 0)), ball(0.4, (0.5, 0, 0)))
+    assert lost_parts(whole, ball(0.4, (-0.5, 0, 0)), 1e-3) == pytest.approx(0.5, abs=0.01)
+    assert lost_parts(whole, whole, 1e-6) == 0
+    assert lost_parts(whole, ball(0.4, (-0.5, 0, 0)), 5.0) == 0

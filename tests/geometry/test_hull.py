@@ -11,6 +11,7 @@ from exmesh_graph.geometry.clean import inspect, taubin
 from exmesh_graph.geometry.hull import (
     Grid,
     SilhouetteField,
+    shown_resolution,
     silhouette_distance,
     surface,
     visual_hull,
@@ -147,6 +148,16 @@ def test_open_cone_is_capped():
     vertices, faces = visual_hull(SilhouetteField.from_masks(alpha, k, pose), resolution=32)
     assert inspect(vertices, faces).closed
     assert np.abs(vertices).max() < 1.3
+
+
+@pytest.mark.parametrize(("focal", "expected"), [(100, 64), (400, 128), (4000, 192)])
+def test_a_voxel_spans_five_quarters_of_a_pixel(focal, expected):
+    """1.6 across at a distance of 4: 0.4 f pixels."""
+    pose = np.eye(4)
+    pose[2, 3] = 4
+    intrinsics = np.array([[focal, 0, 2], [0, focal, 2], [0, 0, 1.0]])
+    field = SilhouetteField(np.ones((3, 4, 4), np.float32), np.stack([intrinsics] * 3), np.stack([pose] * 3))
+    assert shown_resolution(field, np.array([-0.2, -0.8, -0.5]), np.array([0.2, 0.8, 0.5])) == expected
 
 
 def test_bad_views():

@@ -60,7 +60,7 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
     for module, name in ((gaussians, "pgsr"), (init, "tsdf"), (init, "sphere")):
         monkeypatch.setattr(module, name, refuse)
     context = FakeContext()
-    out = auto.auto(context, views, p=auto.AutoParams(seconds=5, resolution=32, faces=400))
+    out = auto.auto(context, views, p=auto.AutoParams(seconds=5, resolution=32, faces=400, tolerance=0))
     assert out.mesh.facets()["closed"]
     assert len(out.mesh.faces) <= 400
     (table,) = decision_tables({"coarse.decisions": out.decisions.values}).values()
@@ -113,3 +113,19 @@ def test_gaussians_are_fitted_and_fused_and_depths_are_fused(views):
     cloud = PointCloud(np.zeros((4, 3), np.float32), np.zeros((4, 3), np.float32))
     carved = auto.auto(context, views, cloud, flat, p=auto.AutoParams(seconds=1e6, resolution=32, faces=400))
     assert carved.decisions.values["decisions"][0]["value"] == "tsdf"
+
+
+def test_dropping_parts_of_an_object_is_said():
+    from exmesh_graph.geometry.shapes import icosphere
+    from exmesh_graph.types import Mesh
+
+    vertices, faces = icosphere(3, 0.3)
+    beside = vertices + np.array([0.7, 0, 0])
+    two = Mesh(np.concatenate([vertices, beside]).astype(np.float32),
+               np.concatenate([faces, faces + len(vertices)]).astype(np.int32))  # fmt: skip
+    context = FakeContext()
+    assert len(init.clean(context, two, p=init.CleanSettings(faces=400)).mesh.faces) <= 400
+    assert "50% of the surface" in "".join(context.warnings)
+    quiet = FakeContext()
+    init.clean(quiet, two, p=init.CleanSettings(faces=400, components=0))
+    assert not quiet.warnings
