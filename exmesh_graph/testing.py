@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.types import Artifact, Asset, Carrier, DepthMaps, Mesh, Stage1State, Views
+from exmesh_graph.types.pictures import Pictures
 
 
 @dataclass
@@ -234,6 +235,7 @@ def check_codec(value: Artifact, folder: Path) -> None:
 
 def _plain(value: Any) -> Any:
     """Something that compares bit for bit, and prints short."""
+    value = np.asarray(value) if isinstance(value, Pictures) else value
     if isinstance(value, np.ndarray):
         return "array", value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()[:12]
     if isinstance(value, Path):

@@ -18,6 +18,7 @@ from exmesh_graph.io.settings import (
 )
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Frame, LitViews, Metrics, PointCloud, SceneTruth, Views
+from exmesh_graph.types.pictures import kept_in
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
@@ -56,7 +57,8 @@ def blender(ctx: Context, *, p: BlenderParams) -> BlenderOut:
     """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes."""
     from exmesh_graph.io.blender import load_blender
 
-    return _with_truth(ctx, load_blender(p.path, p))
+    with kept_in(ctx.scratch):
+        return _with_truth(ctx, load_blender(p.path, p))
 
 
 def _with_truth(ctx: Context, scene: Scene) -> BlenderOut:
@@ -72,6 +74,9 @@ class ViewsOut(NamedTuple):
 def _views(ctx: Context, scene: Scene) -> ViewsOut:
     for note in scene.notes:
         ctx.warn(note)
+    for views in (scene.train, scene.test):
+        if views.in_files:
+            ctx.log(f"{len(views)} pictures of {views.width} x {views.height} are kept in files and decoded one by one")
     return ViewsOut(scene.train, scene.test, scene.frame)
 
 
@@ -90,7 +95,8 @@ def middlebury(ctx: Context, *, p: MiddleburyParams) -> ViewsOut:
     """Photographs in the Middlebury multi-view layout (templeRing and others)."""
     from exmesh_graph.io.middlebury import load_middlebury
 
-    return _views(ctx, load_middlebury(p.path, p))
+    with kept_in(ctx.scratch):
+        return _views(ctx, load_middlebury(p.path, p))
 
 
 class IdrParams(IdrOptions, _Folder):
@@ -108,7 +114,8 @@ def idr(ctx: Context, *, p: IdrParams) -> ViewsOut:
     """Photographs in the IDR / NeuS layout (DTU and others), with masks or without."""
     from exmesh_graph.io.idr import load_idr
 
-    return _views(ctx, load_idr(p.path, p))
+    with kept_in(ctx.scratch):
+        return _views(ctx, load_idr(p.path, p))
 
 
 class Synthetic4RelightParams(Synthetic4RelightOptions, _Folder):
@@ -126,7 +133,8 @@ def synthetic4relight(ctx: Context, *, p: Synthetic4RelightParams) -> BlenderOut
     """A scene of Synthetic4Relight: linear training pictures, test views with materials, relit pictures."""
     from exmesh_graph.io.synthetic4relight import load_synthetic4relight
 
-    return _with_truth(ctx, load_synthetic4relight(p.path, p))
+    with kept_in(ctx.scratch):
+        return _with_truth(ctx, load_synthetic4relight(p.path, p))
 
 
 class OrbParams(OrbOptions, _Folder):
@@ -152,7 +160,8 @@ def stanford_orb(ctx: Context, *, p: OrbParams) -> OrbOut:
     """A capture of Stanford-ORB: HDR photographs, scanned truth, and views under two other measured lights."""
     from exmesh_graph.io.stanford_orb import load_orb
 
-    scene, novel = load_orb(p.path, p)
+    with kept_in(ctx.scratch):
+        scene, novel = load_orb(p.path, p)
     return OrbOut(*_with_truth(ctx, scene), novel)
 
 
@@ -187,7 +196,8 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
 
     work = ctx.scratch / "motion"
     work.mkdir()
-    scene, points, motion = load_photos(p.path, p, work, ctx.seed)
+    with kept_in(ctx.scratch):
+        scene, points, motion = load_photos(p.path, p, work, ctx.seed)
     figures = motion.figures()
     known = "from what was known" if motion.focal_known else "(found from the pictures alone)"
     ctx.log(

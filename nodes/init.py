@@ -142,10 +142,15 @@ def photometric(
     """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree."""
     from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.stage1.photometric import sweep
-    from exmesh_graph.targets import prepare_targets
+    from exmesh_graph.targets import prepare_targets, reduction_to_hold
 
     with computing(p) as device:
-        targets = prepare_targets(views, device=device)
+        factor = reduction_to_hold(views)
+        if factor > 1:
+            ctx.log(
+                f"{len(views)} pictures of {views.width} x {views.height} are compared at 1 / {factor} of their size"
+            )
+        targets = prepare_targets(views, downscale=factor, device=device)
         vertices, figures = sweep(mesh.vertices, mesh.faces, targets, p, ctx.progress)
     ctx.log(", ".join(f"{name} {value:.2f}" for name, value in figures.items()))
     return ManifoldMeshOut(Mesh(vertices, mesh.faces))

@@ -78,6 +78,8 @@ def refine(
 ) -> RefineOut:
     """Move vertices and texels against the photographs on a fixed topology."""
     from exmesh_graph.gpu.torch_setup import computing
+    from exmesh_graph.graph.machine import memory_in_use
+    from exmesh_graph.stage1.memory import plan_memory
     from exmesh_graph.stage1.refine import refine as run
     from exmesh_graph.stage1.units import in_edge_lengths
 
@@ -89,6 +91,7 @@ def refine(
     if p.share > 0:
         p = p.replaced(iterations=round(p.share * p.total_iterations))
     p = in_edge_lengths(p, state, step=p.vertex_units == "world", deviation=p.deviation_units == "world")
+    ctx.log(str(plan_memory(state, views, p, memory_in_use())))
     with computing(p) as device:
         wired: dict[str, Any] = {"smoothness": smoothness, "depths": depths, "region": region}
         new, history = run(state, views, p, **wired, where=ctx.node, device=device, **loop_of(ctx))

@@ -4,9 +4,9 @@ import gc
 
 import torch
 
-from exmesh_graph import targets, testing
+from exmesh_graph import testing
 from exmesh_graph.gpu.cores import cores
-from exmesh_graph.targets import prepare_targets
+from exmesh_graph.targets import prepare_targets, visits
 
 
 def test_pictures_are_prepared_once_and_go_with_their_views():
@@ -20,12 +20,12 @@ def test_pictures_are_prepared_once_and_go_with_their_views():
     assert torch.equal(kept.images, first.images)
     del views
     gc.collect()
-    assert not targets._last
+    assert not visits._last
 
 
 def test_pictures_are_the_same_on_any_number_of_cores():
     views = testing.views(count=5)
     alone = prepare_targets(views, downscale=2).images
-    targets._last.clear()
+    visits._last.clear()
     with cores(3):
         assert torch.equal(prepare_targets(views, downscale=2).images, alone)

@@ -183,7 +183,7 @@ def _score_held_out(
     if views.has_masks:
         (gray,) = guess.render(chosen)  # light is linear: the level scales the image
         lit = train if train is not None and train.has_masks else views
-        level = _uniform_level(lit.images, lit.alpha > 0.5, gray)
+        level = _uniform_level(lit, gray)
         flat = [display(level * image, alpha) for image, alpha in zip(gray.images, gray.alpha, strict=True)]
         floor = compare_views(flat, list(gray.alpha), asset, views, chosen)
     else:
@@ -199,10 +199,12 @@ def _score_held_out(
     }
 
 
-def _uniform_level(photographs: np.ndarray, inside: np.ndarray, gray: Any) -> float:
+def _uniform_level(views: Views, gray: Any) -> float:
     """Radiance of the uniform light under which the gray object is as bright as the photographs, on average."""
     under_one = float(gray.images[gray.alpha > 0.5].mean())
-    return float(photographs[inside].mean()) / max(under_one, 1e-6)
+    seen = (image[alpha > 0.5] for image, alpha in zip(views.images, views.alpha, strict=True))
+    sums = np.array([(values.sum(dtype=np.float64), values.size) for values in seen]).sum(axis=0)
+    return float(sums[0] / max(sums[1], 1)) / max(under_one, 1e-6)
 
 
 def _score_relit(

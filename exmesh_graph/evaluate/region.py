@@ -24,6 +24,7 @@ from exmesh_graph.priors.settings import SweepSettings
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import Region, Views
+from exmesh_graph.types.pictures import Pictures
 
 _FLAT = 0.003  # deviation [display units] of 3 x 3 pixels that hold nothing of their own: their depth is a neighbour's
 _CLOSED = 3  # reduced pixels: holes that are closed, which the flat parts of a surface leave
@@ -45,12 +46,12 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
     settings = settings or RegionSettings()
     given = None if settings.masks is None else _read_masks(settings.masks, views)
     if views.has_masks and given is None:
-        given = views.alpha > 0.5
+        given = np.stack([alpha > 0.5 for alpha in views.alpha])
     alone = len(views) + (0 if train is None else len(train)) < 2
     if given is None and alone:
         raise DataError("one view alone has no parallax", where="evaluate.region", expected="two views or more",
                         fix="wire the training views to `train`, or give `masks`")  # fmt: skip
-    depth = np.zeros_like(views.alpha) if alone or views.has_masks else _own_depth(views, train, settings)
+    depth = np.zeros(views.alpha.shape, np.float32) if alone or views.has_masks else _own_depth(views, train, settings)
     start, end = _box_depths(views, settings)
     known = (depth > start) & (depth < end)
     inside = np.stack([_tidied(one, settings.downscale) for one in known]) if given is None else given & (end > start)
@@ -102,7 +103,7 @@ def _own_depth(views: Views, train: Views | None, settings: RegionSettings) -> n
     sweep = SweepSettings(window=settings.window, neighbours=settings.neighbours, downscale=factor)
     everyone = _joined(views, train)
     targets = prepare_targets(everyone, downscale=factor)
-    grey = targets.images.mean(dim=-1)
+    grey = torch.stack([image.mean(dim=-1) for image in targets.images])
     near = neighbours(everyone.camera_to_world, settings.neighbours)
     asked = sorted({*range(len(views)), *(int(other) for i in range(len(views)) for other in near[i])})
     found = torch.zeros(grey.shape)
@@ -127,11 +128,17 @@ def _joined(views: Views, train: Views | None) -> Views:
         raise DataError(f"the training views have {train.width} x {train.height} pixels", where="evaluate.region",
                         expected=f"{views.width} x {views.height}, as the held-out ones")  # fmt: skip
     arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(views, name), getattr(train, name)])
+        name: _concatenated(getattr(views, name), getattr(train, name))
         for name in ("images", "alpha", "intrinsics", "camera_to_world")
     }
     names = tuple(f"{number}" for number in range(len(views) + len(train)))
     return Views(names, split=views.split, has_masks=False, **arrays)
+
+
+def _concatenated(first: Any, second: Any) -> Any:
+    if isinstance(first, Pictures) and isinstance(second, Pictures):
+        return first.joined(second)
+    return np.concatenate([first, second])
 
 
 def _structured(grey: torch.Tensor) -> torch.Tensor:

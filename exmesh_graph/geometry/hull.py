@@ -17,11 +17,15 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.pixels import FINENESS, pixel_width
 from exmesh_graph.types import Views
+from exmesh_graph.types.pictures import Pictures
 
 # A field this many voxels below zero is certainly outside: the remaining views need not be asked.
 _DROP = 2.5
 _COARSE = 48
 _RESOLUTIONS = 64, 192
+_FIELD_BYTES = 2 << 30
+"""Distances that would take more are those of reduced masks: 200 of them still have 1600 pixels a side, more than the
+finest hull has voxels, and their contours are placed to a fraction of a pixel."""
 
 
 def silhouette_distance(alpha: np.ndarray) -> np.ndarray:
@@ -64,7 +68,7 @@ class SilhouetteField:
     @classmethod
     def from_masks(
         cls,
-        alpha: np.ndarray,
+        alpha: np.ndarray | Pictures,
         intrinsics: np.ndarray,
         world_to_camera: np.ndarray,
         *,
@@ -72,7 +76,10 @@ class SilhouetteField:
         names: Sequence[str] = (),
         chunk: int = 1 << 18,
     ) -> SilhouetteField:
-        """Field of alpha [N, H, W]. DataError for no views, empty silhouettes, or `wrong_masks` >= N."""
+        """Field of alpha [N, H, W], reduced by area means where the distances would take more than 2 GiB.
+
+        DataError for no views, empty silhouettes, or `wrong_masks` >= N.
+        """
         shapes = [tuple(np.shape(array)) for array in (alpha, intrinsics, world_to_camera)]
         if len(shapes[0]) != 3 or shapes[1:] != [(len(alpha), 3, 3), (len(alpha), 4, 4)]:
             raise DataError(
@@ -82,7 +89,14 @@ class SilhouetteField:
         names = list(names) or [f"view {i}" for i in range(len(alpha))]
         if len(alpha) == 0:
             raise DataError("the visual hull needs views, there are none", expected="at least one training view")
-        empty = [name for name, a in zip(names, alpha, strict=True) if not (a >= 0.5).any()]
+        count, height, width = alpha.shape
+        factor = next(f for f in range(1, height + width) if 4 * count * (height // f) * (width // f) <= _FIELD_BYTES)
+        distances = np.empty((count, height // factor, width // factor), np.float32)
+        empty = []
+        for view, mask in enumerate(alpha):
+            if not (mask >= 0.5).any():
+                empty.append(names[view])
+            distances[view] = silhouette_distance(_reduced(mask, factor))
         if empty:
             raise DataError(
                 "the mask is empty: no pixel has alpha >= 0.5", where=", ".join(empty),
@@ -92,8 +106,9 @@ class SilhouetteField:
             raise DataError(
                 f"wrong_masks {wrong_masks} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
             )
-        distances = np.stack([silhouette_distance(a) for a in alpha])
-        return cls(distances, np.asarray(intrinsics, float), np.asarray(world_to_camera, float), wrong_masks, chunk)
+        k = np.array(intrinsics, float)
+        k[:, :2] /= factor
+        return cls(distances, k, np.asarray(world_to_camera, float), wrong_masks, chunk)
 
     @classmethod
     def of_views(cls, views: Views, wrong_masks: int = 0, chunk: int = 1 << 18) -> SilhouetteField:
@@ -147,6 +162,12 @@ class SilhouetteField:
         value = np.where(value < 0, value - outside, value)
         focal = np.float32(np.sqrt(k[0, 0] * k[1, 1]))
         return np.where(front, value * depth / focal, np.inf).astype(np.float32)
+
+
+def _reduced(mask: np.ndarray, factor: int) -> np.ndarray:
+    height, width = (n // factor for n in mask.shape)
+    cells = mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
+    return mask if factor == 1 else cells.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 
 def _bilinear(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -30,12 +30,14 @@ class Photo:
     alpha      float32 [H, W], coverage; ones where the file has none
     has_alpha  whether the file carried an alpha channel
     clipped    whether the file cannot hold values above 1
+    codes      uint8 or uint16 [H, W, 3 or 4], what an integer file holds: sRGB, and straight alpha; None for others
     """
 
     rgb: np.ndarray
     alpha: np.ndarray
     has_alpha: bool
     clipped: bool
+    codes: np.ndarray | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -128,7 +130,10 @@ def read_photo(path: Path, *, premultiplied: bool | None = None) -> Photo:
         check_finite(pixels, path)
     if channels == 4 and (not is_float or premultiplied is False):
         rgb = rgb * alpha[..., None]
-    return Photo(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), channels == 4, not is_float)
+    codes = None
+    if pixels.dtype.kind == "u" and not is_float:
+        codes = np.repeat(pixels, 3, axis=2) if channels == 1 else pixels
+    return Photo(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), channels == 4, not is_float, codes)
 
 
 def _scaled(codes: np.ndarray) -> np.ndarray:
@@ -139,11 +144,12 @@ def _scaled(codes: np.ndarray) -> np.ndarray:
 
 def _linear(codes: np.ndarray) -> np.ndarray:
     """Linear light of sRGB codes: integers by a table, since a power for each pixel is most of what reading costs."""
-    return np.take(_curve(codes.dtype), codes) if codes.dtype.kind == "u" else srgb_to_linear(_scaled(codes))
+    return np.take(linear_of_codes(codes.dtype), codes) if codes.dtype.kind == "u" else srgb_to_linear(_scaled(codes))
 
 
 @cache
-def _curve(dtype: np.dtype) -> np.ndarray:
+def linear_of_codes(dtype: np.dtype) -> np.ndarray:
+    """float32 [256] or [65536]: linear light of each sRGB code of an integer type."""
     return srgb_to_linear(_scaled(np.arange(np.iinfo(dtype).max + 1, dtype=dtype)))
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -13,26 +14,31 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import check_camera, intrinsics_from_fov, nearest_rotation, scale_intrinsics
-from exmesh_graph.io.images import Photo, read_mask, read_photo
+from exmesh_graph.io.images import Photo, linear_of_codes, picture_size, read_mask, read_photo
 from exmesh_graph.io.normalise import cameras_to_normalised
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.undistort import resampled
 from exmesh_graph.types import Frame, Views
+from exmesh_graph.types.pictures import PictureFiles, Pictures, integer_codes, too_large
 
 _SILHOUETTE_SIDE = 400
+_PIXEL_BYTES = 64
+"""Of a picture that is being read, for each of its pixels at full size: codes, floats, a mask, sums in float64."""
+_READING_BYTES = 4 << 30
+"""What pictures may take while they are read: more of them are read at once where they are small."""
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """Pictures and cameras of one split, still in the data set's world.
+    """Pictures and cameras of one split, still in the data set's world; images and alpha as in Views.
 
     silhouettes  float32 [N, h, w] and their intrinsics: the full-size masks, reduced to about 400 pixels whatever
                  `downscale` is, so that the normalised world does not depend on it
     """
 
     names: tuple[str, ...]
-    images: np.ndarray
-    alpha: np.ndarray
+    images: np.ndarray | Pictures
+    alpha: np.ndarray | Pictures
     intrinsics: np.ndarray
     camera_to_world: np.ndarray
     has_masks: bool
@@ -46,20 +52,26 @@ class Loaded:
 def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Loaded:
     """Read all pictures of a split; linear, premultiplied, reduced by exact area averaging.
 
+    A set that is too large for memory (`types.pictures`) goes into files, picture by picture.
     Training views may lack masks that others have: alpha is 1 all over them. Raises DataError, naming file or view,
     for: no views, doubled names, missing, undecodable or empty pictures, a mask or picture of another size, a test view
     without the mask that others have, and cameras that are singular or not rigid.
     """
     if not shots:
         raise DataError(f"there are no {split} views", expected="at least one", fix="check the data set's camera file")
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        pictures = list(_alike(shots, pool.map(lambda shot: _picture(shot, downscale), shots), split))
+    width, height = picture_size(shots[0].image) if shots[0].image.is_file() else (0, 0)
+    width, height = width // downscale, height // downscale
+    files = _Files.of(len(shots), height, width) if too_large(len(shots), height, width) else None
+    many = max(1, _READING_BYTES // max(1, _PIXEL_BYTES * width * height * downscale**2))
+    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), many)) as pool:
+        read = _in_turn(pool, [(number, shot, downscale, files) for number, shot in enumerate(shots)], many)
+        pictures = list(_alike(shots, read, split))
     full_intrinsics = np.stack([picture.intrinsics for picture in pictures])
     reduction = _reduction(pictures[0].size)
     return Loaded(
         names=tuple(shot.name for shot in shots),
-        images=np.stack([picture.rgb for picture in pictures]),
-        alpha=np.stack([picture.alpha for picture in pictures]),
+        images=np.stack([picture.rgb for picture in pictures]) if files is None else files.images.stack(),
+        alpha=np.stack([picture.alpha for picture in pictures]) if files is None else files.alpha.stack(),
         intrinsics=scale_intrinsics(full_intrinsics, downscale),
         camera_to_world=np.stack([picture.pose for picture in pictures]),
         has_masks=any(picture.masked for picture in pictures),
@@ -81,8 +93,51 @@ def shifted(loaded: Loaded, offset: float) -> Loaded:
     return replace(loaded, **changed)
 
 
+class _Files(NamedTuple):
+    """Where pictures and masks of a large set go."""
+
+    images: PictureFiles
+    alpha: PictureFiles
+
+    @classmethod
+    def of(cls, count: int, height: int, width: int) -> _Files:
+        kinds = (np.dtype(np.uint8), np.dtype(np.uint16))
+        curves = {kind.str: linear_of_codes(kind) for kind in kinds}
+        lines = {kind.str: np.arange(np.iinfo(kind).max + 1, dtype=np.float32) / np.float32(np.iinfo(kind).max)
+                 for kind in kinds}  # fmt: skip
+        return cls(PictureFiles((count, height, width, 3), curves), PictureFiles((count, height, width), lines))
+
+    def put(self, number: int, rgb: np.ndarray, alpha: np.ndarray, codes: np.ndarray | None) -> None:
+        coverage = integer_codes(alpha)
+        if codes is not None and codes.shape[2] == 3 and coverage is not None and (alpha < 1).any():
+            same = coverage.dtype == codes.dtype  # a mask beside an opaque picture
+            codes = np.dstack([codes, coverage]) if same else None
+        self.images.put(number, rgb, codes)
+        self.alpha.put(number, alpha, coverage)
+
+
+def _in_turn(
+    pool: ThreadPoolExecutor, calls: Iterable[tuple[int, Shot, int, _Files | None]], ahead: int
+) -> Iterator[_Picture]:
+    """`_picture` of each call, in order; at most `ahead` are under way or done and not yet taken."""
+    waiting: deque[Future[_Picture]] = deque()
+    try:
+        for call in calls:
+            if len(waiting) >= ahead:
+                yield waiting.popleft().result()
+            waiting.append(pool.submit(_picture, *call))
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
 class _Picture(NamedTuple):
-    """What is kept of one shot: the picture at its working size, and what was measured at its full size."""
+    """What is kept of one shot: the picture at its working size, and what was measured at its full size.
+
+    Of a picture that went into a file rgb and alpha are empty.
+    """
 
     rgb: np.ndarray
     alpha: np.ndarray
@@ -96,7 +151,7 @@ class _Picture(NamedTuple):
     pose: np.ndarray
 
 
-def _picture(shot: Shot, downscale: int) -> _Picture:
+def _picture(number: int, shot: Shot, downscale: int, files: _Files | None) -> _Picture:
     photo = _read(shot)
     width, height = photo.size
     if shot.size is not None and shot.size != (width, height):
@@ -110,9 +165,13 @@ def _picture(shot: Shot, downscale: int) -> _Picture:
     pose[:3, :3] = nearest_rotation(pose[:3, :3])
     reduction = _reduction(photo.size)
     whole = photo.alpha[: height // reduction * reduction, : width // reduction * reduction]
+    rgb, alpha = (downscale_area(part, downscale, shot.image) for part in (photo.rgb, photo.alpha))
+    if files is not None:
+        files.put(number, rgb, alpha, photo.codes if downscale == 1 else None)
+        rgb = alpha = np.empty(0, np.float32)
     return _Picture(
-        rgb=downscale_area(photo.rgb, downscale, shot.image),
-        alpha=downscale_area(photo.alpha, downscale, shot.image),
+        rgb=rgb,
+        alpha=alpha,
         silhouette=downscale_area(whole, reduction),
         size=photo.size,
         has_alpha=photo.has_alpha,
@@ -138,7 +197,8 @@ def _read(shot: Shot) -> Photo:
                 where=str(shot.mask), fix=f"make the mask from {shot.image.name} at its full size",
             )  # fmt: skip
         rgb = photo.rgb if photo.has_alpha and not photo.clipped else photo.rgb * mask[..., None]
-        photo = Photo(np.ascontiguousarray(rgb), mask, True, photo.clipped)
+        codes = None if photo.has_alpha else photo.codes
+        photo = Photo(np.ascontiguousarray(rgb), mask, True, photo.clipped, codes)
     if not (photo.alpha >= 0.5).any():
         raise DataError(
             "the mask is empty: no pixel has alpha >= 0.5", where=str(shot.mask or shot.image),

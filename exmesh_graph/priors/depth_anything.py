@@ -48,15 +48,15 @@ def estimate(
     """
     model = _load(settings).to(device)
     model.eval()
-    shown = display(torch.from_numpy(np.array(views.images)), torch.from_numpy(np.array(views.alpha))).numpy()
-    pictures = np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
     poses = views.world_to_camera.astype(np.float32)
     intrinsics = np.asarray(views.intrinsics, np.float32)
     maps = []
     for start in range(0, len(views), settings.batch):
         part = slice(start, min(start + settings.batch, len(views)))
         known = {"extrinsics": poses[part], "intrinsics": intrinsics[part]} if settings.cameras else {}
-        prediction = model.inference(list(pictures[part]), process_res=settings.resolution, **known)
+        prediction = model.inference(
+            [_codes(views, i) for i in range(part.start, part.stop)], process_res=settings.resolution, **known
+        )
         depth = torch.from_numpy(np.array(prediction.depth, np.float32))[:, None]
         # nearest, not a mean: depths must not be mixed across an edge
         size = (views.height, views.width)
@@ -64,8 +64,16 @@ def estimate(
         _check(maps[-1], views.names[part])
         if progress is not None:
             progress(part.stop, len(views))
-    masked = np.where(views.alpha > 0.5, np.concatenate(maps), 0).astype(np.float32)
-    return DepthMaps(views.names, masked, "relative")
+    depths = np.concatenate(maps)
+    for depth, alpha in zip(depths, views.alpha, strict=True):
+        depth[~(alpha > 0.5)] = 0
+    return DepthMaps(views.names, depths.astype(np.float32, copy=False), "relative")
+
+
+def _codes(views: Views, i: int) -> np.ndarray:
+    """uint8 [H, W, 3], a view as displayed over black."""
+    shown = display(torch.from_numpy(np.array(views.images[i])), torch.from_numpy(np.array(views.alpha[i]))).numpy()
+    return np.rint(255 * np.clip(shown, 0, 1)).astype(np.uint8)
 
 
 def _load(settings: NetworkSettings) -> Any:

@@ -36,7 +36,7 @@ def plane_sweep(
     if len(views) < 2:
         raise DataError("one view alone has no parallax", where="prior.plane_sweep", expected="two views or more")
     targets = prepare_targets(views, downscale=settings.downscale, device=device)
-    grey = targets.images.mean(dim=-1)
+    grey = torch.stack([image.mean(dim=-1) for image in targets.images])
     near = neighbours(views.camera_to_world, settings.neighbours)
     maps = []
     for view in range(len(targets)):
@@ -49,7 +49,8 @@ def plane_sweep(
         agreed(view, near[view], depth, *cameras, settings.agreeing, settings.tolerance) for view in range(len(targets))
     ])  # fmt: skip
     if views.has_masks:
-        kept = torch.where(targets.alpha > 0.5, kept, 0.0)
+        for depths, alpha in zip(kept, targets.alpha, strict=True):
+            depths.masked_fill_(~(alpha > 0.5), 0.0)
     return DepthMaps(views.names, _enlarged(kept.cpu().numpy(), views.height, views.width, settings.downscale))
 
 

@@ -36,7 +36,7 @@ def depth_maps(gaussians: Gaussians, targets: Targets, settings: DepthSettings) 
     depths = []
     covered = 0
     for i in range(len(targets)):
-        rays = pixel_rays(targets.intrinsics[i], targets.height, targets.width, targets.images)
+        rays = pixel_rays(targets.intrinsics[i], targets.height, targets.width, targets.images[i])
         drawing = render(gaussians, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
         normal, distance = drawing.normal, drawing.distance
         if settings.surface == "middle":

@@ -37,7 +37,7 @@ class Pictures:
         t = self.targets
         camera = t.intrinsics[i].cpu().numpy().tobytes()
         if camera not in self._rays:
-            self._rays[camera] = pixel_rays(t.intrinsics[i], t.height, t.width, t.images)
+            self._rays[camera] = pixel_rays(t.intrinsics[i], t.height, t.width, t.images[i])
         return View(t.images[i], self._rays[camera], t.intrinsics[i], t.world_to_camera[i])
 
     def gain(self, i: int, k: int, image: torch.Tensor) -> torch.Tensor | None:

@@ -10,7 +10,7 @@ import torch
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import project, rasterize_projected, sample_texture
-from exmesh_graph.targets import Targets, prepare_targets
+from exmesh_graph.targets import MEMORY_GIB, Targets, prepare_targets
 from exmesh_graph.types import Carrier, Stage1State, Views
 from exmesh_graph.uv.raster import rasterize_atlas
 from exmesh_graph.uv.transfer import COVER
@@ -39,7 +39,8 @@ def initial_state(
             expected="a square [R, R, 3] with R > 0",
         )
     if texture == "views":
-        start = project_texture(carrier, prepare_targets(views, device=device), size)
+        memory_gib = 0.0 if views.in_files else MEMORY_GIB  # each view is visited once
+        start = project_texture(carrier, prepare_targets(views, device=device, memory_gib=memory_gib), size)
     elif texture == "grey":
         start = np.full((size, size, 3), _GREY, np.float32)
     else:
@@ -68,7 +69,7 @@ def project_texture(carrier: Carrier, targets: Targets, size: int) -> np.ndarray
     projected at 512 and enlarged: the start needs no more.
     """
     inner = min(size, _LARGEST)
-    device = targets.images.device
+    device = targets.device
     face_id, bary = rasterize_atlas(carrier.uvs, carrier.uv_faces, inner, margin=COVER)
     texels = np.flatnonzero(face_id.reshape(-1) >= 0)
     faces = tensor_of(np.asarray(carrier.faces, np.int64))
@@ -80,23 +81,22 @@ def project_texture(carrier: Carrier, targets: Targets, size: int) -> np.ndarray
     normals = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = torch.nn.functional.normalize(normals, dim=1, eps=1e-20)[owner].to(device)
 
-    depths = [
-        rasterize_projected(
-            project(vertices.to(device), targets.intrinsics[i], targets.world_to_camera[i]),
-            faces.to(device),
-            targets.height,
-            targets.width,
-        ).depth
-        for i in range(len(targets))
-    ]
+    samples = torch.empty((len(targets), len(texels), 3), device=device)
+    confidence = torch.empty((len(targets), len(texels)), device=device)
+    for i in range(len(targets)):
+        targets.expect((i + 1) % len(targets))
+        projected = project(vertices.to(device), targets.intrinsics[i], targets.world_to_camera[i])
+        depth = rasterize_projected(projected, faces.to(device), targets.height, targets.width).depth
+        for start in range(0, len(texels), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            samples[i, part], confidence[i, part] = _observe(points[part], normals[part], targets, i, depth)
     colours = torch.full((inner * inner, 3), _GREY, device=device)
     seen = torch.zeros(inner * inner, dtype=torch.bool, device=device)
     for start in range(0, len(texels), _CHUNK):
         part = slice(start, start + _CHUNK)
-        samples, confidence = _observe(points[part], normals[part], targets, depths)
         index = torch.from_numpy(texels[part]).to(device)
-        colours[index] = _weighted_median(samples, confidence)
-        seen[index] = confidence.sum(0) > 0
+        colours[index] = _weighted_median(samples[:, part], confidence[:, part])
+        seen[index] = confidence[:, part].sum(0) > 0
     colours = torch.where(seen[:, None], colours, _GREY)
     texture = fill_unseen(colours.view(inner, inner, 3), seen.view(inner, inner))
     if inner != size:
@@ -134,31 +134,29 @@ def _pull_push(colour: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
 
 
 def _observe(
-    points: torch.Tensor, normals: torch.Tensor, targets: Targets, depths: list[torch.Tensor]
+    points: torch.Tensor, normals: torch.Tensor, targets: Targets, i: int, depths: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """What N views show of P points: colours [N, P, 3] and weights [N, P], 0 where not seen."""
+    """What view `i`, which has the mesh at `depths` [H, W], shows of P points: colours [P, 3] and weights [P], 0 where
+    it does not see them.
+    """
     height, width = targets.height, targets.width
-    samples, confidence = [], []
-    for i in range(len(targets)):
-        projected = project(points, targets.intrinsics[i], targets.world_to_camera[i])
-        z = projected[:, 2].clamp(min=1e-6)
-        x, y = projected[:, 0] / z, projected[:, 1] / z
-        inside = (projected[:, 2] > 1e-6) & (x >= 0.5) & (x < width - 0.5) & (y >= 0.5) & (y < height - 0.5)
-        column, row = (p.clamp(0, n - 1).floor().long() for p, n in ((x, width), (y, height)))
-        rotation = targets.world_to_camera[i].to(points)
-        centre = -rotation[:3, :3].T @ rotation[:3, 3]
-        towards = torch.nn.functional.normalize(centre - points, dim=1)
-        cosine = (towards * normals).sum(1)
-        # a slanted surface changes depth within a pixel: allow for that
-        pixel = z / targets.intrinsics[i, 0, 0].to(z)
-        slack = 1e-3 * z + 1.5 * pixel / cosine.clamp(min=0.1)
-        depth = depths[i][row, column]
-        visible = inside & (cosine > 0.15) & (depth > 0) & (z < depth + slack)
-        visible &= targets.alpha[i][row, column] > 0.99
-        uv = torch.stack([x / width, 1 - y / height], dim=1)
-        samples.append(sample_texture(targets.images[i], uv))
-        confidence.append(torch.where(visible, cosine.square(), 0.0))
-    return torch.stack(samples), torch.stack(confidence)
+    projected = project(points, targets.intrinsics[i], targets.world_to_camera[i])
+    z = projected[:, 2].clamp(min=1e-6)
+    x, y = projected[:, 0] / z, projected[:, 1] / z
+    inside = (projected[:, 2] > 1e-6) & (x >= 0.5) & (x < width - 0.5) & (y >= 0.5) & (y < height - 0.5)
+    column, row = (p.clamp(0, n - 1).floor().long() for p, n in ((x, width), (y, height)))
+    rotation = targets.world_to_camera[i].to(points)
+    centre = -rotation[:3, :3].T @ rotation[:3, 3]
+    towards = torch.nn.functional.normalize(centre - points, dim=1)
+    cosine = (towards * normals).sum(1)
+    # a slanted surface changes depth within a pixel: allow for that
+    pixel = z / targets.intrinsics[i, 0, 0].to(z)
+    slack = 1e-3 * z + 1.5 * pixel / cosine.clamp(min=0.1)
+    depth = depths[row, column]
+    visible = inside & (cosine > 0.15) & (depth > 0) & (z < depth + slack)
+    visible &= targets.alpha[i][row, column] > 0.99
+    uv = torch.stack([x / width, 1 - y / height], dim=1)
+    return sample_texture(targets.images[i], uv), torch.where(visible, cosine.square(), 0.0)
 
 
 def _weighted_median(samples: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:

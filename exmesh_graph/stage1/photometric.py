@@ -81,7 +81,7 @@ def correlations(
 
     NaN for vertices that fewer than three views see or whose patch is blank in the view that sees it best.
     """
-    device = targets.images.device
+    device = targets.device
     points, directions = torch.from_numpy(vertices).to(device), torch.from_numpy(normals).to(device)
     chosen, seen, pixel = _choose_views(points, torch.from_numpy(faces).to(device), directions, targets, _OTHERS)
     across = torch.nn.functional.normalize(
@@ -92,7 +92,10 @@ def correlations(
     a, b = (x.reshape(-1) for x in torch.meshgrid(line, line, indexing="ij"))
     shift = torch.from_numpy(offsets).to(points)
     cameras = targets.intrinsics @ targets.world_to_camera[:, :3]
-    sheet = torch.cat([targets.images, targets.alpha[..., None]], dim=-1).reshape(-1, targets.width, 4)
+    sheet = torch.empty((len(targets), targets.height, targets.width, 4), device=device)
+    for plane, image, alpha in zip(sheet, targets.images, targets.alpha, strict=True):
+        plane[..., :3], plane[..., 3] = image, alpha
+    sheet = sheet.reshape(-1, targets.width, 4)
     here = int(np.abs(offsets).argmin())
     scores = []
     for start in range(0, len(points), _CHUNK):

@@ -70,7 +70,9 @@ def refine(
             "a region was given for views that have masks", where=where, expected="views without masks",
             fix="take the wire to `region` away: the masks say what counts",
         )  # fmt: skip
-    targets = prepare_targets(views, downscale=settings.downscale, depths=depths, region=region, device=device)
+    targets = prepare_targets(
+        views, downscale=settings.downscale, depths=depths, region=region, device=device, memory_gib=settings.memory_gib
+    )
     loop = _Loop(state, targets, settings, smoothness or Bilaplacian(), seed, where, device)
     new, history = loop.run(progress, checkpoint, resumed)
     if settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
@@ -170,6 +172,8 @@ class _Loop:
         settings, targets, surface = self.settings, self.targets, self.surface
         iteration = self.state.iteration + k
         view = view_at(iteration, len(targets), self.seed)
+        if k + 1 < settings.iterations:
+            targets.expect(view_at(iteration + 1, len(targets), self.seed))
         picture = draw(
             surface,
             targets.intrinsics[view],

@@ -38,6 +38,13 @@ class RefineSettings(Params):
     uv_gradient: bool = param(True, doc="Let colour move vertices inside the silhouette too.")
     gains: bool = param(False, doc="Fit one factor per view and channel, for photographs of wandering exposure.")
     downscale: int = param(1, ge=1, le=16, doc="Work on pictures reduced by this factor.")
+    memory_gib: float = param(
+        4.0,
+        ge=0,
+        tuning=True,
+        unit="GiB",
+        doc="Memory for pictures ready to be compared; of a larger set the rest is made anew at each visit.",
+    )
     fill_unseen: bool = param(True, doc="Fill texels that this round never touched from their neighbours.")
 
 

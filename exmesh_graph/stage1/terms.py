@@ -35,7 +35,7 @@ class Terms:
     ) -> None:
         """`fused`: image terms of the usual kind come with one gradient for their sum (`image_terms`)."""
         usual = settings.silhouette == "l1" and targets.inside is None and not settings.gains
-        on_cpu = targets.images.device.type == "cpu"
+        on_cpu = targets.device.type == "cpu"
         self.fused = ImageTerms(targets, settings) if fused and usual and on_cpu else None
         self.targets, self.settings, self.faces = targets, settings, surface.faces.long()
         vertices = surface.vertices.detach()

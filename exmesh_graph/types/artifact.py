@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.types.pictures import Pictures
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,6 +53,11 @@ class Artifact:
     def load(cls, folder: Path) -> Self:
         """Read a value that `save` wrote."""
         raise NotImplementedError
+
+    @property
+    def read_back(self) -> bool:
+        """Whether it lies in files of the attempt that made it: others read it from the store."""
+        return False
 
     def facets(self) -> dict[str, Any]:
         """Measured properties (split, closed, ...), checked against what the receiving port asks for."""
@@ -98,12 +104,17 @@ class ArrayArtifact(Artifact):
                 arrays[f.name] = value
             elif isinstance(value, Mapping):
                 arrays.update({f"{f.name}/{key}": array for key, array in value.items()})
-            else:
+            elif not isinstance(value, Pictures):  # which are their owner's to save
                 meta[f.name] = value
         save_arrays(folder, arrays, meta)
 
     @classmethod
     def load(cls, folder: Path) -> Self:
+        return cls(**cls.stored(folder))
+
+    @classmethod
+    def stored(cls, folder: Path) -> dict[str, Any]:
+        """The fields that `save` wrote, by name."""
         arrays, meta = load_arrays(folder)
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in meta.items()
@@ -114,7 +125,7 @@ class ArrayArtifact(Artifact):
                 values.setdefault(of, {})[key] = array
             else:
                 values[name] = array
-        return cls(**values)
+        return values
 
 
 def check_layout(value: ArrayArtifact) -> None:
@@ -131,7 +142,8 @@ def check_layout(value: ArrayArtifact) -> None:
             continue
         dtype = dtype.rstrip("?")
         options = [shape.split() for shape in shapes.split("|")]
-        if not (hasattr(array, "dtype") and type(array).__module__ == "numpy" and str(array.dtype) == dtype):
+        owned = isinstance(array, Pictures) or type(array).__module__ == "numpy"
+        if not (hasattr(array, "dtype") and owned and str(array.dtype) == dtype):
             fix = f"np.asarray({name}, np.{dtype})"
         elif not any(_fits(array.shape, shape, lengths) for shape in options):
             fix = ""

@@ -81,6 +81,10 @@ class Files(Artifact):
     root: Path
     main: str = ""
 
+    @property
+    def read_back(self) -> bool:
+        return True
+
     def save(self, folder: Path) -> None:
         (folder / "main.json").write_text(json.dumps({"main": self.main}) + "\n", encoding="utf-8")
         shutil.copytree(self.root, folder / "files")

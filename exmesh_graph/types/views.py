@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.types.artifact import ArrayArtifact, load_arrays, save_arrays
+from exmesh_graph.types.pictures import Pictures
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +27,9 @@ class Views(ArrayArtifact):
     split            "train" or "test"
     has_masks        whether alpha was measured
     clipped          whether values above 1 were cut off in the files (8-bit photographs)
+
+    Of a large set (`pictures.LARGE`) images and alpha are `Pictures`, stacks in files that decode one view when it is
+    asked for: `views.images[i]` is an array in either case, `np.asarray(views.images)` all of them at once.
     """
 
     type_name: ClassVar[str] = "Views"
@@ -37,8 +41,8 @@ class Views(ArrayArtifact):
         "camera_to_world": "float64 N 4 4",
     }  # fmt: skip
     names: tuple[str, ...]
-    images: np.ndarray
-    alpha: np.ndarray
+    images: np.ndarray | Pictures
+    alpha: np.ndarray | Pictures
     intrinsics: np.ndarray
     camera_to_world: np.ndarray
     split: str
@@ -77,7 +81,29 @@ class Views(ArrayArtifact):
         """bool [N], views whose mask is known: some may lack one where others have theirs (alpha is 1 all over)."""
         import numpy as np
 
-        return np.logical_and((self.alpha < 1).any(axis=(1, 2)), self.has_masks)
+        return np.array([self.has_masks and bool((alpha < 1).any()) for alpha in self.alpha], bool)
+
+    @property
+    def in_files(self) -> bool:
+        """Whether pictures lie in files and are decoded when asked for."""
+        return isinstance(self.images, Pictures) or isinstance(self.alpha, Pictures)
+
+    @property
+    def read_back(self) -> bool:
+        return self.in_files
+
+    def save(self, folder: Path) -> None:
+        """As every ArrayArtifact; stacks in files become folders of their own."""
+        kept = {name: getattr(self, name) for name in ("images", "alpha") if isinstance(getattr(self, name), Pictures)}
+        super().save(folder)
+        for name, stack in kept.items():
+            stack.save(folder / name)
+
+    @classmethod
+    def stored(cls, folder: Path) -> dict[str, Any]:
+        return super().stored(folder) | {
+            name: Pictures.load(folder / name) for name in ("images", "alpha") if (folder / name).is_dir()
+        }
 
     def subset(self, rows: Sequence[int] | np.ndarray) -> Self:
         """The views of these rows, in this order."""

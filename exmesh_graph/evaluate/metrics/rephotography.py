@@ -97,8 +97,8 @@ def compared(first: Surface, second: Surface, views: Views, every: int = 5) -> t
         raise DataError(f"{len(views)} views are too few to leave some out", where="rephotography", expected="15 views")
     rest = views.subset(np.setdiff1d(np.arange(len(views)), held))
     held_out = views.subset(held)
-    scores = [prediction_psnr(rephotograph(*mesh, rest, held_out), held_out, held_out.alpha > 0.5)
-              for mesh in (first, second)]  # fmt: skip
+    inside = np.stack([alpha > 0.5 for alpha in held_out.alpha])
+    scores = [prediction_psnr(rephotograph(*mesh, rest, held_out), held_out, inside) for mesh in (first, second)]
     gains = scores[1] - scores[0]
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
 

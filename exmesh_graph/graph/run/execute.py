@@ -21,7 +21,7 @@ from exmesh_graph.graph.machine import machine_facts, peak_memory, reset_peak_me
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
 from exmesh_graph.graph.run.memory import Memory, mark_of
-from exmesh_graph.types import Artifact, Files
+from exmesh_graph.types import Artifact
 
 _CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time
 
@@ -126,7 +126,7 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         del result
         stored = {port: NOTHING if v is None else store.put(v, attempt) for port, v in values.items()}
         for port, value in values.items():
-            if value is not None and not isinstance(value, Files):  # files are read back: the work folder goes away
+            if value is not None and not value.read_back:  # what lies in the work folder goes away with it
                 memory.put(stored[port].digest, value)
     info = {
         "node": job.name, "graph": job.graph, "run": job.run, "seconds": seconds,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from exmesh_graph.io.checks.finding import Finding
@@ -48,10 +50,11 @@ def check_light(
     return findings
 
 
-def mean_colours(images: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+def mean_colours(images: Iterable[np.ndarray], alpha: Iterable[np.ndarray]) -> np.ndarray:
     """float64 [N, 3]: mean straight colour over the object, from linear premultiplied pictures, clipped at 1."""
-    weight = np.maximum(alpha.sum(axis=(1, 2), dtype=np.float64), 1e-9)
-    return np.minimum(images, 1).sum(axis=(1, 2), dtype=np.float64) / weight[:, None]
+    weight = [max(float(coverage.sum(dtype=np.float64)), 1e-9) for coverage in alpha]
+    sums = [np.minimum(image, 1).sum(axis=(0, 1), dtype=np.float64) for image in images]
+    return np.stack(sums) / np.array(weight)[:, None]
 
 
 def _differences(

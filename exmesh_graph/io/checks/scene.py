@@ -71,7 +71,9 @@ def _small(fit: Loaded) -> tuple[np.ndarray, Cameras, int]:
     height, width = fit.alpha.shape[1:]
     factor = max(1, round(max(height, width) / _SIDE))
     rows, columns = height // factor, width // factor
-    cut = fit.images[:, : rows * factor, : columns * factor]
-    blocks = cut.reshape(len(cut), rows, factor, columns, factor, 3).mean(axis=(2, 4))
+    cells = (rows, factor, columns, factor, 3)
+    blocks = np.stack(
+        [image[: rows * factor, : columns * factor].reshape(cells).mean(axis=(1, 3)) for image in fit.images]
+    )
     k = scale_intrinsics(fit.intrinsics, factor)
     return display(blocks), Cameras(fit.names, k, fit.camera_to_world, columns, rows), factor

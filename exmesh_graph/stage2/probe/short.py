@@ -24,6 +24,7 @@ from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.probe.gain import sums_over_tiles
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Carrier, Transport, Views
+from exmesh_graph.types.pictures import Pictures
 
 #: The probe's light transport.
 TRANSPORT = TransportSettings(points=2500, directions=64)
@@ -82,14 +83,17 @@ def sample_views(views: Views, fitted: int = FITTED, held: int = HELD, view_pixe
 
 
 def _coarse(views: Views, order: np.ndarray, view_pixels: int) -> tuple[Views, int]:
-    inside = max(float((views.alpha[order] > 0.5).mean(axis=0).sum()), 1.0)
+    inside = max(sum(float((views.alpha[i] > 0.5).sum()) for i in order) / len(order), 1.0)
     factor = max(1, min(round(np.sqrt(inside / view_pixels)), min(views.height, views.width) // 8))
     height, width = views.height // factor, views.width // factor
 
-    def mean(values: np.ndarray) -> np.ndarray:
-        cut = values[order][:, : height * factor, : width * factor]
-        blocks = cut.reshape(len(order), height, factor, width, factor, *values.shape[3:])
-        return blocks.mean(axis=(2, 4), dtype=np.float64).astype(np.float32)
+    def mean(values: np.ndarray | Pictures) -> np.ndarray:
+        def one(picture: np.ndarray) -> np.ndarray:
+            cut = picture[: height * factor, : width * factor]
+            blocks = cut.reshape(height, factor, width, factor, *picture.shape[2:])
+            return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+
+        return np.stack([one(values[i]) for i in order])
 
     intrinsics = np.array(views.intrinsics[order], np.float64)
     intrinsics[:, :2] /= factor

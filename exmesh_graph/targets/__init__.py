@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.losses import Box, SsimTarget, display, mask_box, ssim_target
+from exmesh_graph.losses import Box, SsimTarget, mask_box, ssim_target
 from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.targets.visits import PIXEL_BYTES, Plane, shown
 from exmesh_graph.types import DepthMaps, Mesh, Views
+from exmesh_graph.types.pictures import LARGE
 
 GAIN_RATE = 0.3
 GAIN_LIMITS = (0.5, 2.0)
-_CACHE_BYTES = 1 << 30
-_last: dict[tuple[int, int, int, str], tuple[torch.Tensor, torch.Tensor, list[Any]]] = {}
+MEMORY_GIB = 4.0
+SSIM_CACHE_BYTES = 1 << 30
 
 
 @dataclass
@@ -27,7 +26,7 @@ class Targets:
     """N views on one device.
 
     images           float32 [N, H, W, 3], sRGB(clip(rgb / alpha)) * alpha
-    alpha            float32 [N, H, W]
+    alpha            float32 [N, H, W];  both are Planes where they do not fit into memory: `images[i]` in either case
     intrinsics       float64 [N, 3, 3], world_to_camera float64 [N, 4, 4]
     names            as in Views
     masked           bool [N] on the CPU, views whose mask is known
@@ -35,8 +34,8 @@ class Targets:
     inside           bool [N, H, W] or None, the pixels that count where there are no masks
     """
 
-    images: torch.Tensor
-    alpha: torch.Tensor
+    images: torch.Tensor | Plane
+    alpha: torch.Tensor | Plane
     intrinsics: torch.Tensor
     world_to_camera: torch.Tensor
     names: tuple[str, ...]
@@ -57,6 +56,15 @@ class Targets:
     def width(self) -> int:
         return self.alpha.shape[2]
 
+    @property
+    def device(self) -> torch.device:
+        return self.images.device
+
+    def expect(self, view: int) -> None:
+        """Say which view comes next, so that it can be made meanwhile."""
+        if isinstance(self.images, Plane):
+            self.images.visited.expect(view)
+
     def box(self, view: int) -> Box:
         """The box around the view's mask, grown by SSIM's half window."""
         if view not in self._boxes:
@@ -69,7 +77,7 @@ class Targets:
             return self._ssim[view]
         box = self.box(view)
         statistics = ssim_target(box.crop(self.images[view]))
-        if len(self) * box.area * 3 * 3 * 4 <= _CACHE_BYTES:
+        if len(self) * box.area * 3 * 3 * 4 <= SSIM_CACHE_BYTES:
             self._ssim[view] = statistics
         return statistics
 
@@ -81,10 +89,12 @@ def prepare_targets(
     depths: DepthMaps | None = None,
     region: Mesh | None = None,
     device: torch.device | str = "cpu",
+    memory_gib: float = MEMORY_GIB,
 ) -> Targets:
     """Bring `views` to display colour at 1 / `downscale` of their size (exact area means in linear light).
 
-    region  a surface for views without masks: only pixels that show it count (`Targets.inside`)
+    region      a surface for views without masks: only pixels that show it count (`Targets.inside`)
+    memory_gib  what images and alpha may take; of a larger set the rest is made at each visit, with the same values
 
     Sizes that `downscale` does not divide lose their last rows or columns. Raises DataError for views without
     pixels, and for depth maps that belong to other views or have another size.
@@ -96,7 +106,7 @@ def prepare_targets(
         raise DataError(
             f"downscale {downscale} leaves nothing of {views.width} x {views.height} pixels", where="stage1"
         )
-    images, alpha = _shown(views, downscale, device)
+    images, alpha = shown(views, downscale, device, memory_gib * 2**30)
     # pixel centres lie at +0.5, so a smaller image of the same view is a plain scaling of K's first two rows
     intrinsics = torch.from_numpy(np.array(views.intrinsics, np.float64))
     intrinsics[:, :2] /= downscale
@@ -113,6 +123,12 @@ def prepare_targets(
     )
 
 
+def reduction_to_hold(views: Views) -> int:
+    """The least `downscale` at which all views together are below what is kept in memory (`types.pictures.LARGE`)."""
+    sizes = ((k, (views.height // k) * (views.width // k)) for k in range(1, views.height + views.width))
+    return next(k for k, pixels in sizes if PIXEL_BYTES * len(views) * pixels <= LARGE)
+
+
 def shown_pixels(mesh: Mesh, views: Views) -> torch.Tensor:
     """bool [N, H, W], where each view shows the mesh."""
     intrinsics = torch.from_numpy(np.array(views.intrinsics, np.float64))
@@ -127,7 +143,7 @@ class Gains:
 
     def __init__(self, targets: Targets) -> None:
         self.targets = targets
-        self.factors = targets.images.new_ones((len(targets), 3))
+        self.factors = torch.ones((len(targets), 3), device=targets.device)
 
     def follow(self, view: int, image: torch.Tensor, rate: float = GAIN_RATE) -> None:
         """Let the view's factor approach the one that takes `image` [H, W, 3] to its photograph."""
@@ -156,33 +172,6 @@ def fit_gain(
     fitted = (weight * image * target).sum(dim=(0, 1)) / power.clamp(min=1e-12)
     fitted = torch.where(power > 1e-6, fitted, before).clamp(*GAIN_LIMITS)
     return torch.lerp(before, fitted, rate)
-
-
-def _shown(views: Views, downscale: int, device: torch.device | str) -> tuple[torch.Tensor, torch.Tensor]:
-    """(display images, coverage) of all views at 1 / `downscale`; the last ones are kept while their views live.
-
-    Rounds of Stage I ask for the same ones again, and a power for every pixel costs as much as some iterations.
-    """
-    key = (id(views.images), id(views.alpha), downscale, str(device))
-    if key in _last:
-        return _last[key][:2]
-
-    def one(rgb: np.ndarray, coverage: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        colour, alpha = tensor_of(rgb).to(device), tensor_of(coverage).to(device)
-        if downscale > 1:
-            height, width = (n // downscale for n in alpha.shape)
-            colour, alpha = (t[: height * downscale, : width * downscale] for t in (colour, alpha))
-            cells = (height, downscale, width, downscale)
-            colour, alpha = colour.reshape(*cells, 3).mean(dim=(1, 3)), alpha.reshape(cells).mean(dim=(1, 3))
-        return display(colour, alpha), alpha
-
-    pictures = share(one, views.images, views.alpha)
-    images, alpha = (torch.stack(planes) for planes in zip(*pictures, strict=True))
-    _last.clear()
-    # the arrays' ids stand for them only while they live
-    gone = [weakref.ref(array, lambda _: _last.pop(key, None)) for array in (views.images, views.alpha)]
-    _last[key] = (images, alpha, gone)
-    return images, alpha
 
 
 def _covered(
