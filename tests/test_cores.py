@@ -40,6 +40,19 @@ def test_cores_are_those_of_the_process_and_end_with_the_block():
             assert inner == 3
 
 
+def test_a_tensor_is_described_by_what_lies_there_now():
+    """Memory that is used again, for another shape or type: the launch sees the new tensor."""
+    base = torch.zeros(64, dtype=torch.int32)
+    for tensor in (base, base[::2], base[16:], base[:3], base[16:]):
+        base.zero_()
+        launch(count_items, len(tensor), 0, tensor)
+        assert tensor.tolist() == [1] * len(tensor)
+        assert int(base.sum()) == len(tensor)
+    with pytest.raises(RuntimeError):
+        launch(count_items, 64, 0, base.view(torch.float32))
+    assert int(base.sum()) == 48
+
+
 def test_several_threads_share_their_launches_at_once():
     results = [torch.zeros(1000, dtype=torch.int32) for _ in range(4)]
 

@@ -82,11 +82,14 @@ def launch_converted(kernel: Any, size: int | tuple[int, ...], converted: Sequen
     if kernel not in _recorded.launches:
         _recorded.launches[kernel] = (_copy_of_first(kernel, size, converted), None)
     command, before = _recorded.launches[kernel]
-    for index, value in enumerate(converted):
-        if isinstance(value, (int, float, ctypes.Structure)):
-            command.set_param_at_index_from_ctype(index, value)
+    params = command.params  # after the bounds, the arguments as ctypes has them
+    for index, value in enumerate(converted, 1):
+        if isinstance(value, ctypes.Structure):
+            params[index] = value
+        elif isinstance(value, (int, float)):
+            params[index].value = value
         else:
-            command.set_param_at_index(index, value)
+            command.set_param_at_index(index - 1, value)
     if size != before:
         command.set_dim(size)
     _recorded.launches[kernel] = (command, size)
@@ -106,7 +109,7 @@ def _copy_of_first(kernel: Any, size: Any, converted: Sequence[Any]) -> Any:
     command = copy.copy(_first[kernel])
     # numbers are changed in place, so each copy needs its own
     command.params = [type(p)(p.value) if isinstance(p, ctypes._SimpleCData) else p for p in command.params]
-    command.fwd_args = list(command.fwd_args) if command.fwd_args is not None else None
+    command.fwd_args = None  # which Warp keeps for the capture of graphs
     return command
 
 
@@ -115,15 +118,31 @@ def convert(kernel: Any, arguments: Sequence[Any]) -> list[Any]:
 
     Tensors must outlive the launch.
     """
-    wp = warp()
     converted = []
     for argument, slot in zip(arguments, kernel.adj.args, strict=True):
         if isinstance(argument, torch.Tensor):
-            if slot.type.ndim == 1:  # pictures as lists of pixels
-                argument = argument.view(-1, *getattr(slot.type.dtype, "_shape_", ()))
-            argument = wp.from_torch(argument.detach(), dtype=slot.type.dtype, requires_grad=False, return_ctype=True)
+            argument = _descriptor(argument, slot.type)
         converted.append(argument)
     return converted
+
+
+def _descriptor(tensor: torch.Tensor, slot: Any) -> Any:
+    """Where a tensor lies and how, for a parameter of type `slot`. A step's tensors lie where those of the step before
+    did: each place is described once."""
+    place = (tensor.data_ptr(), tensor.shape, tensor.stride(), tensor.dtype, tensor.device, slot.dtype, slot.ndim)
+    found = _described.get(place)
+    if found is None:
+        if slot.ndim == 1:  # pictures as lists of pixels
+            tensor = tensor.view(-1, *getattr(slot.dtype, "_shape_", ()))
+        found = warp().from_torch(tensor.detach(), dtype=slot.dtype, requires_grad=False, return_ctype=True)
+        if len(_described) >= _MOST_DESCRIBED:
+            _described.clear()
+        _described[place] = found
+    return found
+
+
+_described: dict[Any, Any] = {}
+_MOST_DESCRIBED = 1 << 14
 
 
 def _cache_is_writable() -> bool:

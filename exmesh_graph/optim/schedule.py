@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 
@@ -18,4 +20,9 @@ def view_at(iteration: int, views: int, seed: int) -> int:
     A function of its arguments alone, so that a run cut into several calls visits the views as one call does.
     """
     epoch, place = divmod(iteration, views)
-    return int(np.random.default_rng([seed, epoch]).permutation(views)[place])
+    return int(_order(epoch, views, seed)[place])
+
+
+@lru_cache(maxsize=16)
+def _order(epoch: int, views: int, seed: int) -> np.ndarray:
+    return np.random.default_rng([seed, epoch]).permutation(views)

@@ -72,6 +72,43 @@ _SPARSE = r"""
 """
 
 
+_MIX = (
+    PRELUDE
+    + r"""
+    // of a frequency's numbers, red real and imaginary to blue: 2 * frequencies floats from colour to colour
+    const long colour = 2L * frequencies;
+    float x[6 * 1024];
+    for (int r = 0; r < rows; ++r)
+        for (int k = 0; k < 6; ++k) x[6 * r + k] = spectrum.data[(3L * r + k / 2) * colour + 2 * f + k % 2];
+    const float* m = matrices.data + (long)f * rows * results;
+    auto put = [&](int s, int k, float value) { out.data[(3L * s + k / 2) * colour + 2 * f + k % 2] = value; };
+    int s = 0;
+    for (; s + 2 * LANES <= results; s += 2 * LANES) {
+        vf sum[2][6];
+        for (int k = 0; k < 6; ++k) sum[0][k] = sum[1][k] = 0.f;
+        for (int r = 0; r < rows; ++r) {
+            const vf a = LOAD(m + (long)r * results + s), b = LOAD(m + (long)r * results + s + LANES);
+            for (int k = 0; k < 6; ++k) {
+                sum[0][k] += a * x[6 * r + k];
+                sum[1][k] += b * x[6 * r + k];
+            }
+        }
+        for (int k = 0; k < 6; ++k)
+            for (int j = 0; j < LANES; ++j) {
+                put(s + j, k, sum[0][k][j]);
+                put(s + LANES + j, k, sum[1][k][j]);
+            }
+    }
+    for (; s < results; ++s)
+        for (int k = 0; k < 6; ++k) {
+            float sum = 0.f;
+            for (int r = 0; r < rows; ++r) sum += m[(long)r * results + s] * x[6 * r + k];
+            put(s, k, sum);
+        }
+"""
+)
+
+
 @wp.func_native(_FORWARD)
 def _direct(
     block: int,
@@ -147,3 +184,29 @@ def sparse(
 ):
     """M x [R, 3] of a matrix in rows; `values` are x in rows of four floats."""
     _sparse(first + wp.tid(), BLOCK, rows, start, column, weight, values, out)
+
+
+@wp.func_native(_MIX)
+def _mix_frequencies(
+    f: int,
+    frequencies: int,
+    rows: int,
+    results: int,
+    spectrum: wp.array(dtype=float),
+    matrices: wp.array(dtype=float),
+    out: wp.array(dtype=float),
+): ...
+
+
+@wp.kernel
+def mix_frequencies(
+    first: int,
+    frequencies: int,
+    rows: int,
+    results: int,
+    spectrum: wp.array(dtype=float),
+    matrices: wp.array(dtype=float),
+    out: wp.array(dtype=float),
+):
+    """One frequency of each row of three colours, [R, 3, F, 2], through its matrix [R, S]: [S, 3, F, 2]."""
+    _mix_frequencies(first + wp.tid(), frequencies, rows, results, spectrum, matrices, out)

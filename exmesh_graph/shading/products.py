@@ -49,6 +49,20 @@ def sparse_product(matrix: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
     return out
 
 
+def mix_frequencies(spectrum: torch.Tensor, matrices: torch.Tensor) -> torch.Tensor:
+    """Complex64 [S, F, 3], out[s, f] = sum_r m[f, r, s] x[r, f], of x complex64 [R, F, 3] and m float32 [F, R, S]; CPU.
+    R is at most 1024.
+
+    torch's batched product (`specular.convolve`) is the plain form; its columns, six numbers, are too few for it.
+    """
+    frequencies, rows, results = matrices.shape
+    # as torch's transform lays it down and reads it: frequencies last
+    parts = torch.view_as_real(spectrum.transpose(1, 2).contiguous())
+    out = torch.empty(results, 3, frequencies, 2)
+    split(_kernels().mix_frequencies, frequencies, frequencies, rows, results, parts, matrices, out, grain=8)
+    return torch.view_as_complex(out).transpose(1, 2)
+
+
 def _fused(operator: torch.Tensor, values: torch.Tensor) -> bool:
     plain = all(t.device.type == "cpu" and t.dtype == torch.float32 for t in (operator, values))
     return plain and operator.is_contiguous() and values.shape[1] == 3

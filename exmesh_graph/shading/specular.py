@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from torch.autograd.function import once_differentiable
 
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.brdf import ALPHA_MIN
+from exmesh_graph.shading.products import mix_frequencies
 
 #: Roughness of the prefiltered levels; between them radiance is interpolated linearly.
 LEVELS = (0.0, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
@@ -76,6 +77,11 @@ class _Group:
     weight: torch.Tensor
     kernel: torch.Tensor
 
+    @cached_property
+    def adjoint(self) -> torch.Tensor:
+        """`kernel` with its rows and columns exchanged."""
+        return self.kernel.transpose(1, 2).contiguous()
+
     @classmethod
     def of(cls, factor: int, factors: list[int], sizes: list[tuple[int, int]], device: torch.device | str) -> _Group:
         mine = [k for k, own in enumerate(factors) if own == factor]
@@ -115,7 +121,7 @@ class _Build(torch.autograd.Function):
         for group in groups:
             pooled = group.pool(environment)
             levels += [pooled] if group.sharp else []
-            levels.append(_convolve(pooled, group.kernel))
+            levels.append(convolve(pooled, group.kernel, group.adjoint))
         return torch.cat([level.reshape(-1, 3) for level in levels])
 
     @staticmethod
@@ -127,7 +133,7 @@ class _Build(torch.autograd.Function):
             rows = [height * group.sharp, group.kernel.shape[1]]
             own = gradient[start : start + sum(rows) * width].reshape(-1, width, 3)
             start += sum(rows) * width
-            pooled = _convolve(own[rows[0] :], group.kernel.transpose(1, 2))
+            pooled = convolve(own[rows[0] :], group.adjoint, group.kernel)
             part = group.spread(pooled + own[: rows[0]] if group.sharp else pooled)
             total = part if total is None else total + part
         return total, None
@@ -175,12 +181,18 @@ def _lobe_spectrum(roughness: float, height: int, width: int) -> np.ndarray:
     return np.ascontiguousarray(np.fft.rfft(lobe, axis=2).real.transpose(2, 0, 1)).astype(np.float32)
 
 
-def _convolve(rows: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
-    """`rows` [R, W, 3] through a matrix per longitudinal frequency, `kernel` [W / 2 + 1, S, R]: [S, W, 3]."""
+def convolve(rows: torch.Tensor, kernel: torch.Tensor, adjoint: torch.Tensor) -> torch.Tensor:
+    """`rows` [R, W, 3] through a matrix per longitudinal frequency, `kernel` [W / 2 + 1, S, R]: [S, W, 3].
+
+    `adjoint` is the kernel with S and R exchanged, which a CPU reads in float32 (`mix_frequencies`).
+    """
     if kernel.shape[1] == 0 or len(rows) == 0:
         return rows.new_zeros(kernel.shape[1], rows.shape[1], 3)
-    spectrum = torch.view_as_real(torch.fft.rfft(rows, dim=1)).permute(1, 0, 2, 3).reshape(len(kernel), len(rows), 6)
-    filtered = torch.bmm(kernel.to(rows.dtype), spectrum).reshape(len(kernel), -1, 3, 2)
+    spectrum = torch.fft.rfft(rows, dim=1)
+    if rows.device.type == "cpu" and rows.dtype == adjoint.dtype == torch.float32 and len(rows) <= 1024:
+        return torch.fft.irfft(mix_frequencies(spectrum, adjoint), n=rows.shape[1], dim=1)
+    parts = torch.view_as_real(spectrum).permute(1, 0, 2, 3).reshape(len(kernel), len(rows), 6)
+    filtered = torch.bmm(kernel.to(rows.dtype), parts).reshape(len(kernel), -1, 3, 2)
     return torch.fft.irfft(torch.view_as_complex(filtered).permute(1, 0, 2), n=rows.shape[1], dim=1)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from exmesh_graph.gpu.cores import cores
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.brdf_sampling import sample_specular
 from exmesh_graph.shading.envmap import Pyramid
@@ -14,6 +15,7 @@ from exmesh_graph.shading.point_sets import fibonacci_sphere, hammersley
 from exmesh_graph.shading.specular import (
     LEVELS,
     PrefilteredStack,
+    convolve,
     directional_albedo,
     mean_visibility,
     reflectance_table,
@@ -60,6 +62,37 @@ def test_stack_is_linear_with_matching_gradients():
     pick = torch.rand(rows.shape, generator=generator, dtype=torch.float64)
     (adjoint,) = torch.autograd.grad((rows * pick).sum(), first)
     torch.testing.assert_close((adjoint * second).sum(), (stack.build(second) * pick).sum())
+
+
+@pytest.mark.parametrize(("rows", "width", "results"), [(16, 32, 48), (1, 2, 1), (7, 6, 33), (40, 20, 5), (3, 8, 0)])
+def test_frequencies_by_explicit_vectors_equal_the_plain_product(rows, width, results):
+    generator = torch.Generator().manual_seed(0)
+    sky = 1e3 * torch.rand(rows, width, 3, generator=generator) ** 8
+    kernel = torch.rand(width // 2 + 1, results, rows, generator=generator) - 0.5
+    found = []
+    for count in (1, 2, 3):
+        with cores(count):
+            found.append(convolve(sky, kernel, kernel.transpose(1, 2).contiguous()))
+    exact = convolve(sky.double(), kernel.double(), kernel.double().transpose(1, 2))
+    torch.testing.assert_close(found[0].double(), exact, rtol=1e-4, atol=1e-5 * float(sky.max()))
+    assert torch.equal(found[0], found[1])
+    assert torch.equal(found[0], found[2])
+
+
+@pytest.mark.parametrize("height", [8, 64, 256])
+def test_float32_levels_and_their_gradient_equal_those_of_float64(height):
+    stack, wide = PrefilteredStack(height, 2 * height), PrefilteredStack(height, 2 * height)
+    generator = torch.Generator().manual_seed(0)
+    sky = torch.rand(height, 2 * height, 3, generator=generator)
+    sky[height // 3, 5] = 1e4  # a sun
+    exact = sky.double().requires_grad_()
+    sky.requires_grad_()
+    levels, expected = stack.build(sky), wide.build(exact)
+    pick = torch.rand(levels.shape, generator=generator)
+    (gradient,) = torch.autograd.grad((levels * pick).sum(), sky)
+    (reference,) = torch.autograd.grad((expected * pick.double()).sum(), exact)
+    torch.testing.assert_close(levels.double(), expected, rtol=1e-4, atol=2e-2)  # of 10 000
+    torch.testing.assert_close(gradient.double(), reference, rtol=1e-4, atol=1e-5)
 
 
 def test_lookup_gradient_in_roughness():
