@@ -23,6 +23,7 @@ from exmesh_graph.types.edges import edges_of
 Arrays = tuple[np.ndarray, np.ndarray]
 _LOST = 0.01  # share of the surface that a start may lose
 _LOOKED = 20000
+_RETREATS = 20
 
 
 @dataclass(frozen=True)
@@ -63,13 +64,15 @@ def clean_mesh(
     settings = settings or CleanSettings()
     require_mesh(vertices, faces, where)
     source = largest_components(*weld(vertices, faces), settings.components, settings.min_area)
-    budget = settings.faces
+    if not settings.tolerance or settings.faces >= settings.max_faces:
+        return _cleaned(*source, settings, where)
+    radius = float(np.linalg.norm(np.ptp(source[0], axis=0))) / 2
+    thinned, budget = source, settings.faces
+    if len(source[1]) > 3 * settings.max_faces:  # most of the time goes into the first collapses: take them once
+        thinned = _cleaned(*source, settings.model_copy(update={"faces": 2 * settings.max_faces}), where)
     while True:
-        result = _cleaned(*source, settings.model_copy(update={"faces": budget}), where)
-        if not settings.tolerance or budget >= settings.max_faces:
-            return result
-        radius = float(np.linalg.norm(np.ptp(source[0], axis=0))) / 2
-        if lost_parts(source, result, settings.tolerance * radius) <= _LOST:
+        result = _cleaned(*thinned, settings.model_copy(update={"faces": budget}), where)
+        if budget >= settings.max_faces or lost_parts(source, result, settings.tolerance * radius) <= _LOST:
             return result
         budget = min(2 * budget, settings.max_faces)
 
@@ -225,7 +228,10 @@ def outward(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def taubin(vertices: np.ndarray, faces: np.ndarray, steps: int, shrink: float = 0.5, grow: float = -0.53) -> np.ndarray:
-    """Taubin's lambda | mu smoothing, `steps` pairs with uniform weights: takes out voxel steps without shrinking."""
+    """Taubin's lambda | mu smoothing, `steps` pairs with uniform weights: takes out voxel steps without shrinking.
+
+    Where it would leave a face without area the corners stay where they were.
+    """
     if steps == 0:
         return vertices
     a, b = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
@@ -237,7 +243,14 @@ def taubin(vertices: np.ndarray, faces: np.ndarray, steps: int, shrink: float = 
     for _ in range(steps):
         for weight in (shrink, grow):
             x = x + weight * (links @ x / degree - x)
-    return x.astype(np.float32)
+    smooth = x.astype(np.float32)
+    for _ in range(_RETREATS):
+        flat = np.unique(faces[face_areas(smooth, faces) <= _flat(vertices)])
+        moved = flat[(smooth[flat] != vertices[flat]).any(axis=1)]
+        if len(moved) == 0:
+            break
+        smooth[moved] = vertices[moved]
+    return smooth
 
 
 def inspect(vertices: np.ndarray, faces: np.ndarray) -> Soundness:

@@ -5,8 +5,8 @@ import pytest
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry import clean
-from exmesh_graph.geometry.adjacency import signed_volume
-from exmesh_graph.geometry.clean import clean_mesh, inspect, lost_parts, outward, require_sound, weld
+from exmesh_graph.geometry.adjacency import face_areas, signed_volume
+from exmesh_graph.geometry.clean import clean_mesh, inspect, lost_parts, outward, require_sound, taubin, weld
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.settings import CleanSettings
 
@@ -224,3 +224,13 @@ def test_lost_parts_is_the_share_of_area_that_is_far():
     assert lost_parts(whole, ball(0.4, (-0.5, 0, 0)), 1e-3) == pytest.approx(0.5, abs=0.01)
     assert lost_parts(whole, whole, 1e-6) == 0
     assert lost_parts(whole, ball(0.4, (-0.5, 0, 0)), 5.0) == 0
+
+
+def test_smoothing_leaves_no_face_without_area(monkeypatch):
+    vertices, faces = ball(resolution=16)
+    least = np.quantile(face_areas(taubin(vertices, faces, 10), faces), 0.05)
+    monkeypatch.setattr(clean, "_flat", lambda _: least)
+    smooth = taubin(vertices, faces, 10)
+    small = face_areas(smooth, faces) <= least
+    assert np.array_equal(smooth[faces[small]], vertices[faces[small]])  # as far back as they can go
+    assert not np.array_equal(smooth, vertices)
