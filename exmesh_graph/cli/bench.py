@@ -43,15 +43,35 @@ def bench(
         list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="With --scenes: for all scenes.")
     ] = None,
     dry: Annotated[bool, typer.Option("--dry", help="With --scenes: say what would run, and how long.")] = False,
+    speed: Annotated[
+        bool,
+        typer.Option("--speed", help="Instead: seconds of each stage beside an earlier commit's, one core and two."),
+    ] = False,
+    against: Annotated[
+        str | None, typer.Option(metavar="REVISION", help="With --speed: the earlier commit. Default: 8719830.")
+    ] = None,
     root: Annotated[Path, typer.Option(metavar="DIR", help="The repository.")] = Path(),
 ) -> None:
-    """Measure this machine: kernels, stages, quickstart, framework; or, by --scenes, score all scenes of a role."""
+    """Measure this machine: kernels, stages, quickstart, framework; or an earlier commit beside it; or score scenes."""
     for needed in ("benchmarks/bench.py", "graphs"):
         if not (root / needed).exists():
             raise GraphError(
                 f"there is no {needed} in {root.resolve()}", where="command line",
                 fix="run `exmesh bench` in a checkout of the repository, or give --root",
             )  # fmt: skip
+    if speed:
+        others = {
+            " ".join(suites or []): suites,
+            "--compare": compare,
+            "--scenes": scenes,
+            "--data": data,
+            "--dry": dry,
+        }
+        _refuse(others, "does not go with --speed", "leave one of them out")
+        words = (["--quick"] if quick else []) + (["--against", against] if against else [])
+        _benchmark("speed", words + (["--json", str(json_.resolve())] if json_ else []), root)
+        return
+    _refuse({"--against": against}, "goes with --speed", "add --speed")
     if scenes is None:
         only: dict[str, object] = {"--data": data, "--scene": scene, "--graph": graph, "--set": set_, "--dry": dry}
         _refuse(only, "goes with --scenes", "add --scenes score, or --scenes choose")
@@ -65,9 +85,7 @@ def bench(
     words += [word for name in scene or [] for word in ("--scene", name)]
     words += [word for text in set_ or [] for word in ("--set", text)]
     words += (["--graph", str(graph.resolve())] if graph else []) + (["--dry"] if dry else [])
-    code = _benchmark("scores", words, root)
-    if code:
-        raise typer.Exit(code)
+    _benchmark("scores", words, root)
 
 
 def _refuse(options: Mapping[str, object], what: str, fix: str) -> None:
@@ -76,11 +94,14 @@ def _refuse(options: Mapping[str, object], what: str, fix: str) -> None:
             raise GraphError(f"{name} {what}", where="command line", fix=fix)
 
 
-def _benchmark(name: str, words: list[str], root: Path) -> int:
-    """The exit code of `python -m benchmarks.NAME` in the checkout, which shows itself and ends itself on Ctrl-C."""
+def _benchmark(name: str, words: list[str], root: Path) -> None:
+    """Run `python -m benchmarks.NAME` in the checkout, which shows itself and ends on Ctrl-C; exit as it does."""
     process = subprocess.Popen([sys.executable, "-m", f"benchmarks.{name}", *words], cwd=root)
     while True:
         try:
-            return process.wait()
+            code = process.wait()
+            break
         except KeyboardInterrupt:
             continue
+    if code:
+        raise typer.Exit(code)

@@ -134,6 +134,17 @@ def test_scenes_are_scored_by_the_checkout(checkout, monkeypatch, tmp_path):
     assert [Path(asked[k]) for k in (5, 7)] == [tmp_path / "mine", tmp_path / "yours"]
 
 
+def test_speed_is_measured_by_the_checkout(checkout):
+    (checkout / "benchmarks" / "speed.py").write_text(SCORES)
+    assert bench(checkout, "--speed", "--quick", "--against", "abc").exit_code == 0
+    assert json.loads((checkout / "asked.json").read_text()) == ["--quick", "--against", "abc"]
+    assert bench(checkout, "--speed", "--against", "broken").exit_code == 3
+    with pytest.raises(GraphError, match="--against goes with --speed"):
+        bench(checkout, "--against", "abc")
+    with pytest.raises(GraphError, match="--scenes does not go with --speed"):
+        bench(checkout, "--speed", "--scenes", "score")
+
+
 def test_options_that_do_not_go_together_are_refused(checkout):
     with pytest.raises(GraphError, match="kernels measures the machine"):
         bench(checkout, "kernels", "--scenes", "score")
