@@ -116,7 +116,7 @@ def run_start(options: argparse.Namespace) -> tuple[list[np.ndarray], list[float
 
 
 def run_refine(options: argparse.Namespace) -> tuple[list[np.ndarray], list[float], str]:
-    from exmesh_graph.graph.machine import memory_in_use
+    from exmesh_graph.resources import memory_in_use
     from exmesh_graph.stage1.refine import refine
     from exmesh_graph.stage1.settings import RefineSettings
     from exmesh_graph.types import Stage1State
@@ -133,7 +133,7 @@ def run_refine(options: argparse.Namespace) -> tuple[list[np.ndarray], list[floa
 
 
 def run_fit(options: argparse.Namespace) -> tuple[list[np.ndarray], list[float], str]:
-    from exmesh_graph.graph.machine import memory_in_use
+    from exmesh_graph.resources import memory_in_use
     from exmesh_graph.shading.transport import trace_transport, with_bounces
     from exmesh_graph.stage2.fit import fit
     from exmesh_graph.stage2.memory import plan_memory

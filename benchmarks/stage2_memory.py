@@ -25,8 +25,8 @@ import torch
 
 from benchmarks.stability import stage2_scenes as scenes
 from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.graph.machine import memory_in_use, peak_memory, reset_peak_memory
 from exmesh_graph.raster import rasterize
+from exmesh_graph.resources import memory_in_use, peak_memory, reset_peak_memory
 from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.memory import plan_memory

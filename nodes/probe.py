@@ -12,7 +12,7 @@ class ProbeOut(NamedTuple):
     decisions: Metrics
 
 
-@node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources={"cpu": 1})
+@node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources={"cpu": 0})
 def probe(
     ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: CoreSettings
 ) -> ProbeOut:

@@ -78,7 +78,7 @@ def refine(
 ) -> RefineOut:
     """Move vertices and texels against the photographs on a fixed topology."""
     from exmesh_graph.gpu.torch_setup import computing
-    from exmesh_graph.graph.machine import memory_in_use
+    from exmesh_graph.resources import memory_in_use
     from exmesh_graph.stage1.memory import plan_memory
     from exmesh_graph.stage1.refine import refine as run
     from exmesh_graph.stage1.units import in_edge_lengths

@@ -53,7 +53,7 @@ def fit(
     `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from.
     """
     from exmesh_graph.gpu.torch_setup import sharing
-    from exmesh_graph.graph.machine import memory_in_use
+    from exmesh_graph.resources import memory_in_use
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.memory import plan_memory
 

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import torch
 
 from exmesh_graph.gpu.warp_runtime import convert, launch, launch_converted
+from exmesh_graph.resources import usable_cores
 
 Result = TypeVar("Result")
 
@@ -29,8 +30,8 @@ _own = threading.local()
 
 
 def available() -> int:
-    """The cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    """The cores that this process may use now: a run grants a node more or fewer while it works."""
+    return usable_cores()
 
 
 def workers() -> int:
@@ -120,7 +121,8 @@ def _threads() -> ThreadPoolExecutor:
     """Threads wait without spinning, so several solvers of a process may share them."""
     global _pool
     if _pool is None:
-        _pool = ThreadPoolExecutor(max(available() - 1, 3), thread_name_prefix="exmesh-core")
+        most = len(os.sched_getaffinity(0))
+        _pool = ThreadPoolExecutor(max(most - 1, 3), thread_name_prefix="exmesh-core")
     return _pool
 
 

@@ -1,16 +1,14 @@
-"""What this process runs on, and how much memory it has used."""
+"""What this process runs on, and who runs it: for records."""
 
 from __future__ import annotations
 
-import contextlib
 import getpass
 import os
 import platform
-import resource
 import sys
-from pathlib import Path
 from typing import Any
 
+from exmesh_graph.resources import told_by_kernel
 from exmesh_graph.version import __version__
 
 
@@ -20,7 +18,7 @@ def machine_facts() -> dict[str, Any]:
         "exmesh_graph": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "processor": _told("/proc/cpuinfo", "model name") or platform.processor(),
+        "processor": told_by_kernel("/proc/cpuinfo", "model name") or platform.processor(),
         "cpus": len(os.sched_getaffinity(0)),
         "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
     }
@@ -39,29 +37,3 @@ def user_and_host() -> str:
     except (OSError, KeyError):  # a user id without a name, as in some containers
         name = str(os.getuid())
     return f"{name}@{platform.node()}"
-
-
-def reset_peak_memory() -> None:
-    """Start a new peak for `peak_memory`, where the system allows it (Linux)."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def memory_in_use() -> int:
-    """Resident bytes of this process now."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def peak_memory() -> int:
-    """Peak resident bytes since `reset_peak_memory` (since the process began where that is not possible)."""
-    peak = _told("/proc/self/status", "VmHWM")
-    return int(peak.split()[0] if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
-
-
-def _told(file: str, label: str) -> str:
-    """What a file of the kernel says under a label, in its first line of that name; nothing where there is none."""
-    with contextlib.suppress(OSError), open(file, encoding="utf-8") as lines:
-        for line in lines:
-            if line.startswith(label):
-                return line.partition(":")[2].strip()
-    return ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,6 +17,7 @@ from exmesh_graph.io.images import Photo, linear_of_codes, picture_size, read_ma
 from exmesh_graph.io.normalise import cameras_to_normalised
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.undistort import resampled
+from exmesh_graph.resources import usable_cores
 from exmesh_graph.types import Frame, Views
 from exmesh_graph.types.pictures import PictureFiles, Pictures, integer_codes, too_large
 
@@ -63,7 +63,7 @@ def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Load
     width, height = width // downscale, height // downscale
     files = _Files.of(len(shots), height, width) if too_large(len(shots), height, width) else None
     many = max(1, _READING_BYTES // max(1, _PIXEL_BYTES * width * height * downscale**2))
-    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), many)) as pool:
+    with ThreadPoolExecutor(min(usable_cores(), many)) as pool:
         read = _in_turn(pool, [(number, shot, downscale, files) for number, shot in enumerate(shots)], many)
         pictures = list(_alike(shots, read, split))
     full_intrinsics = np.stack([picture.intrinsics for picture in pictures])

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.run.schedule import Pool, machine_tokens, parse_tokens, remaining_seconds
+from exmesh_graph.graph.run.schedule import Pool, parse_tokens, remaining_seconds
+from exmesh_graph.resources import machine_tokens
 
 CHAIN = """
 nodes:
@@ -36,12 +37,45 @@ def test_the_longest_remaining_path_counts(bench: Any) -> None:
 def test_wishes_are_cut_or_refused(bench: Any) -> None:
     pool = Pool({"cpu": 4, "jobs": 4, "gpu": 1})
     assert pool.wanted(asking(bench))["cpu"] == 1
-    assert pool.wanted(asking(bench, cpu=0))["cpu"] == 4
+    assert Pool({"cpu": 8, "jobs": 8}, {"cpu": 4}).wanted(asking(bench, cpu=0))["cpu"] == 4  # of several machines
     assert pool.wanted(asking(bench, cpu=64))["cpu"] == 4
     assert pool.wanted(asking(bench, **{"gpu?": 9}))["gpu"] == pool.most["gpu"]
     assert "gpu" not in Pool({"cpu": 4, "gpu": 0, "jobs": 9}).wanted(asking(bench, **{"gpu?": 1}))
     with pytest.raises(GraphError, match="asks for gpu=2, licence=1, and there is gpu=1, licence=0"):
         pool.wanted(asking(bench, gpu=2, licence=1))
+
+
+def test_any_number_of_cores_is_what_others_leave(bench: Any) -> None:
+    """On one machine: a few to begin with, all while nothing else runs, a fair part beside others."""
+    any_number = {name: replace(asking(bench, cpu=0), name=name) for name in "xyz"}
+    for cpus, least in ((1, 1), (2, 1), (4, 2), (8, 4), (64, 4)):
+        assert Pool({"cpu": cpus, "jobs": 9}).wanted(any_number["x"])["cpu"] == least
+    pool = Pool({"cpu": 9, "jobs": 9})
+    for name in "xy":
+        pool.take(name, pool.wanted(any_number[name]))
+    assert pool.cores() == {"x": 5, "y": 4}
+    assert not pool.fits(pool.wanted(any_number["z"]))
+    pool.take("a", pool.wanted(asking(bench)))
+    assert pool.cores() == {"x": 4, "y": 4, "a": 0}
+    pool.give_back("x")
+    assert pool.cores() == {"y": 8, "a": 0}
+    pool.give_back("a")
+    assert pool.cores() == {"y": 9}
+
+
+def test_large_nodes_run_beside_one_another_where_memory_allows(bench: Any) -> None:
+    any_number = {name: replace(asking(bench, cpu=0), name=name) for name in "xyz"}
+    pool = Pool({"cpu": 64, "jobs": 9, "ram_gb": 16}, None, {"x": 7e9, "y": 5e9, "z": 7e9})
+    for name in "xyz":
+        pool.wanted(any_number[name])
+    assert pool.roomy("x")
+    pool.take("x", pool.wanted(any_number["x"]))
+    assert pool.roomy("y")
+    assert not pool.roomy("z")
+    assert pool.roomy("a")  # of one core
+    alone = Pool({"cpu": 64, "jobs": 9, "ram_gb": 1})
+    alone.wanted(any_number["x"])
+    assert alone.roomy("x")  # alone it may try
 
 
 def test_gpus_are_lent_whole_or_in_parts() -> None:

@@ -17,10 +17,11 @@ from exmesh_graph.graph.cache.keys import NOTHING, Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.ports import Port, artifact_types
 from exmesh_graph.graph.language.check import Bound
-from exmesh_graph.graph.machine import machine_facts, peak_memory, reset_peak_memory
+from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
 from exmesh_graph.graph.run.memory import Memory, mark_of
+from exmesh_graph.resources import peak_memory, reset_peak_memory
 from exmesh_graph.types import Artifact
 
 _CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time

@@ -90,16 +90,16 @@ class RunFolder:
         """The file for what a node prints."""
         return log_file(self.path, node)
 
-    def past_seconds(self) -> dict[str, float]:
-        """{node: seconds} of the latest earlier runs of the graph beside this one."""
-        seconds: dict[str, float] = {}
+    def past(self, figure: str) -> dict[str, float]:
+        """{node: its `seconds` or `peak_rss`} in the latest earlier runs of the graph beside this one."""
+        figures: dict[str, float] = {}
         earlier = [path for path in self.path.parent.iterdir() if self._tail in path.name and not path.is_symlink()]
         for path in sorted(set(earlier) - {self.path}, reverse=True)[:3]:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
                 for row in json.loads((path / "run.json").read_text(encoding="utf-8"))["nodes"]:
                     if row["state"] in ("hit", "done"):
-                        seconds.setdefault(row["name"], float(row["seconds"]))
-        return seconds
+                        figures.setdefault(row["name"], float(row[figure]))
+        return figures
 
     def close(self) -> None:
         """Let go of the events file."""

@@ -182,7 +182,7 @@ class Runner:
             self._settle(name, HIT, action.outputs, action.info, time.perf_counter() - started)
             return
         if not self.remaining:
-            past = self.folder.past_seconds()
+            past = self.folder.past("seconds")
             self.remaining = remaining_seconds(self.nodes, past)
             self.log.emit("expected", seconds=past)
         self.planned[name] = preimage
@@ -202,7 +202,8 @@ class Runner:
         if not self.queue or not self._going():
             return
         if self.pool is None:
-            self.pool = Pool({**self.backend.capacity(), **self.tokens}, self.backend.largest())
+            offered = {**self.backend.capacity(), **self.tokens}
+            self.pool = Pool(offered, self.backend.largest(), self.folder.past("peak_rss"))
             self.store.save()  # what was learned about the code, for workers
         keys = {self.rows[name]["key"] for name in self.running}
         for entry in list(self.queue):
@@ -214,7 +215,7 @@ class Runner:
                 continue
             try:
                 wanted = self.pool.wanted(self.nodes[name])
-                if not self.pool.fits(wanted) or not self.leases.take(name, key):
+                if not self.pool.fits(wanted) or not self.pool.roomy(name) or not self.leases.take(name, key):
                     continue
                 action = self._look_up(self.nodes[name], preimage)
             except ExmeshError as error:
@@ -232,9 +233,11 @@ class Runner:
     def _start(
         self, name: str, preimage: Mapping[str, Any], wanted: Mapping[str, float], devices: tuple[int, ...]
     ) -> None:
+        assert self.pool is not None
+        threads = max(1, int(self.pool.most["cpu"] if name in self.pool.any_number else wanted["cpu"]))
         job = job_of(
             self.nodes[name], self.graph.nodes, preimage, self.store, graph=self.graph.name, run=self.folder.id,
-            threads=max(1, int(wanted["cpu"])), devices=devices, log=str(self.folder.log(name)),
+            threads=threads, devices=devices, log=str(self.folder.log(name)),
             checkpoint_every=self.checkpoint_every, packs=self.packs,
         )  # fmt: skip
         self.rows[name]["state"] = RUNNING
@@ -242,6 +245,13 @@ class Runner:
         self.log.emit("node_started", node=name)
         self.log.save()
         (self.here if job.is_of_main() else self.backend).submit(job)
+        self._divide_cores()
+
+    def _divide_cores(self) -> None:
+        """Say how many cores each running node may use, since one has come or gone."""
+        assert self.pool is not None
+        for name, cores in self.pool.cores().items():
+            self.backend.grant(name, cores)
 
     def _take(self, outcome: Outcome) -> None:
         """Note how a job ended."""
@@ -249,6 +259,7 @@ class Runner:
         job, started = self.running.pop(name)
         assert self.pool is not None
         self.pool.give_back(name)
+        self._divide_cores()
         self.leases.give_back(name)
         if outcome.state == DONE:
             self.store.share(self.rows[name]["key"])

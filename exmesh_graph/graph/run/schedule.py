@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import heapq
 import math
-import os
-import subprocess
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -16,30 +14,12 @@ from exmesh_graph.graph.cache.lease import BEAT, Holder, Lease, Leases
 from exmesh_graph.graph.cache.store import Stored
 from exmesh_graph.graph.declare.node import wanted_of
 from exmesh_graph.graph.language.check import Bound
+from exmesh_graph.resources import gpu_memory
 
 Tokens = Mapping[str, float]
 _ROUNDING = 1e-9
-
-
-def machine_tokens() -> dict[str, float]:
-    """cpu (those this process may use), gpu (NVIDIA devices that are visible), ram_gb (physical)."""
-    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-    if visible is None:
-        gpus = len(list(Path("/proc/driver/nvidia/gpus").glob("*")))
-    else:
-        gpus = len([word for word in visible.split(",") if word.strip() not in ("", "-1")])
-    ram = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    return {"cpu": len(os.sched_getaffinity(0)), "gpu": gpus, "ram_gb": ram}
-
-
-def gpu_memory() -> float:
-    """Memory of all NVIDIA devices together in GB (10^9 bytes), 0 where nvidia-smi does not say."""
-    words = ["nvidia-smi", "--query-gpu=memory.total", "--format=csv,noheader,nounits"]
-    try:
-        told = subprocess.run(words, capture_output=True, text=True, timeout=20, check=True).stdout
-        return sum(float(line) for line in told.split()) * 2**20 / 1e9
-    except (OSError, subprocess.SubprocessError, ValueError):
-        return 0.0
+_FEWEST = 4  # cores with which a node that takes any number begins beside others: it has parts that use one
+_UNKNOWN_PEAK, _MEMORY_SHARE = 4.0, 0.8
 
 
 def parse_tokens(text: str) -> dict[str, float]:
@@ -57,9 +37,15 @@ def parse_tokens(text: str) -> dict[str, float]:
 
 
 class Pool:
-    """Tokens in use and free. `cpu: 0` asks for every cpu of a machine; a request for cpus is cut to what one has."""
+    """Tokens in use and free. `cpu: 0` asks for every cpu of a machine; a request for cpus is cut to what one has.
 
-    def __init__(self, capacity: Tokens, largest: Tokens | None = None) -> None:
+    On a single machine (no `largest`) a node with `cpu: 0` holds a few cores and may use what nobody holds beside these
+    (`cores`): others start beside it, and it makes do with fewer. peaks: bytes of memory of nodes in earlier runs.
+    """
+
+    def __init__(self, capacity: Tokens, largest: Tokens | None = None, peaks: Tokens | None = None) -> None:
+        self.divided, self.peaks = not largest, peaks or {}
+        self.any_number: set[str] = set()
         self.capacity = dict(capacity)
         largest = largest or {}
         self.most = {name: min(count, largest.get(name, count)) for name, count in capacity.items()}  # of one job
@@ -73,6 +59,9 @@ class Pool:
         if {"vram_gb", "vram_gb?"} & set(bound.definition.resources) and "vram_gb" not in self.capacity:
             self.capacity["vram_gb"] = self.free["vram_gb"] = self.most["vram_gb"] = gpu_memory()
         wanted = {"jobs": 1.0, **wanted_of(bound.definition, self.most)}
+        if self.divided and bound.definition.resources.get("cpu") == 0:
+            self.any_number.add(bound.name)
+            wanted["cpu"] = min(wanted["cpu"], max(1.0, min(_FEWEST, wanted["cpu"] // 2)))
         lacking = {name: count for name, count in wanted.items() if count > self.most.get(name, 0.0)}
         if lacking:
             words = ", ".join(f"{name}={count:g}" for name, count in lacking.items())
@@ -85,6 +74,24 @@ class Pool:
     def fits(self, wanted: Tokens) -> bool:
         enough = all(count <= self.free.get(name, 0.0) + _ROUNDING for name, count in wanted.items())
         return enough and self._devices(wanted.get("gpu", 0.0)) is not None
+
+    def roomy(self, name: str) -> bool:
+        """Whether a node with `cpu: 0` goes into memory beside others such that run, by the peaks of earlier runs.
+
+        A node that never ran counts as 4 GB. (Nodes of one core are small: they start as tokens go.)
+        """
+        large = {name, *self.held} & self.any_number
+        needed = sum(self.peaks.get(one, _UNKNOWN_PEAK * 1e9) for one in large) / 1e9
+        return name not in large or len(large) == 1 or needed <= _MEMORY_SHARE * self.capacity.get("ram_gb", math.inf)
+
+    def cores(self) -> dict[str, int]:
+        """What running nodes with `cpu: 0` may use now: the cores they hold and their part of the free ones. 0, no
+        bound, for the others.
+        """
+        running = [name for name in self.held if name in self.any_number]
+        each, rest = divmod(int(self.free["cpu"] + _ROUNDING), len(running) or 1)
+        shares = {name: int(self.held[name]["cpu"]) + each + (k < rest) for k, name in enumerate(running)}
+        return dict.fromkeys(self.held, 0) | shares
 
     def take(self, name: str, wanted: dict[str, float]) -> tuple[int, ...]:
         """Hold tokens for a node; returns the numbers of its GPUs."""

@@ -89,6 +89,14 @@ def test_threads_are_granted_by_tokens(bench: Any) -> None:
     assert bench.value(run(bench, text, tokens={"cpu": 3}), "w") == 3.0
 
 
+def test_a_node_of_any_number_of_cores_makes_room_for_another(bench: Any, states: Any) -> None:
+    (bench.root / "there").mkdir()
+    text = MEET.format(kind="meet").replace("b: {type: toy.meet", "b: {type: toy.sharing")
+    where = f"folder={bench.root / 'there'}"
+    assert set(states(run(bench, text, where, tokens={"cpu": 2})).values()) == {"done"}
+    assert set(states(run(bench, text, where, tokens={"cpu": 1})).values()) == {"hit"}  # cores are in no key
+
+
 def test_a_chain_stays_in_one_process_and_in_its_memory(bench: Any) -> None:
     text = """
 nodes:

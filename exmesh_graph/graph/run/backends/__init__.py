@@ -15,7 +15,7 @@ from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.run.execute import execute
 from exmesh_graph.graph.run.job import STOPPED, Emit, Job, Outcome
 from exmesh_graph.graph.run.memory import Memory
-from exmesh_graph.graph.run.schedule import machine_tokens
+from exmesh_graph.resources import machine_tokens
 
 
 class Backend(Protocol):
@@ -30,6 +30,10 @@ class Backend(Protocol):
 
     def submit(self, job: Job) -> None:
         """Begin a job. Its name is unique among those that run."""
+
+    def grant(self, name: str, cores: int) -> None:
+        """Let a running job use so many cores from now on (0: all); nothing where no job runs beside another."""
+        return
 
     def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
         """Wait up to `timeout` seconds for something to happen; events go to `emit`, ended jobs are returned.

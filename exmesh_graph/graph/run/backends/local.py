@@ -22,7 +22,7 @@ from typing import Any
 
 from exmesh_graph.graph.run.backends import Backend
 from exmesh_graph.graph.run.job import FAILED, Emit, Job, Outcome
-from exmesh_graph.graph.run.schedule import machine_tokens
+from exmesh_graph.resources import machine_tokens
 
 _START = "import sys; sys.path[:] = {path!r}; from exmesh_graph.graph.run.backends.worker import main; main({budget})"
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
@@ -61,6 +61,10 @@ class Local(Backend):
             self.selector.register(worker.output, selectors.EVENT_READ, worker)
         worker.job = job
         worker.send(job=job.to_json())
+
+    def grant(self, name: str, cores: int) -> None:
+        for worker in [w for w in self.workers if w.job is not None and w.job.name == name]:
+            worker.send(cores=cores)
 
     def poll(self, timeout: float, emit: Emit) -> list[Outcome]:
         end = time.monotonic() + timeout

@@ -23,6 +23,7 @@ from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.run.execute import execute
 from exmesh_graph.graph.run.job import STOPPED, Job, Outcome
 from exmesh_graph.graph.run.memory import Memory
+from exmesh_graph.resources import grant_cores
 
 
 def main(budget: int) -> None:
@@ -82,7 +83,10 @@ class _Worker:
 
     def _read(self) -> None:
         for line in self.commands:
-            self.queue.put(json.loads(line))
+            command = json.loads(line)
+            if "cores" in command:  # at once, beside the job that runs
+                grant_cores(command["cores"])
+            self.queue.put(command)
         os._exit(1)
 
     def _send(self, message: Mapping[str, Any]) -> None:

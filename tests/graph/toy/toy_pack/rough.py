@@ -9,6 +9,7 @@ from pathlib import Path
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.graph import Context, Params, node, param
+from exmesh_graph.resources import usable_cores
 from toy_pack.nodes import NoParams, Number, NumberOut, Series, SeriesOut
 
 
@@ -88,6 +89,20 @@ def wide(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
     assert int(os.environ["OMP_NUM_THREADS"]) == ctx.threads
     assert os.environ["OMP_WAIT_POLICY"] == "passive"
     return NumberOut(Number(float(ctx.threads)))
+
+
+@node("toy.sharing", version="1", resources={"cpu": 0})
+def sharing(ctx: Context, number: Number, *, p: MeetParams) -> NumberOut:
+    """Has one core of two while another node runs beside it, and both once that has ended."""
+    own = len(os.sched_getaffinity(0))
+    for cores in (1, 2):
+        end = time.monotonic() + 20
+        while usable_cores() != min(cores, own):
+            if time.monotonic() > end:
+                raise DataError(f"{usable_cores()} cores may be used, not {cores}")
+            time.sleep(0.01)
+        (Path(p.folder) / ctx.node).touch()  # the other one may end
+    return NumberOut(Number(number.value))
 
 
 @node("toy.who", version="1")
