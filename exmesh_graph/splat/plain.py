@@ -41,7 +41,7 @@ class PlainStep:
     def _draw(self, gaussians: Gaussians, i: int, k: int) -> Render:
         t = self.pictures.targets
         degree = active_degree(self.pictures.settings, k)
-        return render(gaussians, t.intrinsics[i], t.world_to_camera[i], t.height, t.width, degree=degree)
+        return render(gaussians, t.intrinsics[i], t.world_to_camera[i], t.height, t.width, degree=degree, native=False)
 
     def _colour(self, drawing: Render, i: int, k: int) -> tuple[torch.Tensor, float]:
         """.8 L1 + .2 (1 - SSIM) of the display picture, and the mask's L1 where it is known."""

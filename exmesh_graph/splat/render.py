@@ -74,12 +74,14 @@ def render(
     near: float = NEAR,
     degree: int | None = None,
     tile: int | None = None,
+    native: bool = True,
 ) -> Render:
     """Draw `gaussians` (float32; float64 for tests) to height x width pixels.
 
     intrinsics  [3, 3] in pixels, any principal point and skew;  world_to_camera [4, 4], rigid, OpenCV axes
     degree      of the harmonics in use, at most the stored one (default)
     tile        pixels; None: `TILE` of the device. Enlarged where the pairs of Gaussians and tiles would pass `PAIRS`
+    native      whether float32 on a CPU takes the native passes (`fused.draw`), or Warp's kernels as all else does
 
     A Gaussian is drawn where its mean is deeper than `near`, its opacity at a pixel at least 1/255, and what is before
     it not opaque (transmittance >= 1e-4). Gaussians of equal depth are blended in their order. The same inputs give
@@ -104,7 +106,7 @@ def render(
         gaussians.means.new_zeros((len(gaussians), 2)),
     )
     camera, tile = camera.to(gaussians.means.dtype), tile or TILE[device.type]
-    if device.type == "cpu" and camera.dtype == torch.float32:
+    if native and device.type == "cpu" and camera.dtype == torch.float32:
         seen_by = Camera(camera, height, width, near, degree, tile)
         colour, alpha, normal, distance = Splat.apply(*gaussians.tensors().values(), seen_by, PAIRS, drawn)
         return Render(colour, alpha, normal, distance, drawn)

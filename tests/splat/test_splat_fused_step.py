@@ -56,7 +56,11 @@ def test_losses_gradients_and_what_is_kept_of_a_gaussian(views, changes, k):
             other = getattr(fused_adam, part).tensors()[name]
             assert float((value - other).abs().mean()) < 5e-3 * float(value.abs().mean()), (part, name)
     for name, value in plain_adam.gaussians.tensors().items():  # steps of a gradient of next to nothing have any sign
-        assert float((value - fused_adam.gaussians.tensors()[name]).abs().mean()) < 0.01 * RATES[name]
+        gradient = plain_adam.m.tensors()[name].abs()
+        clear = gradient > 0.01 * gradient.mean()
+        apart = (value - fused_adam.gaussians.tensors()[name]).abs()
+        assert int(clear.sum()) > 300
+        assert float(apart[clear].mean()) < 0.01 * RATES[name], name
     assert torch.equal(plain_adam.steps, fused_adam.steps)
     for name, value in plain_density.state().items():
         assert torch.allclose(value, fused_density.state()[name], rtol=1e-2, atol=1e-3 * float(value.max())), name

@@ -186,7 +186,7 @@ def _listed(box: torch.Tensor, depth: torch.Tensor, touched: torch.Tensor, camer
     torch.cumsum(touched, 0, dtype=torch.int32, out=first[1:])
     across, down = -(-camera.width // tile), -(-camera.height // tile)
     start = torch.empty(across * down + 1, dtype=torch.int32)
-    entries, weights = torch.empty(total, 2, dtype=torch.int32), torch.empty(total)
+    entries, weights = torch.empty(total, 2, dtype=torch.int32), torch.zeros(total)
     if total:
         tile_of = scratch("splat tile", total, torch.int32)
         split(k.list_tiles, -(-count // int(k.GAUSSIANS)), count, box, first, tile, across, tile_of, grain=16)

@@ -93,11 +93,14 @@ _COMMON = (
     MATHS
     + SHUFFLES
     + f"""
-    constexpr int SIDE = {SIDE}, STRIDE = SIDE + LANES, AREA = SIDE * STRIDE;
+    constexpr int SIDE = {SIDE}, STRIDE = SIDE + LANES, AREA = SIDE * STRIDE + 16;
 """
     + """
     const float MOST = 0.99f, OPAQUE = 1e-4f, LEAST_LOG = -7.9943534f;   // log2(1 / 255)
     const vf lane = {0.f, 1.f, 2.f, 3.f, 4.f, 5.f, 6.f, 7.f};
+    typedef unsigned int u32;
+    typedef bool vb __attribute__((ext_vector_type(LANES)));
+    auto mask_of = [](vi m) { return (u32)__builtin_bit_cast(unsigned char, __builtin_convertvector(m, vb)); };
     auto fma = [](vf a, vf b, vf c) { return __builtin_elementwise_fma(a, b, c); };
     // 2^x for -126 <= x <= 0 by its series on |r| <= 1/2: within 2e-7 of it
     auto exp2_of = [&](vf x) {
@@ -110,6 +113,14 @@ _COMMON = (
         p = fma(p, r, 6.93147181e-1f);
         p = fma(p, r, 1.f);
         return p * (vf)((__builtin_convertvector(n, vi) + 127) << 23);
+    };
+    // what an entry needs lies anywhere in memory: ask for it some entries ahead
+    constexpr int AHEAD = 12;
+    auto ask = [&](int e) {
+        const long slot = entries.data[2 * (long)e], g = entries.data[2 * (long)e + 1];
+        __builtin_prefetch(records.data + 16 * g);
+        __builtin_prefetch(box.data + 4 * g);
+        __builtin_prefetch(weights.data + slot);
     };
     const int left_of_tile = (item % across) * tile, top_of_tile = (item / across) * tile;
     const int from_entry = start.data[item], to_entry = start.data[item + 1];
@@ -139,12 +150,10 @@ _COMMON = (
 BLEND = (
     _COMMON
     + """
-    typedef unsigned int u32;
     float passed[AREA], sums[7][AREA];                            // transmittance, and sums of w f
     int last_of[AREA];
     u32 open[SIDE];                                               // of each row, the pixels that let light through
     auto bits = [](int from, int to) { return (2u << to) - (1u << from); };
-    for (int e = from_entry; e < to_entry; ++e) weights.data[entries.data[2 * (long)e]] = 0.f;
     for (y_low = top_of_tile; y_low < top_of_tile + tile && y_low < height; y_low += SIDE)
     for (x_low = left_of_tile; x_low < left_of_tile + tile && x_low < width; x_low += SIDE) {
         const int edge = tile < SIDE ? tile : SIDE;
@@ -158,6 +167,7 @@ BLEND = (
         int live = wide * high;
         for (int y = 0; y < high; ++y) open[y] = bits(0, wide - 1);
         for (int e = from_entry; e < to_entry && live > 0; ++e) {
+            if (e + AHEAD < to_entry) ask(e + AHEAD);
             const int slot = entries.data[2 * (long)e], g = entries.data[2 * (long)e + 1];
             const float* r = records.data + 16 * (long)g;
             const int* b = box.data + 4 * (long)g;
@@ -196,17 +206,12 @@ BLEND = (
                     STORE(sums[5] + at, fma(w, f5, LOAD(sums[5] + at)));
                     STORE(sums[6] + at, fma(w, f6, LOAD(sums[6] + at)));
                     total += w;
-                    const vi half = (t >= 0.5f) & (after < 0.5f) & hit, full = hit & (after < OPAQUE);
-                    if (__builtin_reduce_or(half | full)) {
-                        for (int k = 0; k < LANES; ++k) {
-                            if (half[k]) middle.data[(long)y * width + x_low + x + k] = g;
-                            if (full[k]) {
-                                last_of[at + k] = e + 1;
-                                open[y - y_low] &= ~(1u << (x + k));
-                                --live;
-                            }
-                        }
-                    }
+                    u32 half = mask_of((t >= 0.5f) & (after < 0.5f) & hit), full = mask_of(hit & (after < OPAQUE));
+                    for (; half; half &= half - 1)
+                        middle.data[(long)y * width + x_low + x + __builtin_ctz(half)] = g;
+                    live -= __builtin_popcount(full);
+                    open[y - y_low] &= ~(full << x);
+                    for (; full; full &= full - 1) last_of[at + __builtin_ctz(full)] = e + 1;
                 }
             }
             float sum = 0.f;
@@ -259,6 +264,11 @@ BLEND_ADJOINT = (
             }
         }
         for (int e = to_entry - 1; e >= from_entry; --e) {
+            if (e - AHEAD >= from_entry) ask(e - AHEAD);
+            if (e - AHEAD / 2 >= from_entry) {
+                const long next = entries.data[2 * (long)(e - AHEAD / 2)];
+                if (weights.data[next] > 0.f) __builtin_prefetch(slots.data + 16 * next, 1);
+            }
             const int slot = entries.data[2 * (long)e], g = entries.data[2 * (long)e + 1];
             if (!(weights.data[slot] > 0.f)) continue;
             const float* r = records.data + 16 * (long)g;
