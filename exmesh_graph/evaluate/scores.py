@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.evaluate.metrics.image import psnr, ssim
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Frame, ScoredViews, Views
 
@@ -17,8 +18,8 @@ Pictures = list[tuple[np.ndarray, np.ndarray]]  # (ours, truth) as displayed
 
 def compare(ours: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> tuple[list[float], list[float]]:
     """(PSNR [dB], SSIM) of each pair of display images."""
-    pairs = list(zip(ours, truth, strict=True))
-    return [psnr(a, b) for a, b in pairs], [ssim(a, b) for a, b in pairs]
+    figures = share(lambda a, b: (psnr(a, b), ssim(a, b)), ours, truth)
+    return [db for db, _ in figures], [structure for _, structure in figures]
 
 
 def pairs_for_pictures(

@@ -154,17 +154,18 @@ def with_bounces(light: Transport, bounces: int, secondary_material: bool = True
 def gathered_hits(light: Transport, measure: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The hits as a sparse matrix [P, P] from the points around a hit to the point that sees it.
 
-    measure [H], what each hit counts for. Returns (start int64 [P + 1], column int64, weight float32) by rows (CSR).
+    measure [H], what each hit counts for. Returns (start [P + 1], column, weight float32) by rows (CSR).
     """
+    from scipy.sparse import coo_matrix
+
     bary = np.concatenate([1 - light.hit_bary.sum(axis=1, keepdims=True), light.hit_bary], axis=1)
     column, weight = locate(light.face_points, light.subdivision, light.hit_face, bary)
     count = len(light.points)
-    key = np.repeat(light.hit_point.astype(np.int64), 3) * count + column.reshape(-1)
+    value = (weight * measure[:, None]).reshape(-1).astype(np.float64)
+    row = np.repeat(light.hit_point, 3)
     # rays of one point that meet the same lattice point share an entry
-    unique, inverse = np.unique(key, return_inverse=True)
-    value = np.bincount(inverse, weights=(weight * measure[:, None]).reshape(-1), minlength=len(unique))
-    start = np.concatenate([[0], np.cumsum(np.bincount(unique // count, minlength=count))])
-    return start, unique % count, value.astype(np.float32)
+    matrix = coo_matrix((value, (row, column.reshape(-1))), shape=(count, count)).tocsr()
+    return matrix.indptr, matrix.indices, matrix.data.astype(np.float32)
 
 
 def check_fits(light: Transport, vertices: np.ndarray, faces: np.ndarray) -> None:

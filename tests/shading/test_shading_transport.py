@@ -14,7 +14,7 @@ from exmesh_graph.gpu.cores import cores
 from exmesh_graph.rays import make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import build_lattice, locate
-from exmesh_graph.shading.operators import LightTransport
+from exmesh_graph.shading.operators import Binning, LightTransport
 from exmesh_graph.shading.products import dense_adjoint, dense_product, sparse_product
 from exmesh_graph.shading.transport import check_fits, choose_subdivision, trace_transport, with_bounces
 from exmesh_graph.types import Transport
@@ -114,6 +114,28 @@ def test_binning_keeps_the_energy_of_every_texel(height, directions):
     per_texel = np.repeat(envmap.solid_angles(height, 2 * height), 2 * height)
     np.testing.assert_allclose(matrix.sum(0).numpy(), per_texel, rtol=1e-5)
     assert bool((matrix.sum(1) > 0).all())
+
+
+@pytest.mark.parametrize("height", [4, 25])
+def test_binning_by_rows_equals_the_plain_product(height):
+    """Value and gradient in float64, of a sky with black texels and a sun; directions without a texel too."""
+    vertices, faces = _corner()
+    matrix = LightTransport(trace_transport(vertices, faces, 200)).bin_matrix(height, 2 * height)
+    generator = torch.Generator().manual_seed(0)
+    sky = (torch.rand(height, 2 * height, 3, generator=generator) - 0.5).clamp_min(0)
+    sky[height // 2, 3] = 1e5
+    weight = torch.rand(200, 3, generator=generator)
+    results = []
+    for convert, product in (
+        (torch.Tensor.float, Binning(matrix)),
+        (torch.Tensor.double, lambda sky: matrix.double().to_dense() @ sky.reshape(-1, 3)),
+    ):
+        texels = convert(sky).requires_grad_()
+        binned = product(texels)
+        (gradient,) = torch.autograd.grad((binned * convert(weight)).sum(), texels)
+        results.append((binned.detach().double(), gradient.double()))
+    torch.testing.assert_close(results[0][0], results[1][0], rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(results[0][1], results[1][1], rtol=1e-5, atol=1e-8)
 
 
 def test_irradiance_equals_brute_force_quadrature():

@@ -26,7 +26,7 @@ from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.operators import LightTransport, VectorTransport, at_surface
+from exmesh_graph.shading.operators import Binning, LightTransport, VectorTransport, at_surface
 from exmesh_graph.shading.specular import (
     PrefilteredStack,
     directional_albedo,
@@ -98,7 +98,7 @@ class PrecomputedLight:
         height = settings.environment_height
         self.stack = PrefilteredStack(height, 2 * height, device)
         self.vectors = None if frames is None else VectorTransport(self.operators)
-        self.binning = self.operators.bin_matrix(height, 2 * height)
+        self.binning = Binning(self.operators.bin_matrix(height, 2 * height))
         self.table = reflectance_table(device=device)
         self.lookup = SpecularTables.of(self.stack, self.table)
         self.scale: dict[int, torch.Tensor] = {}  # PrecomputedView.specular_scale by view, which outlives the buffers
@@ -138,7 +138,7 @@ class PrecomputedLight:
     def arriving(self, environment: torch.Tensor, diffuse: torch.Tensor | None, strength: float) -> PreparedTransport:
         """The light of a step from the sky and f_d [P, 3] at the points of the transport (None: no interreflection)."""
         rest = environment if self.suns is None else self.suns.suns.without(environment)
-        binned = torch.sparse.mm(self.binning, rest.reshape(-1, 3))
+        binned = self.binning(rest)
         if self.suns is None:
             irradiance = self.operators.irradiance(binned, diffuse, strength)
             vector = None

@@ -72,7 +72,7 @@ def _irradiance(
     fit: ShortFit, environment: torch.Tensor, diffuse: torch.Tensor, bounces: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Irradiance [P, 3] with one interreflection fewer, and with `bounces`."""
-    binned = torch.sparse.mm(fit.light.binning, environment.reshape(-1, 3))
+    binned = fit.light.binning(environment)
     return fit.irradiance(binned, diffuse, bounces - 1), fit.irradiance(binned, diffuse, bounces)
 
 
