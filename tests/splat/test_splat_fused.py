@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from exmesh_graph.gpu.cores import cores
+from exmesh_graph.splat.fused.draw import Camera, Drawing, Memory, numbers
 from exmesh_graph.splat.gaussians import Gaussians
-from exmesh_graph.splat.render import Render, render
+from exmesh_graph.splat.render import NEAR, PAIRS, Render, render
 from tests.splat.splat_scenes import camera, cloud
 
 
@@ -105,6 +106,19 @@ def test_tiles_grow_where_pairs_would_be_too_many(monkeypatch):
     assert torch.equal(one_tile["planes"], whole["planes"])
     for name, value in whole.items():
         assert torch.allclose(one_tile[name], value, rtol=1e-4, atol=1e-4 * float(value.abs().max())), name
+
+
+def test_kept_memory_changes_no_byte():
+    """Pictures of other sizes and numbers in between, and none: what was drawn before does not show."""
+    kept, sizes = Memory(), ((300, 50, 70), (40, 20, 33), (0, 20, 33), (500, 64, 64), (40, 0, 33), (40, 20, 33))
+    for count, height, width in sizes:
+        gaussians = cloud(count, dtype=torch.float32)
+        view = Camera(numbers(*camera(width, max(height, 1))).float(), height, width, NEAR, 3, 32)
+        ours, fresh = (Drawing(gaussians, view, PAIRS, memory) for memory in (kept, None))
+        assert all(torch.equal(a, b) for a, b in zip(ours.planes, fresh.planes, strict=True))
+        assert torch.equal(ours.seen.weight, fresh.seen.weight)
+        assert torch.equal(ours.seen.box, fresh.seen.box)
+        assert torch.equal(ours.seen.middle, fresh.seen.middle)
 
 
 def test_nothing_to_draw():

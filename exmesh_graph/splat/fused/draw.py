@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -26,6 +27,22 @@ class Camera(NamedTuple):
     near: float
     degree: int
     tile: int
+
+
+class Memory:
+    """Buffers of one drawing at a time, kept for the next: fresh memory is paged in at every step (`cores.scratch`)."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, torch.Tensor] = {}
+
+    def take(self, name: str, *shape: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+        """Contiguous, not cleared; valid until the name is taken again."""
+        size = math.prod(shape)
+        if name not in self._kept:
+            self._kept[name] = torch.empty(size, dtype=dtype)
+        elif len(self._kept[name]) < size:
+            self._kept[name] = torch.empty(size + size // 4, dtype=dtype)
+        return self._kept[name][:size].view(shape)
 
 
 class Planes(NamedTuple):
@@ -60,36 +77,39 @@ class _Lists(NamedTuple):
 
 
 class Drawing:
-    """A picture of Gaussians, and what the way back needs."""
+    """A picture of Gaussians, and what the way back needs; where `memory` is given, until it is given to another."""
 
-    def __init__(self, gaussians: Gaussians, camera: Camera, most_pairs: int) -> None:
+    def __init__(self, gaussians: Gaussians, camera: Camera, most_pairs: int, memory: Memory | None = None) -> None:
+        memory = memory or Memory()
         count, height, width = len(gaussians), camera.height, camera.width
         self.gaussians, self.camera = gaussians, camera
         self.planes = Planes(
-            torch.zeros(height, width, 3), torch.zeros(height, width), torch.zeros(height, width, 3),
-            torch.zeros(height, width),
+            memory.take("colour", height, width, 3), memory.take("alpha", height, width),
+            memory.take("normal", height, width, 3), memory.take("distance", height, width),
         )  # fmt: skip
         self.seen = Seen(
-            torch.zeros(count, 4, dtype=torch.int32), torch.zeros(count),
-            torch.full((height, width), -1, dtype=torch.int32),
+            memory.take("box", count, 4, dtype=torch.int32), memory.take("weight", count),
+            memory.take("middle", height, width, dtype=torch.int32),
         )  # fmt: skip
-        self.seen.box[:, 2] = -1
         self.thick = torch.zeros(self.blocks, 2, dtype=torch.float64)
         self.lists: _Lists | None = None
         if not (count and height and width):
+            self._nothing()
             return
         k = _kernels()
-        self.records = torch.empty(-(-count // 8) * 8, RECORD)
+        self.records = memory.take("records", -(-count // 8) * 8, RECORD)
         depth, touched = scratch("splat depths", count)[:count], scratch("splat tiles", count, torch.int32)[:count]
         split(
             k.project, self.blocks, count, *gaussians.tensors().values(), gaussians.sh.shape[1], max(camera.degree, 0),
             int(camera.degree >= 0), camera.numbers, height, width, camera.near, camera.tile, self.records,
             self.seen.box, depth, touched, grain=4,
         )  # fmt: skip
-        lists = self.lists = _listed(self.seen.box, depth, touched, camera, most_pairs)
+        lists = self.lists = _listed(self.seen.box, depth, touched, camera, most_pairs, memory)
         if not len(lists.entries):
+            self._nothing()
             return
-        self.left, self.last = torch.empty(height, width), torch.empty(height, width, dtype=torch.int32)
+        self.left = memory.take("left", height, width)
+        self.last = memory.take("last", height, width, dtype=torch.int32)
         split(
             k.blend, len(lists.start) - 1, *self._tiles(), int(camera.degree >= 0), *self.planes, self.left, self.last,
             self.seen.middle, lists.weights, grain=1,
@@ -99,6 +119,13 @@ class Drawing:
             grain=16,
         )  # fmt: skip
 
+    def _nothing(self) -> None:
+        for plane in self.planes:
+            plane.zero_()
+        self.seen.box[:] = torch.tensor([0, 0, -1, 0], dtype=torch.int32)
+        self.seen.weight.zero_()
+        self.seen.middle.fill_(-1)
+
     @property
     def blocks(self) -> int:
         return -(-len(self.gaussians) // int(_kernels().GAUSSIANS))
@@ -106,9 +133,13 @@ class Drawing:
     def _tiles(self) -> tuple[Any, ...]:
         assert self.lists is not None
         lists, camera = self.lists, self.camera
+        tiles = len(lists.start) - 1
+        spread = max(1, round(0.382 * tiles))  # the golden section: no run of items is a region of the picture
+        while math.gcd(spread, tiles) > 1:
+            spread += 1
         return (
-            lists.start, lists.entries, self.records, self.seen.box, lists.tile, lists.across, camera.height,
-            camera.width,
+            tiles, spread, lists.start, lists.entries, self.records, self.seen.box, lists.tile, lists.across,
+            camera.height, camera.width,
         )  # fmt: skip
 
     def back(self, to: Planes, on_screen: torch.Tensor) -> Gaussians:
@@ -173,7 +204,9 @@ def numbers(intrinsics: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Te
     return torch.cat([rotation.reshape(-1), shift, matrix[:2].reshape(-1), -rotation.T @ shift])
 
 
-def _listed(box: torch.Tensor, depth: torch.Tensor, touched: torch.Tensor, camera: Camera, most_pairs: int) -> _Lists:
+def _listed(
+    box: torch.Tensor, depth: torch.Tensor, touched: torch.Tensor, camera: Camera, most_pairs: int, memory: Memory
+) -> _Lists:
     """Tiles are enlarged until there are at most `most_pairs` slots, or one tile is all."""
     k, tile, count = _kernels(), camera.tile, len(box)
     while int(touched.sum(dtype=torch.int64)) > most_pairs and tile < max(camera.height, camera.width):
@@ -182,16 +215,17 @@ def _listed(box: torch.Tensor, depth: torch.Tensor, touched: torch.Tensor, camer
         touched = torch.where(box[:, 2] >= box[:, 0], (high - low + 1).prod(dim=1), 0)
     total = int(touched.sum(dtype=torch.int64))
     check_size(**{"pairs of Gaussians and tiles": total})
-    first = torch.zeros(count + 1, dtype=torch.int32)
+    first = memory.take("first", count + 1, dtype=torch.int32)
+    first[0] = 0
     torch.cumsum(touched, 0, dtype=torch.int32, out=first[1:])
     across, down = -(-camera.width // tile), -(-camera.height // tile)
-    start = torch.empty(across * down + 1, dtype=torch.int32)
-    entries, weights = torch.empty(total, 2, dtype=torch.int32), torch.zeros(total)
+    start = memory.take("start", across * down + 1, dtype=torch.int32)
+    entries, weights = memory.take("entries", total, 2, dtype=torch.int32), memory.take("weights", total).zero_()
     if total:
         tile_of = scratch("splat tile", total, torch.int32)
         split(k.list_tiles, -(-count // int(k.GAUSSIANS)), count, box, first, tile, across, tile_of, grain=16)
-        memory = scratch("splat sort", 4 * count + across * down, torch.int32)
-        launch(k.sort_slots, 1, count, total, across * down, depth, first, tile_of, memory, start, entries)
+        spare = scratch("splat sort", 4 * count + across * down, torch.int32)
+        launch(k.sort_slots, 1, count, total, across * down, depth, first, tile_of, spare, start, entries)
     return _Lists(first, start, entries, weights, tile, across)
 
 

@@ -18,6 +18,8 @@ GAUSSIANS = wp.constant(BLOCK)
 @wp.func_native(BLEND_ADJOINT)
 def _blend_adjoint(
     item: int,
+    tiles: int,
+    spread: int,
     start: wp.array(dtype=int),
     entries: wp.array(dtype=int),
     records: wp.array(dtype=float),
@@ -40,6 +42,8 @@ def _blend_adjoint(
 @wp.kernel
 def blend_adjoint(
     first: int,
+    tiles: int,
+    spread: int,
     start: wp.array(dtype=int),
     entries: wp.array(dtype=int),
     records: wp.array(dtype=float),
@@ -64,6 +68,8 @@ def blend_adjoint(
     """
     _blend_adjoint(
         first + wp.tid(),
+        tiles,
+        spread,
         start,
         entries,
         records,

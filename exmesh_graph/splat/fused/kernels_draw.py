@@ -147,6 +147,8 @@ def sort_slots(
 @wp.func_native(BLEND)
 def _blend(
     item: int,
+    tiles: int,
+    spread: int,
     start: wp.array(dtype=int),
     entries: wp.array(dtype=int),
     records: wp.array(dtype=float),
@@ -170,6 +172,8 @@ def _blend(
 @wp.kernel
 def blend(
     first: int,
+    tiles: int,
+    spread: int,
     start: wp.array(dtype=int),
     entries: wp.array(dtype=int),
     records: wp.array(dtype=float),
@@ -191,6 +195,8 @@ def blend(
     """A tile's pixels, and of each of its slots the sum of w; `left` and `last` as in kernels_blend."""
     _blend(
         first + wp.tid(),
+        tiles,
+        spread,
         start,
         entries,
         records,

@@ -122,8 +122,9 @@ _COMMON = (
         __builtin_prefetch(box.data + 4 * g);
         __builtin_prefetch(weights.data + slot);
     };
-    const int left_of_tile = (item % across) * tile, top_of_tile = (item / across) * tile;
-    const int from_entry = start.data[item], to_entry = start.data[item + 1];
+    const int n = (int)((long)item * spread % tiles);             // neighbours are items far apart: runs weigh alike
+    const int left_of_tile = (n % across) * tile, top_of_tile = (n / across) * tile;
+    const int from_entry = start.data[n], to_entry = start.data[n + 1];
     int x_low, y_low, wide, high;                                 // the block
     // rows [top, bottom] of a Gaussian in the block, and the columns (from the block's left) of each
     int top, bottom;
@@ -161,6 +162,7 @@ BLEND = (
         high = height - y_low < edge ? height - y_low : edge;
         for (int y = 0; y < high; ++y) for (int x = 0; x < STRIDE; ++x) {
             passed[y * STRIDE + x] = x < wide ? 1.f : 0.f;
+            if (x < wide) middle.data[(long)(y_low + y) * width + x_low + x] = -1;
             last_of[y * STRIDE + x] = to_entry;
             for (int c = 0; c < 7; ++c) sums[c][y * STRIDE + x] = 0.f;
         }

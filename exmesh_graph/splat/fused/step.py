@@ -7,7 +7,7 @@ import torch
 from exmesh_graph.optim import EPSILON
 from exmesh_graph.splat.consistency import View
 from exmesh_graph.splat.density import Density
-from exmesh_graph.splat.fused.draw import Camera, Drawing, numbers
+from exmesh_graph.splat.fused.draw import Camera, Drawing, Memory, numbers
 from exmesh_graph.splat.fused.terms import Terms, Weights, strongest
 from exmesh_graph.splat.optimiser import GaussianAdam
 from exmesh_graph.splat.pictures import Pictures, active_degree
@@ -26,13 +26,14 @@ class FusedStep:
         self.terms = Terms(targets.height, targets.width)
         self.weights = Weights(settings.ssim_weight, settings.mask_weight)
         self.edges: dict[int, float] = {}
+        self.memory = Memory(), Memory()  # of the view, and of its neighbour
         t = torch.arange(settings.iterations + 1, dtype=torch.float64)
         self.bias = torch.stack([1 - 0.9**t, 1 - 0.999**t], dim=1).float().contiguous()
 
     def loss(self, i: int, k: int) -> tuple[float, float]:
         """(loss, mean squared error of the picture) of view `i` in iteration `k`."""
         pictures, settings = self.pictures, self.pictures.settings
-        drawing = self.drawing = self._draw(i, active_degree(settings, k))
+        drawing = self.drawing = self._draw(i, active_degree(settings, k), self.memory[0])
         gain = pictures.gain(i, k, drawing.planes.colour)
         value, error = self.terms.colour(drawing.planes, pictures.targets, i, self.weights, gain)
         seen, thickness = drawing.thickness()
@@ -52,10 +53,10 @@ class FusedStep:
             EPSILON, self.pictures.targets.width / 2, density.sums, density.views, density.weight,
         )  # fmt: skip
 
-    def _draw(self, i: int, degree: int) -> Drawing:
+    def _draw(self, i: int, degree: int, memory: Memory) -> Drawing:
         t = self.pictures.targets
         camera = numbers(t.intrinsics[i], t.world_to_camera[i]).float()
-        return Drawing(self.adam.gaussians, Camera(camera, t.height, t.width, NEAR, degree, TILE["cpu"]), PAIRS)
+        return Drawing(self.adam.gaussians, Camera(camera, t.height, t.width, NEAR, degree, TILE["cpu"]), PAIRS, memory)
 
     def _geometry(self, drawing: Drawing, i: int, k: int) -> float:
         pictures, settings = self.pictures, self.pictures.settings
@@ -68,9 +69,8 @@ class FusedStep:
             return value
         pixels, share = pictures.samples(drawing.planes.alpha, generator)
         weights = share * settings.geometric_weight, share * settings.photometric_weight
-        geometric, photometric = self.terms.neighbour(
-            drawing.planes, view, self._draw(other, _NO_COLOUR).planes, self._view(other), pixels, weights
-        )
+        fixed = self._draw(other, _NO_COLOUR, self.memory[1]).planes
+        geometric, photometric = self.terms.neighbour(drawing.planes, view, fixed, self._view(other), pixels, weights)
         return value + weights[0] * geometric + weights[1] * photometric
 
     def _view(self, i: int) -> View:
