@@ -127,22 +127,25 @@ def convert(kernel: Any, arguments: Sequence[Any]) -> list[Any]:
 
 
 def _descriptor(tensor: torch.Tensor, slot: Any) -> Any:
-    """Where a tensor lies and how, for a parameter of type `slot`. A step's tensors lie where those of the step before
-    did: each place is described once."""
-    place = (tensor.data_ptr(), tensor.shape, tensor.stride(), tensor.dtype, tensor.device, slot.dtype, slot.ndim)
-    found = _described.get(place)
-    if found is None:
+    """Where a tensor lies and how, for a parameter of type `slot`. Steps bring tensors of the same few layouts: each is
+    described once, and told where it lies."""
+    layout = (tensor.shape, tensor.stride(), tensor.dtype, tensor.device, slot.dtype, slot.ndim)
+    known = _layouts.get(layout)
+    if known is None:
+        shaped = tensor
         if slot.ndim == 1:  # pictures as lists of pixels
-            tensor = tensor.view(-1, *getattr(slot.dtype, "_shape_", ()))
-        found = warp().from_torch(tensor.detach(), dtype=slot.dtype, requires_grad=False, return_ctype=True)
-        if len(_described) >= _MOST_DESCRIBED:
-            _described.clear()
-        _described[place] = found
-    return found
+            shaped = tensor.view(-1, *getattr(slot.dtype, "_shape_", ()))
+        known = warp().from_torch(shaped.detach(), dtype=slot.dtype, requires_grad=False, return_ctype=True)
+        if len(_layouts) >= _MOST_LAYOUTS:
+            _layouts.clear()
+        _layouts[layout] = known
+    described = type(known).from_buffer_copy(known)
+    described.data = tensor.data_ptr()
+    return described
 
 
-_described: dict[Any, Any] = {}
-_MOST_DESCRIBED = 1 << 14
+_layouts: dict[Any, Any] = {}
+_MOST_LAYOUTS = 1 << 14
 
 
 def _cache_is_writable() -> bool:
