@@ -1,9 +1,11 @@
 """Launches shared by threads: every item once, errors told, memory of a thread its own."""
 
+import gc
 import os
 import subprocess
 import sys
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -144,6 +146,16 @@ def test_a_launch_takes_its_own_arguments_and_none_of_the_last():
         launch(affine, size, scale, wp.vec3(1.0, 2.0, float(scale)), number, values, out)
         shift = [1.0, 2.0, float(scale)][int(number)]
         assert torch.allclose(out, float(scale) * values[:, int(number)] + shift)
+
+
+def test_a_launch_keeps_no_memory_of_its_tensors():
+    counts = torch.zeros(67, dtype=torch.int32)  # of a layout that no other test has
+    memory = weakref.ref(counts.untyped_storage())
+    launch(count_items, 67, 0, counts)
+    assert int(counts.sum()) == 67
+    del counts
+    gc.collect()
+    assert memory() is None
 
 
 def test_descriptors_of_tensors_reach_kernels_of_every_shape():

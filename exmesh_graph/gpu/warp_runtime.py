@@ -136,6 +136,7 @@ def _descriptor(tensor: torch.Tensor, slot: Any) -> Any:
         if slot.ndim == 1:  # pictures as lists of pixels
             shaped = tensor.view(-1, *getattr(slot.dtype, "_shape_", ()))
         known = warp().from_torch(shaped.detach(), dtype=slot.dtype, requires_grad=False, return_ctype=True)
+        known._ref = None  # Warp's hold on the tensor would keep its memory as long as the layout is known
         if len(_layouts) >= _MOST_LAYOUTS:
             _layouts.clear()
         _layouts[layout] = known
