@@ -36,7 +36,7 @@ def _dtu_sources(p: DtuParams) -> Mapping[str, Path]:
     return {file.name: file for file in truth_files(p.folder, p.scan)}
 
 
-@node("benchmark.dtu", version="1", libraries=("scipy",), sources=_dtu_sources)
+@node("benchmark.dtu", version="1", libraries=("scipy", "warp-lang"), sources=_dtu_sources)
 def dtu(
     ctx: Context, mesh: Mesh, frame: Frame, train: Views | None = None, test: Views | None = None, *, p: DtuParams
 ) -> MetricsOut:
