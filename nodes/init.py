@@ -80,7 +80,9 @@ class TsdfParams(TsdfSettings):
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
     """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
     from exmesh_graph.errors import DataError
-    from exmesh_graph.geometry.clean import largest_components, require_sound
+    from exmesh_graph.geometry.adjacency import without_unused
+    from exmesh_graph.geometry.clean import largest_components, require_sound, without_pillows
+    from exmesh_graph.geometry.repair import make_manifold
 
     if p.incidence > 0 or p.agreeing > 0:
         from exmesh_graph.priors.depth_filter import filtered
@@ -102,7 +104,8 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
 
         vertices, faces = fuse(views, depths, p)
     vertices, faces = largest_components(vertices, faces, p.parts)
-    if p.solid:
+    if p.solid:  # where the carved field is 0 at corners of its grid the surface touches itself
+        vertices, faces = make_manifold(*without_unused(vertices, without_pillows(faces)))
         require_sound(vertices, faces, closed=True, where=ctx.node)
     return MeshOut(Mesh(vertices, faces))
 

@@ -6,6 +6,7 @@ alternatives. Whatever did the work, the result is measured, and an error is rai
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,12 +70,18 @@ def clean_mesh(
     radius = float(np.linalg.norm(np.ptp(source[0], axis=0))) / 2
     thinned, budget = source, settings.faces
     if len(source[1]) > 3 * settings.max_faces:  # most of the time goes into the first collapses: take them once
-        thinned = _cleaned(*source, settings.model_copy(update={"faces": 2 * settings.max_faces}), where)
-    while True:
-        result = _cleaned(*thinned, settings.model_copy(update={"faces": budget}), where)
-        if budget >= settings.max_faces or lost_parts(source, result, settings.tolerance * radius) <= _LOST:
+        with contextlib.suppress(GeometryError):
+            thinned = _cleaned(*source, settings.model_copy(update={"faces": 2 * settings.max_faces}), where)
+    while budget < settings.max_faces:
+        try:
+            result = _cleaned(*thinned, settings.model_copy(update={"faces": budget}), where)
+        except GeometryError:  # so few faces cannot hold its handles
+            budget *= 2
+            continue
+        if lost_parts(source, result, settings.tolerance * radius) <= _LOST:
             return result
-        budget = min(2 * budget, settings.max_faces)
+        budget *= 2
+    return _cleaned(*thinned, settings.model_copy(update={"faces": settings.max_faces}), where)
 
 
 def lost_parts(source: Arrays, result: Arrays, distance: float) -> float:
@@ -109,6 +116,7 @@ def _cleaned(vertices: np.ndarray, faces: np.ndarray, settings: CleanSettings, w
         vertices, faces = _decimate_open3d(vertices, faces, faces_budget)
     if method != "builtin":
         vertices, faces = weld(vertices, faces)
+    faces = without_pillows(faces)
     # specks smaller than a face have shrunk to a point
     vertices, faces = largest_components(vertices.astype(np.float32), faces, components, max(min_area, 1e-6))
     if closed:
@@ -190,6 +198,18 @@ def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarra
     faces = faces[whole]
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     return without_unused(positions, faces[np.sort(first)])
+
+
+def without_pillows(faces: np.ndarray) -> np.ndarray:
+    """`faces` without pairs of the same corners that look opposite ways: they enclose nothing, and each of their edges
+    has two faces too many where they hang on others."""
+    corners = np.sort(faces, axis=1)
+    # 0 for an even order of the corners, 1 for an odd one
+    turned = ((faces[:, 0] > faces[:, 1]) ^ (faces[:, 1] > faces[:, 2]) ^ (faces[:, 0] > faces[:, 2])).astype(int)
+    _, group = np.unique(corners, axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    ways = np.stack([np.bincount(group[turned == way], minlength=group.max(initial=-1) + 1) for way in (0, 1)])
+    return faces[(ways > 0).sum(axis=0)[group] < 2]
 
 
 def face_components(faces: np.ndarray, vertex_count: int) -> np.ndarray:

@@ -1,12 +1,23 @@
 """Clean-up: damaged meshes become sound ones, sound ones stay closed, and what cannot be mended is an error."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry import clean
 from exmesh_graph.geometry.adjacency import face_areas, signed_volume
-from exmesh_graph.geometry.clean import clean_mesh, inspect, lost_parts, outward, require_sound, taubin, weld
+from exmesh_graph.geometry.clean import (
+    clean_mesh,
+    inspect,
+    lost_parts,
+    outward,
+    require_sound,
+    taubin,
+    weld,
+    without_pillows,
+)
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.settings import CleanSettings
 
@@ -234,3 +245,31 @@ def test_smoothing_leaves_no_face_without_area(monkeypatch):
     small = face_areas(smooth, faces) <= least
     assert np.array_equal(smooth[faces[small]], vertices[faces[small]])  # as far back as they can go
     assert not np.array_equal(smooth, vertices)
+
+
+def test_pillows_are_taken_out_and_other_faces_stay():
+    faces = np.array([[0, 1, 2], [3, 1, 2], [2, 1, 0], [4, 5, 6], [5, 6, 4]], np.int32)
+    assert without_pillows(faces).tolist() == [[3, 1, 2], [4, 5, 6], [5, 6, 4]]
+    for order in itertools.permutations(range(3)):
+        way = np.linalg.det(np.eye(3)[list(order)])
+        kept = without_pillows(np.array([[0, 1, 2], order], np.int32))
+        assert len(kept) == (2 if way > 0 else 0)
+    assert len(without_pillows(np.zeros((0, 3), np.int32))) == 0
+    faces = ball()[1]
+    assert np.array_equal(without_pillows(faces), faces)
+
+
+def test_a_budget_that_cannot_hold_the_surface_is_passed_over(monkeypatch):
+    asked = []
+    real = clean._cleaned
+
+    def cleaned(vertices, faces, settings, where):
+        asked.append(settings.faces)
+        if settings.faces < 1600:
+            raise GeometryError("the mesh is not sound")
+        return real(vertices, faces, settings, where)
+
+    monkeypatch.setattr(clean, "_cleaned", cleaned)
+    settings = CleanSettings(faces=400, tolerance=0.05, max_faces=3000)
+    assert len(clean_mesh(*ball(resolution=40), settings)[1]) <= 1600
+    assert asked[-3:] == [400, 800, 1600]

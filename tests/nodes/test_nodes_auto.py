@@ -129,3 +129,18 @@ def test_dropping_parts_of_an_object_is_said():
     quiet = FakeContext()
     init.clean(quiet, two, p=init.CleanSettings(faces=400, components=0))
     assert not quiet.warnings
+
+
+def test_a_carved_surface_that_touches_itself_is_mended(views, monkeypatch):
+    from exmesh_graph.geometry import carve
+    from exmesh_graph.geometry.clean import inspect
+    from exmesh_graph.geometry.shapes import icosphere
+
+    vertices, faces = icosphere(2, 0.5)
+    pillow = np.array([[faces[0, 0], faces[0, 1], faces[9, 2]], [faces[0, 1], faces[0, 0], faces[9, 2]]], np.int32)
+    assert inspect(vertices, np.concatenate([faces, pillow])).crowded_edges
+    monkeypatch.setattr(carve, "carve", lambda *_: (vertices, np.concatenate([faces, pillow])))
+    flat = DepthMaps(views.names, np.zeros(views.alpha.shape, np.float32))
+    made = init.tsdf(FakeContext(), views, flat, p=init.TsdfParams(solid=True)).mesh
+    assert len(made.faces) == len(faces)
+    assert inspect(made.vertices, made.faces).closed
