@@ -27,7 +27,7 @@ class AutoParams(DeviceSettings):
     )
     faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
     tolerance: float = param(
-        0.015, ge=0, le=1, doc="With masks: more faces, where so few would lose thin parts (as init.clean)."
+        0.02, ge=0, le=1, doc="With masks: more faces, where so few would lose thin parts (as init.clean)."
     )
     close_holes: int = param(60, ge=0, unit="edges", doc="Without masks: fill holes of at most so many edges.")
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point.")
