@@ -25,7 +25,7 @@ from typing import Any
 
 OBJECT_STORE = 80 * 2**20  # bytes; data moves through the graph's store, not through Ray's
 SWEEP = """
-extends: {root}/graphs/quickstart.yaml
+extends: {root}/graphs/hull.yaml
 name: scenes
 nodes: {{light: null, probe: null, neutral: null, bounce: null, pbr: null, usd: null, score: null,
         score_pictures: null}}

@@ -37,8 +37,7 @@ NO_MASKS = """\
 extends: {graph}
 name: {name}_no_masks
 nodes:
-  hull: null
-  coarse: {{type: init.auto, views: "@views.train", faces: 8000}}
+{hull}  coarse: {{type: init.auto, views: "@views.train", faces: 8000, iterations: 0, seconds: 300}}
   region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}   # for scoring only
   rounds:
     nodes:
@@ -161,9 +160,9 @@ def _run(
 
     if not scene.masks:
         masks = folder.resolve() / "masks"
-        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=masks if masks.is_dir() else "null")
-        if "hull" not in load_merged(graph, Problems())["nodes"]:  # it begins without one as it is
-            text = text.replace("  hull: null\n", "")
+        hull = "  hull: null\n" if "hull" in load_merged(graph, Problems())["nodes"] else ""
+        scored_by = masks if masks.is_dir() else "null"
+        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=scored_by, hull=hull)
         graph = out / f"{graph.stem}_{scene.name}.yaml"
         graph.write_text(text, encoding="utf-8")
     row: dict[str, Any] = {"scene": scene.name, "role": scene.role, "kind": scene.kind}

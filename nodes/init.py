@@ -43,7 +43,7 @@ def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedM
     from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.geometry.hull import visual_hull as hull
 
-    vertices, faces = hull(SilhouetteField.of_views(views, p.wrong_masks, p.chunk), resolution=p.resolution)
+    vertices, faces = hull(SilhouetteField.of_views(views, p.wrong_masks), resolution=p.resolution)
     vertices = taubin(vertices, faces, p.smooth)
     require_sound(vertices, faces, closed=True, where=ctx.node)
     return ClosedMeshOut(Mesh(vertices, faces))

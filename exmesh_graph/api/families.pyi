@@ -494,13 +494,12 @@ class _Init(Family):
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
         parts: Connected parts to keep, largest area first; 0 = all. [>= 0]
         """
-    def visual_hull(self, name: str = "", *, views: Wire[Views] | Node, resolution: int | Parameter = 128, wrong_masks: int | Parameter = 0, smooth: int | Parameter = 10, chunk: int | Parameter = 262144, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
+    def visual_hull(self, name: str = "", *, views: Wire[Views] | Node, resolution: int | Parameter = 128, wrong_masks: int | Parameter = 0, smooth: int | Parameter = 10, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """The largest closed shape that agrees with the masks.
 
         resolution: Voxels along the object's longest side; 0: as fine as pictures show it, 1.25 pixels, 64 to 192 voxels. [voxels, >= 0, <= 512]
         wrong_masks: Masks that may be wrong at a point; 1 for hand-made masks. [views, >= 0]
         smooth: Taubin smoothing steps (no shrinking) after marching cubes. [steps, >= 0, <= 200]
-        chunk: Points handled at once; bounds memory. [points, >= 4096]
         """
 class _Mesh(Family):
     def flip(self, name: str = "", *, state: Wire[Stage1State] | Node, method: Literal["delaunay", "valence"] | Parameter = "delaunay", max_bend: float | Parameter = 0.5, max_shift: float | Parameter = 0.1, min_shape: float | Parameter = 0.1, max_rounds: int | Parameter = 8, relax: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:

@@ -9,8 +9,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from exmesh_graph.geometry.hull import Grid, SilhouetteField, occupied_box, shown_resolution, surface
+from exmesh_graph.geometry.hull import (
+    GRAIN,
+    Grid,
+    SilhouetteField,
+    field_kernels,
+    occupied_box,
+    projections,
+    shown_resolution,
+    surface,
+)
 from exmesh_graph.geometry.settings import TsdfSettings
+from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.types import DepthMaps, Views
 
 CLEAR = 1.0
@@ -42,7 +53,7 @@ def carve(
     values = field(points, floor=-3 * grid.step)
     inside = np.flatnonzero(values > -2 * grid.step)
     limit = settings.truncation * grid.step
-    said = _fused(points[inside], views, depths, limit, settings.min_weight)
+    said = depth_field(points[inside], views, depths, limit, settings.min_weight)
     values[inside] = carved(values[inside], said, clear * grid.step)
     return surface(values.reshape(grid.shape), grid)
 
@@ -57,19 +68,30 @@ def carved(hull: np.ndarray, said: np.ndarray, clear: float) -> np.ndarray:
     return hull - np.clip(2 * (below - clear), 0, np.maximum(below, 0))
 
 
-def _fused(points: np.ndarray, views: Views, depths: DepthMaps, limit: float, min_weight: float) -> np.ndarray:
-    """Mean signed distance [P], positive behind the surface, cut at -limit; +limit where too few views speak."""
+def depth_field(points: np.ndarray, views: Views, depths: DepthMaps, limit: float, least: float) -> np.ndarray:
+    """Mean signed distance float32 [P] along z at points [P, 3], world units, positive behind the surface, cut at
+    -limit; +limit where fewer than `least` views speak."""
+    points, values = np.ascontiguousarray(points, np.float32), np.empty(len(points), np.float32)
+    given = (points, depths.depth, projections(views.intrinsics, views.world_to_camera), values)
+    split(field_kernels().depth_field, len(points), float(least), float(limit), *map(tensor_of, given), grain=GRAIN)
+    return values
+
+
+def plain_depth_field(points: np.ndarray, views: Views, depths: DepthMaps, limit: float, least: float) -> np.ndarray:
+    """`depth_field` in numpy."""
     total, weight = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
-    for k, pose, depth in zip(views.intrinsics, views.world_to_camera, depths.depth, strict=True):
-        matrix = (k @ pose[:3]).astype(np.float32)
+    for matrix, depth in zip(projections(views.intrinsics, views.world_to_camera), depths.depth, strict=True):
         image = points @ matrix[:, :3].T + matrix[:, 3]
         z = image[:, 2]
         front = np.maximum(z, 1e-6)
-        column, row = np.floor(image[:, 0] / front).astype(np.int32), np.floor(image[:, 1] / front).astype(np.int32)
+        column, row = (
+            np.floor(np.clip(image[:, k] / front, -1, size)).astype(np.int32)
+            for k, size in enumerate((views.width, views.height))
+        )
         held = (z > 1e-6) & (column >= 0) & (column < views.width) & (row >= 0) & (row < views.height)
         seen = depth[np.where(held, row, 0), np.where(held, column, 0)]
         behind = z - seen
         speaks = held & (seen > 0) & (behind < limit)
         total += np.where(speaks, np.maximum(behind, -limit), 0)
         weight += speaks
-    return np.where(weight >= min_weight, total / np.maximum(weight, 1), limit)
+    return np.where(weight >= least, total / np.maximum(weight, 1), limit)

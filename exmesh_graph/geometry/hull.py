@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, map_coordinates
@@ -16,6 +18,9 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.pixels import FINENESS, pixel_width
+from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.torch_setup import tensor_of
+from exmesh_graph.gpu.warp_runtime import warp
 from exmesh_graph.types import Views
 from exmesh_graph.types.pictures import Pictures
 
@@ -23,6 +28,8 @@ from exmesh_graph.types.pictures import Pictures
 _DROP = 2.5
 _COARSE = 48
 _RESOLUTIONS = 64, 192
+GRAIN = 1 << 14
+"""Points that a core takes at a time."""
 _FIELD_BYTES = 2 << 30
 """Distances that would take more are those of reduced masks: 200 of them still have 1600 pixels a side, more than the
 finest hull has voxels, and their contours are placed to a fraction of a pixel."""
@@ -51,8 +58,7 @@ class SilhouetteField:
 
     distances        float32 [N, H, W], from `silhouette_distance`
     intrinsics       float64 [N, 3, 3];  world_to_camera float64 [N, 4, 4], OpenCV
-    wrong_masks          number of views that may be outvoted at each point
-    chunk            points handled at once; bounds the memory, does not change the result
+    wrong_masks      number of views that may be outvoted at each point
 
     A point that projects outside an image takes the value of the nearest border pixel, less its distance to the image
     where that pixel is background: the object may go on beyond an edge that its silhouette touches, and only there.
@@ -63,7 +69,6 @@ class SilhouetteField:
     intrinsics: np.ndarray
     world_to_camera: np.ndarray
     wrong_masks: int = 0
-    chunk: int = 1 << 18
 
     @classmethod
     def from_masks(
@@ -74,7 +79,6 @@ class SilhouetteField:
         *,
         wrong_masks: int = 0,
         names: Sequence[str] = (),
-        chunk: int = 1 << 18,
     ) -> SilhouetteField:
         """Field of alpha [N, H, W], reduced by area means where the distances would take more than 2 GiB.
 
@@ -108,48 +112,42 @@ class SilhouetteField:
             )
         k = np.array(intrinsics, float)
         k[:, :2] /= factor
-        return cls(distances, k, np.asarray(world_to_camera, float), wrong_masks, chunk)
+        return cls(distances, k, np.asarray(world_to_camera, float), wrong_masks)
 
     @classmethod
-    def of_views(cls, views: Views, wrong_masks: int = 0, chunk: int = 1 << 18) -> SilhouetteField:
+    def of_views(cls, views: Views, wrong_masks: int = 0) -> SilhouetteField:
         """Field of the masks of `views`. Raises as `from_masks`."""
         cameras = (views.intrinsics, views.world_to_camera)
-        return cls.from_masks(views.alpha, *cameras, wrong_masks=wrong_masks, names=views.names, chunk=chunk)
+        return cls.from_masks(views.alpha, *cameras, wrong_masks=wrong_masks, names=views.names)
 
     def __call__(self, points: np.ndarray, floor: float = -np.inf) -> np.ndarray:
         """Field float32 [P], world units, at points [P, 3]. Values below `floor` may be any value below it."""
+        kernels = field_kernels()
+        if self.wrong_masks > kernels.MOST_WRONG:
+            return self.plain(points)
+        focals = np.sqrt(self.intrinsics[:, 0, 0] * self.intrinsics[:, 1, 1]).astype(np.float32)
+        points = np.ascontiguousarray(points, np.float32)
+        values = np.empty(len(points), np.float32)
+        given = (points, self.distances, projections(self.intrinsics, self.world_to_camera), focals, values)
+        split(
+            kernels.outline_field, len(points), self.wrong_masks, float(floor), *map(tensor_of, given),
+            grain=GRAIN,
+        )  # fmt: skip
+        return values
+
+    def plain(self, points: np.ndarray) -> np.ndarray:
+        """The same in numpy, at every point [P, 3]."""
         points = np.asarray(points, np.float32)
-        out = np.empty(len(points), np.float32)
-        for start in range(0, len(points), self.chunk):
-            part = slice(start, start + self.chunk)
-            out[part] = self._evaluate(points[part], floor)
-        return out
+        votes = [self._vote(view, points) for view in range(len(self.distances))]
+        return np.partition(votes, self.wrong_masks, axis=0)[self.wrong_masks]
 
     def against(self, points: np.ndarray) -> np.ndarray:
         """Indices of the views whose masks leave out that one of `points` [P, 3] which most masks hold."""
         held = np.stack([self._vote(view, np.asarray(points, np.float32)) >= 0 for view in range(len(self.distances))])
         return np.flatnonzero(~held[:, held.sum(axis=0).argmax()])
 
-    def _evaluate(self, points: np.ndarray, floor: float) -> np.ndarray:
-        result = np.full(len(points), np.inf, np.float32)
-        live = np.arange(len(points))
-        lowest = np.full((self.wrong_masks + 1, len(points)), np.inf, np.float32)
-        for view in range(len(self.distances)):
-            value = self._vote(view, points)
-            for rank in range(self.wrong_masks + 1):  # keep the wrong_masks + 1 smallest, in order
-                smaller = np.minimum(lowest[rank], value)
-                value = np.maximum(lowest[rank], value)
-                lowest[rank] = smaller
-            keep = lowest[-1] >= floor
-            if not keep.all():
-                result[live] = lowest[-1]
-                live, points, lowest = live[keep], points[keep], lowest[:, keep]
-        result[live] = lowest[-1]
-        return result
-
     def _vote(self, view: int, points: np.ndarray) -> np.ndarray:
-        k, pose = self.intrinsics[view], self.world_to_camera[view]
-        matrix = (k @ pose[:3]).astype(np.float32)
+        k, matrix = self.intrinsics[view], projections(self.intrinsics, self.world_to_camera)[view]
         image = points @ matrix[:, :3].T + matrix[:, 3]
         depth = image[:, 2]
         front = depth > 1e-6
@@ -162,6 +160,20 @@ class SilhouetteField:
         value = np.where(value < 0, value - outside, value)
         focal = np.float32(np.sqrt(k[0, 0] * k[1, 1]))
         return np.where(front, value * depth / focal, np.inf).astype(np.float32)
+
+
+def projections(intrinsics: np.ndarray, world_to_camera: np.ndarray) -> np.ndarray:
+    """float32 [N, 3, 4], world to homogeneous pixels."""
+    return (intrinsics @ world_to_camera[:, :3]).astype(np.float32)
+
+
+@cache
+def field_kernels() -> Any:
+    """The module of Warp kernels, imported after `warp()` has been configured."""
+    warp()
+    from exmesh_graph.geometry import kernels_field
+
+    return kernels_field
 
 
 def _reduced(mask: np.ndarray, factor: int) -> np.ndarray:

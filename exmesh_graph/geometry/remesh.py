@@ -15,6 +15,7 @@ from exmesh_graph.geometry.adjacency import (
     area_vectors,
     area_weighted_normals,
     compact,
+    cross,
     edge_lengths,
     face_areas,
     face_normals,
@@ -95,13 +96,15 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
 
     Edges of the boundary collapse to one of their ends, see `_boundary_ends`; others that touch it do not.
     """
-    thorough = most is not None
+    thorough, refused = most is not None, np.empty((0, 2), np.int64)
     for _ in range(_ROUNDS if most is None else 1):
         edges = edges_of(f)
         fixed = _fixed(f, len(v), edges)
         length = edge_lengths(v, edges)
         outline = edges.count == 1
         short = np.flatnonzero((length < shortest) & (outline | (edges.interior & ~fixed[edges.vertices].any(1))))
+        # the verdict on an edge holds until a face around it changes
+        short = short[~np.isin(edges.vertices[short] @ [len(v), 1], refused @ [len(v), 1])]
         short = short[np.argsort(length[short], kind="stable")]
         if most is not None:
             short = short[: max(20 * most, 100)]
@@ -109,6 +112,7 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
             first = np.full(len(v), len(short), np.int64)
             np.minimum.at(first, edges.vertices[short].T.reshape(-1), np.tile(np.arange(len(short)), 2))
             short = short[(first[edges.vertices[short]] == np.arange(len(short))[:, None]).all(1)]
+        judged = edges.vertices[short]
         able = short[link_condition(f, edges, short, len(v))]
         kept, gone, drift = _boundary_ends(v, edges)
         able = able[~outline[able] | (drift[able] < _DRIFT * shortest)]
@@ -118,6 +122,7 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
         offsets, ring, owner = _rings(f, len(v), a, b)
         allowed = _keeps_shape(v, f, a, b, middle, ring, owner, longest)
         keep = np.repeat(allowed, np.diff(offsets))
+        refused = np.concatenate([refused, judged[~np.isin(short, able[allowed])]])
         offsets = np.concatenate([[0], np.cumsum(np.diff(offsets)[allowed])])
         a, b, middle, ring = a[allowed], b[allowed], middle[allowed], ring[keep]
         if len(a) == 0 and thorough:
@@ -125,13 +130,16 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
         chosen = greedy_disjoint(np.arange(len(a)), offsets, ring, len(f))
         chosen = chosen[:most] if most is not None else chosen
         thorough = most is not None or len(chosen) < 0.2 * len(short)  # most of the shortest may not go: look further
+        fresh = np.zeros(len(v), bool)
+        fresh[f[ring[np.isin(owner[keep], np.flatnonzero(allowed)[chosen])]]] = True
+        refused = refused[~fresh[refused].any(1)]
         v, target = v.copy(), np.arange(len(v))
         v[a[chosen]] = middle[chosen]
         target[b[chosen]] = a[chosen]
         f = target[f]
         f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
         used, f = compact(f, len(v))
-        v = v[used]
+        v, refused = v[used], np.searchsorted(used, refused)
     return v, f
 
 
@@ -179,17 +187,24 @@ def _keeps_shape(
 ) -> np.ndarray:  # fmt: skip
     corners = f[ring]
     moved = (corners == a[owner, None]) | (corners == b[owner, None])
-    stays = moved.sum(1) == 1
-    points = np.where(moved[..., None], middle[owner, None], v[corners])
-    normal = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-    before = area_vectors(v, f)[ring]
-    sides = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2)
-    size = np.linalg.norm(normal, axis=1)
-    turned = np.einsum("ni,ni->n", normal, before) < _MIN_COSINE * size * np.linalg.norm(before, axis=1)
-    sliver = size < 0.1 * sides.max(1) ** 2
+    stays = np.flatnonzero(moved.sum(1) == 1)
+    corners, owner, moved = corners[stays], owner[stays], moved[stays]
+    points = v[corners]
+    points[moved] = middle[owner]  # row by row: one corner of each
+    one, two = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    normal = cross(one, two)
+    before = area_vectors(v, f)[ring[stays]]
+    size = np.sqrt(_squared(normal))
+    side = np.sqrt(np.maximum(np.maximum(_squared(one), _squared(two)), _squared(two - one)))
+    turned = np.einsum("ni,ni->n", normal, before) < _MIN_COSINE * size * np.sqrt(_squared(before))
+    sliver = size < 0.1 * side**2
     allowed = np.ones(len(a), bool)
-    allowed[owner[stays & (turned | sliver | (sides.max(1) > longest))]] = False
+    allowed[owner[turned | sliver | (side > longest)]] = False
     return allowed
+
+
+def _squared(a: np.ndarray) -> np.ndarray:
+    return np.einsum("ni,ni->n", a, a)
 
 
 def _flip(v: np.ndarray, f: np.ndarray) -> np.ndarray:

@@ -35,7 +35,6 @@ class HullSettings(Params):
     smooth: int = param(
         10, ge=0, le=200, unit="steps", doc="Taubin smoothing steps (no shrinking) after marching cubes."
     )
-    chunk: int = param(1 << 18, ge=1 << 12, unit="points", doc="Points handled at once; bounds memory.", tuning=True)
 
 
 class TsdfSettings(Params):

@@ -47,10 +47,10 @@ def test_scores_only_the_role_and_goes_on_after_a_failure(data, tmp_path, monkey
     assert asked["padlock"] == scores.QUICKSTART
     written = asked["still"].read_text()
     assert "init.auto" in written
-    assert "hull: null" in written
+    assert "hull" not in written  # the quickstart begins without one
     assert f"masks: {data}/still/masks" in written
-    scores.score_scenes("score", tmp_path / "ours", data=[data], graph=scores.ROOT / "graphs" / "exmeshpp.yaml")
-    assert "hull" not in asked["still"].read_text()  # that graph begins without one
+    scores.score_scenes("score", tmp_path / "ours", data=[data], graph=scores.ROOT / "graphs" / "hull.yaml")
+    assert "hull: null" in asked["still"].read_text()
     assert [row["scene"] for row in rows] == ["padlock", "still"]
     table = (tmp_path / "out" / "table.md").read_text()
     assert "30 (20)" in table
@@ -114,7 +114,7 @@ def test_a_scene_of_another_role_is_refused(data, tmp_path):
 
 def test_the_graph_for_scenes_without_masks_is_sound(tmp_path):
     file = tmp_path / "no_masks.yaml"
-    file.write_text(scores.NO_MASKS.format(graph=scores.QUICKSTART, name="quickstart", masks=tmp_path))
+    file.write_text(scores.NO_MASKS.format(graph=scores.QUICKSTART, name="quickstart", masks=tmp_path, hull=""))
     checked = ex.check(file, scene=str(scores.ROOT / "graphs" / "samples" / "chair"))
     assert checked.name == "quickstart_no_masks"
     assert checked.nodes["region"].params.masks == tmp_path

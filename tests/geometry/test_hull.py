@@ -16,6 +16,7 @@ from exmesh_graph.geometry.hull import (
     surface,
     visual_hull,
 )
+from exmesh_graph.gpu.cores import cores
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 
@@ -93,11 +94,29 @@ def test_band_gives_the_same_surface_as_evaluating_every_point():
         assert full[:, axis].max() == pytest.approx(vertices[:, axis].max(), abs=0.01)
 
 
-def test_chunks_do_not_change_the_result():
-    masks = sphere_masks(6, 48, 0.6)
-    points = np.random.default_rng(0).uniform(-1, 1, (5000, 3))
-    whole, parts = (SilhouetteField.from_masks(*masks, chunk=c)(points) for c in (1 << 18, 97))
-    assert np.array_equal(whole, parts)
+@pytest.mark.parametrize("wrong_masks", [0, 1, 3, 8])
+@pytest.mark.parametrize("size", [48, 1])
+def test_the_kernel_gives_what_numpy_gives(wrong_masks, size):
+    """Points in and out of the pictures, on a camera's plane and behind cameras; pictures of one pixel too."""
+    alpha, intrinsics, poses = sphere_masks(9, size, 0.6)
+    alpha = alpha if size > 1 else np.ones_like(alpha)
+    field = SilhouetteField.from_masks(alpha, intrinsics, poses, wrong_masks=wrong_masks)
+    points = np.random.default_rng(0).uniform(-1, 1, (50000, 3)) * np.repeat([1, 20], 25000)[:, None]
+    points[0] = np.linalg.inv(poses[0])[:3, 3]
+    plain = field.plain(points)
+    with cores(1):
+        values = field(points)
+    finite = np.isfinite(plain)
+    assert 0.5 < finite.mean() <= 1
+    assert values[finite] == pytest.approx(plain[finite], rel=2e-4, abs=2e-5)
+    assert (values[~finite] == plain[~finite]).all()
+    for count in (2, 3):
+        with cores(count):
+            assert np.array_equal(field(points), values, equal_nan=True)
+    floored = field(points, floor=-0.05)
+    above = plain >= -0.049
+    assert np.array_equal(floored[above], values[above])
+    assert (floored[plain < -0.051] < -0.049).all()
 
 
 def test_field_is_the_lowest_vote_in_world_units():

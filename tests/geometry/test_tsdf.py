@@ -11,6 +11,7 @@ from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.clean import clean_mesh, inspect
 from exmesh_graph.geometry.settings import CleanSettings, TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
+from exmesh_graph.gpu.cores import cores
 from exmesh_graph.types import DepthMaps, Views
 
 CARVE = TsdfSettings(resolution=48, truncation=3, min_weight=2)
@@ -189,3 +190,26 @@ def test_depth_maps_near_the_hull_leave_it_and_others_carve():
     hull = np.full(6, 0.3)
     below = np.array([-0.2, 0.0, 0.1, 0.15, 0.2, 0.5])
     np.testing.assert_allclose(hull - carved(hull, hull - below, 0.1), [0, 0, 0, 0.1, 0.2, 0.5], atol=1e-12)
+
+
+@pytest.mark.parametrize("least", [0, 1, 5])
+def test_the_kernel_gives_what_numpy_gives(least):
+    """Points all around, on a camera's plane and behind cameras; depth maps with holes, one of them empty."""
+    from exmesh_graph.geometry.carve import depth_field, plain_depth_field
+
+    rng = np.random.default_rng(0)
+    views, depths = sphere_views(count=6)
+    holed = np.where(rng.random(depths.depth.shape) < 0.2, 0, depths.depth).astype(np.float32)
+    holed[2] = 0
+    depths = replace(depths, depth=holed)
+    points = rng.uniform(-1, 1, (20000, 3)).astype(np.float32) * np.repeat([1, 20], 10000)[:, None].astype(np.float32)
+    points[0] = views.camera_to_world[0, :3, 3]
+    given = (views, depths, 0.1, least)
+    plain, values = plain_depth_field(points, *given), depth_field(points, *given)
+    # a point whose pixel or truncation turns on the last bit falls to either side
+    same = np.isclose(values, plain, rtol=1e-4, atol=1e-5)
+    assert same.mean() > 0.999
+    assert (np.abs(values[~same]) <= 0.1).all()
+    for count in (2, 3):
+        with cores(count):
+            assert np.array_equal(depth_field(points, *given), values)
