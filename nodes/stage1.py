@@ -88,6 +88,9 @@ def refine(
     elif views.has_masks and not views.masked.all():
         bare = [name for name, masked in zip(views.names, views.masked, strict=True) if not masked]
         ctx.warn(f"{len(bare)} of {len(views)} views have no mask and shape the surface by colour alone: {_some(bare)}")
+    if region is not None and views.has_masks:
+        ctx.log("the views have masks, which say what counts: the region that is wired in is not used")
+        region = None
     if p.share > 0:
         p = p.replaced(iterations=round(p.share * p.total_iterations))
     p = in_edge_lengths(p, state, step=p.vertex_units == "world", deviation=p.deviation_units == "world")

@@ -11,11 +11,14 @@ from exmesh_nodes import stage1
 from exmesh_nodes.regulariser import Laplacian
 from stage1_scenes import ball, fresh_state, photographs
 
+from exmesh_graph.errors import DataError
+from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import mean_edge, smoother, smoothness
 from exmesh_graph.stage1.render import surface_of
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.units import in_edge_lengths
 from exmesh_graph.testing import FakeContext
+from exmesh_graph.types import Mesh
 
 
 def _edge(state) -> float:
@@ -73,3 +76,16 @@ def test_laplacian_in_world_units_is_the_mean_squared_difference():
     scale_free = float(smoothness(vertices, smoother(vertices, edges), "laplacian"))
     assert float(prepared.loss(vertices)) == pytest.approx(1000 * scale_free * _edge(state) ** 2, rel=1e-4)
     assert torch.isfinite(prepared.loss(2 * vertices))
+
+
+def test_a_region_beside_masks_changes_nothing_and_is_told():
+    """One graph serves photographs with masks and without: its wire to `region` must not stop those with masks."""
+    state, views = fresh_state(ball(radius=0.57)), photographs(ball(), count=4)
+    context, p = FakeContext(), stage1.RefineParams(iterations=3)
+    region = Mesh(state.vertices, state.faces)
+    wired = stage1.refine(context, state, views, region=region, p=p).state
+    bare = stage1.refine(FakeContext(), state, views, p=p).state
+    assert wired.vertices.tobytes() == bare.vertices.tobytes()
+    assert any("the region that is wired in is not used" in line for line in context.lines)
+    with pytest.raises(DataError, match="a region was given for views that have masks"):
+        refine(state, views, RefineSettings(iterations=1), region=region)
