@@ -75,7 +75,13 @@ class ScoredOut(NamedTuple):
 
 @node("evaluate.stage1", version="1", libraries=_DRAWN, sources=lpips_weights, resources=ON_DEVICE)
 def stage1(
-    ctx: Context, carrier: Carrier, views: TestViews, region: Region | None = None, *, p: Stage1Params
+    ctx: Context,
+    carrier: Carrier,
+    views: TestViews,
+    region: Region | None = None,
+    train: TrainViews | None = None,
+    *,
+    p: Stage1Params,
 ) -> ScoredOut:
     """Held-out PSNR and SSIM of the mesh with its Stage I appearance.
 
@@ -84,7 +90,7 @@ def stage1(
     from exmesh_graph.evaluate.carrier import carrier_pairs, score_carrier
     from exmesh_graph.evaluate.scores import add_lpips
 
-    scores = score_carrier(carrier, views, max_views=p.max_views, region=_region_of(ctx, views, None, region))
+    scores = score_carrier(carrier, views, max_views=p.max_views, region=_region_of(ctx, views, train, region))
     add_lpips(scores.values, p.lpips, scores.held_out, label="Held-out LPIPS, Stage I")
     return ScoredOut(Metrics(scores.values), carrier_pairs(scores, views, p.pictures))
 

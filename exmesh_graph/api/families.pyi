@@ -321,7 +321,7 @@ class _Evaluate(Family):
         samples: Points on each surface for the Chamfer distance. [>= 100]
         max_views: Held-out views that the PSNR is taken on, evenly spread. [>= 1]
         """
-    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Region] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
+    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Region] | Node | None = None, train: Wire[Views] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
         """Held-out PSNR and SSIM of the mesh with its Stage I appearance.
 
         max_views: Score this many views, evenly spread; 0: all. [>= 0]

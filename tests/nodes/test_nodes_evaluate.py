@@ -229,6 +229,22 @@ def test_stage_one_is_scored_by_its_texture(scene, context):
     assert read_glb(root / "model.glb")[0]["extensionsUsed"][-1] == "KHR_materials_unlit"
 
 
+def test_without_masks_the_training_views_help_to_find_what_counts(scene, context, monkeypatch):
+    """One held-out view alone has no parallax; with the others it has."""
+    asked = []
+
+    def find(views, train, settings):
+        asked.append(train)
+        shape = views.alpha.shape
+        return Region(views.names, np.ones(shape, bool), np.zeros(shape, np.float32), np.full(shape, 9, np.float32))
+
+    monkeypatch.setattr("exmesh_graph.evaluate.region.find_region", find)
+    bare = replace(scene.test, has_masks=False, alpha=np.ones_like(scene.test.alpha))
+    carrier = replace(scene.asset, texture=np.full((32, 32, 3), 0.5, np.float32))
+    evaluate.stage1(context, carrier, bare, train=scene.train, p=evaluate.Stage1Params(pictures=0))
+    assert asked == [scene.train]
+
+
 def test_no_pictures_asked_for_means_none_of_the_views(scene, context):
     p = PARAMS.model_copy(update={"max_views": 1, "pictures": 0})
     kinds = [pair["kind"] for pair in evaluate.asset(context, scene.asset, scene.test, p=p).scored.pairs]
