@@ -20,7 +20,13 @@ class NewTexture(Params):
 
 
 class MovedTexture(Params):
-    texture_size: int = param(0, ge=0, le=8192, unit="texels", doc="Side of the new texture; 0 keeps the old one's.")
+    texture_size: int = param(
+        0,
+        ge=0,
+        le=8192,
+        unit="texels",
+        doc="Side of the new texture; 0: as fine as `views` show it, without views the old one's.",
+    )
 
 
 class UnwrapParams(DiscSettings, NewTexture):
@@ -43,6 +49,9 @@ class MaintainParams(Params):
     dilation: float = param(8.0, ge=0.0, le=4096.0, unit="texels", doc="How far colours are spread beyond charts.")
     max_flipped: float = param(0.01, ge=0.0, le=1.0, doc="Part of the faces folded over in the atlas before a warning.")
     max_stretch: float = param(4.0, ge=1.0, doc="Spread of texel sizes (95th over 5th percentile) before a warning.")
+
+
+_FINE = "a texture of {size} x {size}, as fine as the photographs show the surface"
 
 
 class CarrierOut(NamedTuple):
@@ -96,38 +105,51 @@ def maintain(ctx: Context, state: Stage1State, *, p: MaintainParams) -> StateOut
 
 
 @node("uv.regenerate", version="1", libraries=("torch", "warp-lang", "scipy"))
-def regenerate(ctx: Context, state: Stage1State, *, p: RegenerateParams) -> StateOut:
+def regenerate(ctx: Context, state: Stage1State, views: Views | None = None, *, p: RegenerateParams) -> StateOut:
     """Make a new atlas and move texture and texture moments over, texel by texel."""
-    return _regenerated(ctx, state, p)
+    return _regenerated(ctx, state, views, p)
 
 
 @node("uv.xatlas_regen", version="2", libraries=("xatlas", "torch", "warp-lang", "scipy"))
-def xatlas_regen(ctx: Context, state: Stage1State, *, p: XatlasRegenParams) -> StateOut:
+def xatlas_regen(ctx: Context, state: Stage1State, views: Views | None = None, *, p: XatlasRegenParams) -> StateOut:
     """Make a new atlas with the charts of xatlas and move texture and texture moments over, texel by texel."""
-    return _regenerated(ctx, state, p)
+    return _regenerated(ctx, state, views, p)
 
 
 def _unwrapped(ctx: Context, mesh: Mesh, views: Views | None, p: UnwrapParams | XatlasUnwrapParams) -> CarrierOut:
     import numpy as np
 
     from exmesh_graph.errors import DataError
-    from exmesh_graph.uv.unwrap import shown_side, unwrap
+    from exmesh_graph.uv.unwrap import unwrap, unwrap_at
 
     size = p.texture_size
-    if size == 0:
-        if views is None:
-            raise DataError(
-                "texture_size: 0 asks the photographs, and none are wired in", where=ctx.node,
-                fix='wire `views: "@<loader>.train"`, or give texture_size',
-            )  # fmt: skip
-        size = shown_side(mesh.vertices, mesh.faces, views.intrinsics, views.world_to_camera)
-        ctx.log(f"a texture of {size} x {size}, as fine as the photographs show the surface")
-    uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, size, p, warn=ctx.warn)
+    if size:
+        uvs, uv_faces = unwrap(mesh.vertices, mesh.faces, size, p, warn=ctx.warn)
+    elif views is None:
+        raise DataError(
+            "texture_size: 0 asks the photographs, and none are wired in", where=ctx.node,
+            fix='wire `views: "@<loader>.train"`, or give texture_size',
+        )  # fmt: skip
+    else:
+        uvs, uv_faces, size = unwrap_at(mesh.vertices, mesh.faces, _texel(mesh, views), p, warn=ctx.warn)
+        ctx.log(_FINE.format(size=size))
     texture = np.full((size, size, 3), p.fill, np.float32)
     return CarrierOut(Carrier(mesh.vertices, mesh.faces, uvs, uv_faces, texture))
 
 
-def _regenerated(ctx: Context, state: Stage1State, p: RegenerateParams | XatlasRegenParams) -> StateOut:
+def _regenerated(
+    ctx: Context, state: Stage1State, views: Views | None, p: RegenerateParams | XatlasRegenParams
+) -> StateOut:
     from exmesh_graph.uv.unwrap import regenerate
 
-    return StateOut(regenerate(state, p.texture_size or state.texture.shape[0], p, warn=ctx.warn))
+    texel = None if p.texture_size or views is None else _texel(state, views)
+    new = regenerate(state, p.texture_size or state.texture.shape[0], p, texel=texel, warn=ctx.warn)
+    if texel is not None:
+        ctx.log(_FINE.format(size=new.texture.shape[0]))
+    return StateOut(new)
+
+
+def _texel(mesh: Mesh | Stage1State, views: Views) -> float:
+    from exmesh_graph.uv.unwrap import shown_texel
+
+    return shown_texel(mesh.vertices, views.intrinsics, views.world_to_camera)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,14 +17,16 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas, require_mesh, signed_areas_2d
 from exmesh_graph.geometry.pixels import FINENESS, pixel_width
 from exmesh_graph.types import Stage1State
-from exmesh_graph.uv.cut import cut_open, defects
+from exmesh_graph.uv.cut import Sheets, cut_open, defects
 from exmesh_graph.uv.layout import lay_out
 from exmesh_graph.uv.mend import adopt, mend
 from exmesh_graph.uv.pack import pack
 from exmesh_graph.uv.settings import AtlasSettings, DiscSettings, XatlasSettings
 from exmesh_graph.uv.transfer import transfer_texture
 
-_COVERED = 0.6  # of an atlas by its charts: 0.54 to 0.73 on the scenes for choosing
+_COVERED = 0.6  # of an atlas by its charts: 0.54 to 0.73 on smooth surfaces of the scenes for choosing
+_FULL = 0.75  # of an atlas by its charts and what they keep free around them
+_LARGEST = 8192
 
 
 def unwrap(
@@ -47,6 +50,83 @@ def unwrap(
     for arrays of another shape or type.
     """
     settings = settings or DiscSettings()
+    return _packed(_charts(vertices, faces, settings, warn), texture_size, settings.padding)
+
+
+def unwrap_at(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    texel: float,
+    settings: AtlasSettings | None = None,
+    *,
+    warn: Callable[[str], None] | None = None,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """(uvs, uv_faces) as `unwrap`, and the side of an atlas whose texels span about `texel`, in world units.
+
+    A multiple of 64, 64 to 8192. Many small charts spend most of an atlas on the space between them: it is packed again
+    for the side that this one tells, at most twice that of charts which cover `_COVERED` of it.
+    """
+    settings = settings or DiscSettings()
+    charts = _charts(vertices, faces, settings, warn)
+    wanted = float(face_areas(vertices, faces).sum()) / texel**2  # texels of charts
+    side = _side(wanted / _COVERED)
+    uvs, uv_faces = _packed(charts, side, settings.padding)
+    there = max(float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * side**2, 1.0)
+    # the space around charts grows with their outlines, as the root of their area
+    between = max(_FULL * side**2 - there, 0.0) * math.sqrt(wanted / there)
+    larger = min(_side((wanted + between) / _FULL), 2 * side, _LARGEST)
+    if larger > side:
+        uvs, uv_faces = _packed(charts, larger, settings.padding)
+    return uvs, uv_faces, max(larger, side)
+
+
+def shown_texel(vertices: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> float:
+    """Width in world units of a texel as fine as N views show the surface: `FINENESS` pixels at the object's middle."""
+    return FINENESS * pixel_width(intrinsics, world_to_camera, np.asarray(vertices, np.float64).mean(axis=0))
+
+
+def regenerate(
+    state: Stage1State,
+    texture_size: int,
+    settings: AtlasSettings | None = None,
+    *,
+    texel: float | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Stage1State:
+    """The state under a new atlas, its texture and texture moments resampled to `texture_size` texels on a side.
+
+    texel  in place of `texture_size`, see `unwrap_at`
+    A texel's gradient grows with the surface it stands for, so the moments are scaled by the ratio of texel areas.
+    """
+    mesh = state.vertices, state.faces
+    if texel is None:
+        uvs, uv_faces = unwrap(*mesh, texture_size, settings, warn=warn)
+    else:
+        uvs, uv_faces, texture_size = unwrap_at(*mesh, texel, settings, warn=warn)
+    atlas = (state.uvs, state.uv_faces, uvs, uv_faces, texture_size)
+    colour, _ = transfer_texture({"texture": state.texture}, *atlas, bounds=(0.0, 1.0))
+    moments, _ = transfer_texture({"m": state.texture_m, "v": state.texture_v}, *atlas, sharpen=0)
+    old_area = float(np.abs(signed_areas_2d(state.uvs, state.uv_faces)).sum()) * state.texture.shape[0] ** 2
+    new_area = float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * texture_size**2
+    growth = np.float32(old_area / max(new_area, 1e-300))  # of the surface under one texel
+    first, second = moments["m"] * growth, moments["v"] * growth**2
+    return replace(state, uvs=uvs, uv_faces=uv_faces, texture=colour["texture"], texture_m=first, texture_v=second)
+
+
+class _Charts(NamedTuple):
+    """Flat charts of a mesh, not yet packed."""
+
+    points: np.ndarray
+    faces: np.ndarray
+    sheets: Sheets
+    flat: np.ndarray
+    corners: np.ndarray
+    orphans: np.ndarray
+
+
+def _charts(
+    vertices: np.ndarray, faces: np.ndarray, settings: AtlasSettings, warn: Callable[[str], None] | None
+) -> _Charts:
     require_mesh(vertices, faces, "unwrap")
     points = _scaled(vertices, faces)
     sheets = cut_open(points, faces, settings.cut_nonmanifold)
@@ -67,9 +147,12 @@ def unwrap(
         flat, corners = lay_out(space, own, bend)
     else:
         flat, corners, uncharted = charts
-    flat, corners, orphans = mend(space, own, flat, corners, uncharted)
-    uvs = pack(flat, corners[~orphans], texture_size, settings.padding)
+    return _Charts(points, faces, sheets, *mend(space, own, flat, corners, uncharted))
 
+
+def _packed(charts: _Charts, texture_size: int, padding: int) -> tuple[np.ndarray, np.ndarray]:
+    points, faces, sheets, flat, corners, orphans = charts
+    uvs = pack(flat, corners[~orphans], texture_size, padding)
     whole = np.zeros((len(faces), 3), np.int64)
     whole[sheets.kept] = corners
     missing = np.ones(len(faces), bool)
@@ -81,36 +164,8 @@ def unwrap(
     return np.clip(uvs[used], 0.0, 1.0).astype(np.float32), index.reshape(whole.shape).astype(np.int32)
 
 
-def shown_side(vertices: np.ndarray, faces: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> int:
-    """Side of an atlas whose texels are as fine as N views show the surface, a multiple of 64 (64 to 8192).
-
-    A texel spans `FINENESS` pixels at the middle of the object, charts cover `_COVERED` of the atlas.
-    """
-    area = float(face_areas(vertices, faces).sum())
-    texel = FINENESS * pixel_width(intrinsics, world_to_camera, np.asarray(vertices, np.float64).mean(axis=0))
-    return int(np.clip(64 * round(math.sqrt(area / _COVERED) / texel / 64), 64, 8192))
-
-
-def regenerate(
-    state: Stage1State,
-    texture_size: int,
-    settings: AtlasSettings | None = None,
-    *,
-    warn: Callable[[str], None] | None = None,
-) -> Stage1State:
-    """The state under a new atlas, its texture and texture moments resampled to `texture_size` texels.
-
-    A texel's gradient grows with the surface it stands for, so the moments are scaled by the ratio of texel areas.
-    """
-    uvs, uv_faces = unwrap(state.vertices, state.faces, texture_size, settings, warn=warn)
-    atlas = (state.uvs, state.uv_faces, uvs, uv_faces, texture_size)
-    colour, _ = transfer_texture({"texture": state.texture}, *atlas, bounds=(0.0, 1.0))
-    moments, _ = transfer_texture({"m": state.texture_m, "v": state.texture_v}, *atlas, sharpen=0)
-    old_area = float(np.abs(signed_areas_2d(state.uvs, state.uv_faces)).sum()) * state.texture.shape[0] ** 2
-    new_area = float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * texture_size**2
-    growth = np.float32(old_area / max(new_area, 1e-300))  # of the surface under one texel
-    first, second = moments["m"] * growth, moments["v"] * growth**2
-    return replace(state, uvs=uvs, uv_faces=uv_faces, texture=colour["texture"], texture_m=first, texture_v=second)
+def _side(texels: float) -> int:
+    return int(np.clip(64 * round(math.sqrt(texels) / 64), 64, _LARGEST))
 
 
 def _scaled(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

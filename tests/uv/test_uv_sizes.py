@@ -5,10 +5,13 @@ import pytest
 from exmesh_nodes import uv
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.geometry.adjacency import face_areas, signed_areas_2d
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.testing import FakeContext
+from exmesh_graph.testing import state as fresh
 from exmesh_graph.types import Mesh, Views
-from exmesh_graph.uv.unwrap import shown_side
+from exmesh_graph.uv.settings import DiscSettings
+from exmesh_graph.uv.unwrap import shown_texel, unwrap_at
 
 
 def views(focal):
@@ -19,13 +22,30 @@ def views(focal):
     return Views(("v",), picture, picture[..., 0] + 1, intrinsics[None], np.linalg.inv(pose)[None], "train")
 
 
-@pytest.mark.parametrize(("focal", "expected"), [(400, 192), (1200, 576), (10, 64), (1e6, 8192)])
+@pytest.mark.parametrize(("focal", "expected"), [(400, 192), (1200, 576), (10, 64)])
 def test_a_texel_spans_five_quarters_of_a_pixel(focal, expected):
     """A sphere of radius 0.5 and area pi at a distance of 4: side = sqrt(pi / 0.6) f / 5."""
-    seen = views(focal)
-    found = shown_side(*icosphere(4, 0.5), seen.intrinsics, seen.world_to_camera)
-    assert found == expected
-    assert abs(found - np.sqrt(np.pi / 0.6) * focal / 5) <= 33 or found in (64, 8192)
+    seen, mesh = views(focal), icosphere(4, 0.5)
+    texel = shown_texel(mesh[0], seen.intrinsics, seen.world_to_camera)
+    assert texel == pytest.approx(1.25 * 4 / focal, rel=1e-3)
+    side = unwrap_at(*mesh, texel)[2]
+    assert expected <= side <= expected + 64
+    assert abs(expected - np.sqrt(np.pi / 0.6) * focal / 5) <= 33 or expected == 64
+
+
+def test_many_small_charts_get_a_larger_atlas():
+    """Fifty specks: the space between them takes most of an atlas, and their texels are still as small as asked for."""
+    ball, rng = icosphere(1, 0.02), np.random.default_rng(0)
+    centres = rng.uniform(-1, 1, (50, 3))
+    vertices = np.concatenate([ball[0] + centre for centre in centres]).astype(np.float32)
+    faces = np.concatenate([ball[1] + k * len(ball[0]) for k in range(50)]).astype(np.int32)
+    area, texel = float(face_areas(vertices, faces).sum()), 0.004
+    plain = np.sqrt(area / 0.6) / texel
+    uvs, uv_faces, side = unwrap_at(vertices, faces, texel, DiscSettings(padding=4))
+    covered = np.abs(signed_areas_2d(uvs, uv_faces)).sum()
+    assert side > 1.3 * plain
+    assert np.sqrt(area / covered) / side < 1.3 * texel
+    assert side % 64 == 0
 
 
 def test_the_node_asks_the_photographs_and_says_when_there_are_none():
@@ -34,3 +54,13 @@ def test_the_node_asks_the_photographs_and_says_when_there_are_none():
     assert made.texture.shape == (192, 192, 3)
     with pytest.raises(DataError, match="texture_size: 0 asks the photographs"):
         uv.unwrap(FakeContext(), mesh, p=uv.UnwrapParams(texture_size=0))
+
+
+def test_a_new_atlas_asks_the_photographs_too_and_keeps_its_side_without():
+    start = uv.unwrap(FakeContext(), Mesh(*icosphere(2, 0.5)), p=uv.UnwrapParams(texture_size=64)).carrier
+    state = fresh(start)
+    assert uv.regenerate(FakeContext(), state, p=uv.RegenerateParams()).state.texture.shape == (64, 64, 3)
+    finer = uv.regenerate(FakeContext(), state, views(400), p=uv.RegenerateParams()).state
+    assert finer.texture.shape[0] in (192, 256)
+    fixed = uv.regenerate(FakeContext(), state, views(400), p=uv.RegenerateParams(texture_size=128)).state
+    assert fixed.texture.shape == (128, 128, 3)
