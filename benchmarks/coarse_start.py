@@ -1,6 +1,7 @@
 """Coarse meshes of a scene: seconds and error of every start, in one run.
 
-python -m benchmarks.coarse_start [SCENE] [--pgsr N ...] [--sweep] [--clean] [--quick] [--json FILE] [--picture PNG]
+python -m benchmarks.coarse_start [SCENE] [--pgsr N ...] [--sweep] [--stereo] [--clean] [--quick] [--json FILE]
+                                  [--picture PNG]
 
 SCENE is a folder in the NeRF-Synthetic, IDR or Middlebury layout (default: the sample in the repository). Chamfer,
 where there is a true mesh, is in thousandths of its radius. Rephotography, in dB: the training photographs warped over
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.coarse_work import Surface, fitted, fused, hull, load_case, monocular, picture, solid
+from benchmarks.coarse_work import Surface, fitted, fused, hull, load_case, monocular, picture, solid, stereo
 from benchmarks.register import choosing
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius, chamfer
 from exmesh_graph.evaluate.metrics.rephotography import Rephotographs, prediction_psnr, rephotograph
@@ -78,11 +79,14 @@ def main() -> None:
         sources.append(("plane sweep", case.sweep))
     if case.mono is not None:
         sources += [("monocular", lambda: monocular(case, 0.0)), ("monocular, bent", lambda: monocular(case, 0.03))]
+    if options.stereo:
+        sources.append(("patch match", lambda: stereo(case)))
     sources += [(f"pgsr {n}", lambda n=n: fitted(case, n)) for n in options.pgsr]
     for name, make in sources:
         kept, seconds = depths(make)
         if case.field is not None:
-            shown.append(measure(f"{name}, solid", lambda k=kept: solid(case, k), seconds))
+            told = {"clear": 2.0, "blur": 1.0} if name == "patch match" else {}
+            shown.append(measure(f"{name}, solid", lambda k=kept, t=told: solid(case, k, **t), seconds))
             for clear in options.clear:
                 measure(f"{name}, clear {clear:g}", lambda k=kept, c=clear: solid(case, k, c), seconds)
         whole = measure(f"{name}, fused", lambda k=kept: fused(case, k), seconds)
@@ -104,6 +108,11 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--clean", action="store_true", help="clean-up methods and face budgets too")
     parser.add_argument("--sweep", action="store_true", help="depth maps by plane sweep too (always with mono_depth/)")
+    parser.add_argument(
+        "--stereo",
+        action="store_true",
+        help="depth maps by PatchMatch too; its solid begins 2 voxels below the hull, and is blurred",
+    )
     parser.add_argument("--downscale", type=int, default=1, help="reduce the pictures by this factor")
     parser.add_argument("--views", type=int, default=0, help="at most so many training views; 0: all")
     parser.add_argument("--quick", action="store_true", help="reduced pictures and one fit of 100 iterations")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.carve import CLEAR, carve
+from exmesh_graph.geometry.carve import carve
 from exmesh_graph.geometry.clean import largest_components, taubin
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
@@ -23,8 +23,9 @@ from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.settings import BlenderOptions, DepthOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.priors.align import align
 from exmesh_graph.priors.depth_filter import normals_of_depth
+from exmesh_graph.priors.patch_match.estimate import patch_match
 from exmesh_graph.priors.plane_sweep import plane_sweep
-from exmesh_graph.priors.settings import SweepSettings
+from exmesh_graph.priors.settings import PatchMatchSettings, SweepSettings
 from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.depths import depth_maps
@@ -102,10 +103,15 @@ def fitted(case: Case, iterations: int) -> DepthMaps:
     return depth_maps(Gaussians.of(gaussians), prepare_targets(case.train), DepthSettings())[0]
 
 
-def solid(case: Case, depths: DepthMaps, clear: float = CLEAR) -> Surface:
+def stereo(case: Case) -> DepthMaps:
+    """Depth maps of PatchMatch stereo."""
+    return patch_match(case.train, PatchMatchSettings()).depths
+
+
+def solid(case: Case, depths: DepthMaps, clear: float = 1.0, blur: float = 0.0) -> Surface:
     """The hull, less what the depth maps look through."""
-    settings = TsdfSettings(truncation=3, min_weight=2)
-    return largest_components(*carve(case.field, case.train, depths, settings, clear=clear), 1)
+    settings = TsdfSettings(truncation=3, min_weight=2, clear=clear, blur=blur)
+    return largest_components(*carve(case.field, case.train, depths, settings), 1)
 
 
 def fused(case: Case, depths: DepthMaps) -> Surface:

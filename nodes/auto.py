@@ -15,12 +15,18 @@ _LEAST_PART = 0.002  # of the largest part's area: smaller ones are what masks f
 
 
 class AutoParams(DeviceSettings):
-    method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] = param(
-        "auto", doc="auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere."
+    method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] = param(
+        "auto",
+        doc="auto: by what there is and `seconds`; else init.visual_hull, init.tsdf (of depths, or of "
+        "prior.patch_match: stereo), init.pgsr, init.sphere.",
     )
     seconds: float = param(300.0, gt=0, unit="s", doc="Processor time the start may take, by a fixed estimate.")
-    iterations: int = param(0, ge=0, doc="Of the planar Gaussians; 0: as many as `seconds` pays for, 500 to 1500.")
-    side: int = param(400, ge=16, unit="px", doc="Longer side of the pictures to which Gaussians are fitted, about.")
+    iterations: int = param(
+        0, ge=0, doc="Of planar Gaussians, instead of stereo; 0: where they are needed 500 to 1500, by `seconds`."
+    )
+    side: int = param(
+        400, ge=16, unit="px", doc="Longer side of the pictures for stereo, and to which Gaussians are fitted, about."
+    )
     count: int = param(20000, ge=1, doc="Gaussians at the start where no points are wired in.")
     resolution: Voxels = param(
         0, ge=0, le=512, unit="voxels", doc="Of the hull or the fusion; 0: as fine as masks show it, without masks 128."
@@ -40,7 +46,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="1",
+    version="2",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -48,12 +54,12 @@ class AutoOut(NamedTuple):
 def auto(
     ctx: Context, views: Train, points: PointCloud | None = None, depths: DepthMaps | None = None, *, p: AutoParams
 ) -> AutoOut:
-    """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
+    """A coarse mesh by what there is: depth maps fused; masks: their hull, carved by stereo; without masks Gaussians.
 
-    Only what is chosen runs. Where Gaussians were fitted in a hull, the photographs say which surface is kept.
+    Only what is chosen runs. Where a hull was carved, the photographs say which surface is kept.
     `decisions` says why, for the report.
     """
-    from exmesh_nodes import init
+    from exmesh_nodes import init, prior
 
     from exmesh_graph.errors import DataError
     from exmesh_graph.evaluate.metrics.rephotography import compared
@@ -65,6 +71,8 @@ def auto(
     known = Known(len(views), masks, points is not None, depths is not None, pixels)
     start, count = choose(known, p.seconds)
     method, reason = (start.value, start.reason) if p.method == "auto" else (p.method, "Set by `method`.")
+    if p.method == "auto" and method == "stereo" and p.iterations:
+        method, reason = "pgsr", "`iterations` asks for planar Gaussians."
     iterations, paid = (p.iterations, "Set by `iterations`.") if p.iterations else (int(count.value), count.reason)
     rows = [{"name": "start", "value": method, "reason": reason, "evidence": start.evidence}]
     if method == "pgsr":
@@ -86,19 +94,24 @@ def auto(
     else:
         if method == "pgsr":
             depths = _fitted_depths(ctx, views, points, iterations, factor, p)
+        elif method == "stereo":
+            seen = prior.PatchMatchParams(side=p.side, threads=p.threads)
+            depths = prior.patch_match(ctx, views, points, p=seen).depths
         assert depths is not None
+        rough = {"clear": 2.0, "blur": 1.0} if method == "stereo" else {}
         whole = init.TsdfParams(
-            resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks
+            resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks, **rough
         )
         bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
         mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
-        if p.method == "auto" and method == "pgsr" and masks and len(views) >= ENOUGH_VIEWS:
+        if p.method == "auto" and method in ("pgsr", "stereo") and masks and len(views) >= ENOUGH_VIEWS:
             hull = init.visual_hull(ctx, views, p=outline).mesh
             with sharing(p.threads):
-                row = surface_row(*compared((hull.vertices, hull.faces), (mesh.vertices, mesh.faces), views))
+                gain = compared((hull.vertices, hull.faces), (mesh.vertices, mesh.faces), views)
+            row = surface_row(*gain, "gaussians" if method == "pgsr" else "stereo")
             rows.append(row)
             ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
-            mesh = mesh if row["value"] == "gaussians" else hull
+            mesh = hull if row["value"] == "hull" else mesh
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
         cleaning = CleanSettings(faces=p.faces, tolerance=p.tolerance, components=0, min_area=_LEAST_PART)
     else:

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
+from exmesh_graph.gpu.settings import ON_DEVICE, CoreSettings, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
-from exmesh_graph.priors.settings import NetworkSettings, SweepSettings
-from exmesh_graph.types import DepthMaps, Views
+from exmesh_graph.priors.settings import NetworkSettings, PatchMatchSettings, SweepSettings
+from exmesh_graph.types import DepthMaps, PointCloud, Views
 
 AnyDepth = Annotated[DepthMaps, facets(units=None)]
 
@@ -34,6 +34,39 @@ def plane_sweep(ctx: Context, views: Views, *, p: SweepParams) -> DepthOut:
     known = (depths.depth > 0).mean(axis=(1, 2))
     ctx.log(f"depth in {known.mean():.0%} of the pixels, from {known.min():.0%} to {known.max():.0%} by view")
     return DepthOut(depths)
+
+
+class PatchMatchParams(CoreSettings, PatchMatchSettings):
+    pass
+
+
+@node("prior.patch_match", version="1", libraries=("torch", "warp-lang", "scipy"))
+def patch_match(ctx: Context, views: Views, points: PointCloud | None = None, *, p: PatchMatchParams) -> DepthOut:
+    """Depth from the photographs alone, dense: planes that spread from pixel to pixel (PatchMatch stereo).
+
+    Sparse points, where wired in, say where the search begins.
+    """
+    import numpy as np
+
+    from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.priors.patch_match.estimate import patch_match as run
+
+    with sharing(p.threads):
+        stereo = run(views, p, points=points, seed=ctx.seed, progress=ctx.progress)
+    if stereo.lonely:
+        ctx.warn(
+            f"{len(stereo.lonely)} views have no other that shows the same from 0.5 to 50 degrees away, and so no "
+            f"depth: {', '.join(stereo.lonely[:8])}"
+        )
+    depth = stereo.depths.depth
+    shown = [float((one[alpha > 0.5] > 0).mean()) for one, alpha in zip(depth, views.alpha, strict=True)]
+    ctx.log(f"depth in {np.mean(shown):.0%} of the pixels, from {min(shown):.0%} to {max(shown):.0%} by view")
+    sure = stereo.confidence > 0
+    if sure.any():
+        middle = np.median(stereo.confidence[sure])
+        tilt = np.degrees(np.arccos(np.clip(-stereo.normals[sure][:, 2], -1, 1)))
+        ctx.log(f"median confidence {middle:.2f}; surfaces tilted by {np.median(tilt):.0f} degrees (median)")
+    return DepthOut(stereo.depths)
 
 
 class AlignParams(Params):

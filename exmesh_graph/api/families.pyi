@@ -390,15 +390,15 @@ class _Gallery(Family):
     def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
-        """A coarse mesh by what there is: depth maps are fused; the hull of masks if time is short; else Gaussians.
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
+        """A coarse mesh by what there is: depth maps fused; masks: their hull, carved by stereo; without masks Gaussians.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        method: auto: by what there is and `seconds`; else init.visual_hull, init.tsdf, init.pgsr, init.sphere.
+        method: auto: by what there is and `seconds`; else init.visual_hull, init.tsdf (of depths, or of prior.patch_match: stereo), init.pgsr, init.sphere.
         seconds: Processor time the start may take, by a fixed estimate. [s, > 0]
-        iterations: Of the planar Gaussians; 0: as many as `seconds` pays for, 500 to 1500. [>= 0]
-        side: Longer side of the pictures to which Gaussians are fitted, about. [px, >= 16]
+        iterations: Of planar Gaussians, instead of stereo; 0: where they are needed 500 to 1500, by `seconds`. [>= 0]
+        side: Longer side of the pictures for stereo, and to which Gaussians are fitted, about. [px, >= 16]
         count: Gaussians at the start where no points are wired in. [>= 1]
         resolution: Of the hull or the fusion; 0: as fine as masks show it, without masks 128. [voxels, >= 0, <= 512]
         faces: Face budget of the result. [faces, >= 20]
@@ -479,7 +479,7 @@ class _Init(Family):
         faces: Upper limit; a sphere has 20, 80, 320, 1280, 5120, ... faces. [faces, >= 20]
         radius: Around the origin of the normalised world, which the unit sphere bounds. [> 0, <= 1]
         """
-    def tsdf(self, name: str = "", *, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node, resolution: int | Parameter = 128, truncation: float | Parameter = 4.0, masked: bool | Parameter = True, min_weight: float | Parameter = 1.0, radius: float | Parameter = 0.0, solid: bool | Parameter = False, wrong_masks: int | Parameter = 0, incidence: float | Parameter = 0.0, agreeing: int | Parameter = 0, tolerance: float | Parameter = 0.01, parts: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
+    def tsdf(self, name: str = "", *, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node, resolution: int | Parameter = 128, truncation: float | Parameter = 4.0, masked: bool | Parameter = True, min_weight: float | Parameter = 1.0, radius: float | Parameter = 0.0, solid: bool | Parameter = False, wrong_masks: int | Parameter = 0, clear: float | Parameter = 1.0, blur: float | Parameter = 0.0, incidence: float | Parameter = 0.0, agreeing: int | Parameter = 0, tolerance: float | Parameter = 0.01, parts: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
         """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull.
 
         resolution: Voxels along the unit sphere's diameter; 0: 128, solid: as init.visual_hull. [voxels, >= 0, <= 512]
@@ -489,6 +489,8 @@ class _Init(Family):
         radius: Ignore depth of points farther than this from the origin; 0: none. [>= 0]
         solid: Cut what the depth maps look through out of the visual hull, which fills what they do not see: closed (needs masks; resolution is along the object's longest side).
         wrong_masks: Masks that may be wrong at a point (solid). [views, >= 0]
+        clear: How far below the hull depth maps must go to carve; 2 for stereo (solid). [voxels, >= 0, <= 8]
+        blur: Smooth the field where depth maps carve; 1 for stereo (solid). [voxels, >= 0, <= 8]
         incidence: Ignore surfaces seen at more than this angle; 0: none ignored. [degrees, >= 0, <= 90]
         agreeing: Neighbours that must show the same point; 0: none asked. [views, >= 0]
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
@@ -582,6 +584,20 @@ class _Prior(Family):
         outward: Added along the surface's normal: a fit shrinks the object by about so much. [px, >= 0, <= 4]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
+        """
+    def patch_match(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, side: int | Parameter = 640, sources: int | Parameter = 4, best: int | Parameter = 2, window: int | Parameter = 5, step: int | Parameter = 2, trials: int | Parameter = 2, min_score: float | Parameter = -1.0, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
+        """Depth from the photographs alone, dense: planes that spread from pixel to pixel (PatchMatch stereo).
+
+        side: Compare pictures whose longer side is at most this. [px, >= 32]
+        sources: Views compared with, about 15 degrees away. [views, >= 1, <= 16]
+        best: How many of them, the most alike, decide at a pixel. [views, >= 1, <= 8]
+        window: Side of the compared windows; odd. [samples, >= 3, <= 9]
+        step: Between a window's samples; 1: finer, where paint is rich. [pixels, >= 1, <= 3]
+        trials: Random planes tried at a pixel in an iteration. [planes, >= 0, <= 16]
+        min_score: Least correlation of the windows; -1: other views alone decide. [>= -1, <= 1]
+        agreeing: Neighbours, of up to eight, that must have found the same point. [views, >= 0]
+        tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
     def plane_sweep(self, name: str = "", *, views: Wire[Views] | Node, planes: int | Parameter = 128, neighbours: int | Parameter = 4, window: int | Parameter = 9, downscale: int | Parameter = 2, min_score: float | Parameter = 0.6, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
         """Depth from the photographs alone: where windows of neighbouring views correlate best (plane sweep).

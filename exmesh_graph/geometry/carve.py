@@ -8,6 +8,7 @@ holes.
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from exmesh_graph.geometry.hull import (
     GRAIN,
@@ -24,24 +25,20 @@ from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.types import DepthMaps, Views
 
-CLEAR = 1.0
-"""Voxels by which depth maps must go below the hull to count."""
-
 
 def carve(
     field: SilhouetteField,
     views: Views,
     depths: DepthMaps,
     settings: TsdfSettings | None = None,
-    *,
-    clear: float = CLEAR,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]): closed, counter-clockwise from outside.
 
     field  the masks' implicit function; every view of it needs a mask
-    clear  in voxels, see `carved`
     The resolution is along the longest side of the hull's box. A depth map speaks of what lies up to the truncation
     behind its surface; what is before it counts so. Where fewer than `min_weight` views speak the hull alone decides.
+    Where depth maps carve, from `clear` voxels below the hull on (`carved`), the field is smoothed by a Gaussian of `blur`
+    voxels.
 
     Raises DataError where views and depth maps do not belong together or the masks have nothing in common.
     """
@@ -54,8 +51,10 @@ def carve(
     inside = np.flatnonzero(values > -2 * grid.step)
     limit = settings.truncation * grid.step
     said = depth_field(points[inside], views, depths, limit, settings.min_weight)
-    values[inside] = carved(values[inside], said, clear * grid.step)
-    return surface(values.reshape(grid.shape), grid)
+    hull = values.copy()
+    values[inside] = carved(values[inside], said, settings.clear * grid.step)
+    changed = (values != hull).reshape(grid.shape)
+    return surface(blurred(values.reshape(grid.shape), changed, settings.blur, limit), grid)
 
 
 def carved(hull: np.ndarray, said: np.ndarray, clear: float) -> np.ndarray:
@@ -66,6 +65,19 @@ def carved(hull: np.ndarray, said: np.ndarray, clear: float) -> np.ndarray:
     """
     below = hull - said
     return hull - np.clip(2 * (below - clear), 0, np.maximum(below, 0))
+
+
+def blurred(values: np.ndarray, changed: np.ndarray, sigma: float, limit: float) -> np.ndarray:
+    """The field [I, J, K], cut at `limit`, under a Gaussian of `sigma` grid steps where it was `changed`, and around.
+
+    Depth maps of stereo disagree by a voxel from cell to cell, which marching cubes would turn into hundreds of
+    handles. What the hull alone decides keeps its edges.
+    """
+    if sigma == 0:
+        return values
+    share = np.clip(2 * gaussian_filter(changed.astype(np.float32), sigma, mode="nearest"), 0, 1)
+    cut = np.clip(values, -limit, limit)
+    return cut + share * (gaussian_filter(cut, sigma, mode="nearest") - cut)
 
 
 def depth_field(points: np.ndarray, views: Views, depths: DepthMaps, limit: float, least: float) -> np.ndarray:

@@ -57,6 +57,12 @@ class TsdfSettings(Params):
         "(needs masks; resolution is along the object's longest side).",
     )
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point (solid).")
+    clear: float = param(
+        1.0, ge=0, le=8, unit="voxels", doc="How far below the hull depth maps must go to carve; 2 for stereo (solid)."
+    )
+    blur: float = param(
+        0.0, ge=0, le=8, unit="voxels", doc="Smooth the field where depth maps carve; 1 for stereo (solid)."
+    )
 
 
 class CleanSettings(Params):

@@ -9,6 +9,13 @@ from pydantic import field_validator
 from exmesh_graph.params import Params, param
 
 
+def odd(window: int, unit: str) -> int:
+    """The side of a window; ValueError where it has no middle."""
+    if window % 2 == 0:
+        raise ValueError(f"a window of {window} {unit} has no middle {unit[:-1]}: write {window + 1}")
+    return window
+
+
 class SweepSettings(Params):
     """Of `plane_sweep.plane_sweep`."""
 
@@ -23,9 +30,7 @@ class SweepSettings(Params):
     @field_validator("window")
     @classmethod
     def _has_a_middle(cls, window: int) -> int:
-        if window % 2 == 0:
-            raise ValueError(f"a window of {window} pixels has no middle pixel: write {window + 1}")
-        return window
+        return odd(window, "pixels")
 
 
 class NetworkSettings(Params):
@@ -39,3 +44,22 @@ class NetworkSettings(Params):
     resolution: int = param(504, ge=56, le=4096, unit="pixels", doc="Longest side of the pictures in the network.")
     batch: int = param(8, ge=1, unit="views", doc="Views that the network sees at once; bounds memory.")
     cameras: bool = param(True, doc="Tell the network the cameras; false for the monocular and metric models.")
+
+
+class PatchMatchSettings(Params):
+    """Of `patch_match.estimate.patch_match`."""
+
+    side: int = param(640, ge=32, unit="px", doc="Compare pictures whose longer side is at most this.")
+    sources: int = param(4, ge=1, le=16, unit="views", doc="Views compared with, about 15 degrees away.")
+    best: int = param(2, ge=1, le=8, unit="views", doc="How many of them, the most alike, decide at a pixel.")
+    window: int = param(5, ge=3, le=9, unit="samples", doc="Side of the compared windows; odd.")
+    step: int = param(2, ge=1, le=3, unit="pixels", doc="Between a window's samples; 1: finer, where paint is rich.")
+    trials: int = param(2, ge=0, le=16, unit="planes", doc="Random planes tried at a pixel in an iteration.")
+    min_score: float = param(-1.0, ge=-1, le=1, doc="Least correlation of the windows; -1: other views alone decide.")
+    agreeing: int = param(2, ge=0, unit="views", doc="Neighbours, of up to eight, that must have found the same point.")
+    tolerance: float = param(0.01, gt=0, le=1, doc="How far those may be off, as a share of the depth.")
+
+    @field_validator("window")
+    @classmethod
+    def _has_a_middle(cls, window: int) -> int:
+        return odd(window, "samples")

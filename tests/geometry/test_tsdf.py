@@ -213,3 +213,20 @@ def test_the_kernel_gives_what_numpy_gives(least):
     for count in (2, 3):
         with cores(count):
             assert np.array_equal(depth_field(points, *given), values)
+
+
+def test_a_blur_smooths_what_was_carved_and_leaves_the_hull_alone():
+    from scipy.ndimage import gaussian_filter
+
+    from exmesh_graph.geometry.carve import blurred
+
+    random = np.random.default_rng(0)
+    values = random.normal(size=(24, 20, 22)).astype(np.float32)
+    changed = np.zeros(values.shape, bool)
+    assert np.array_equal(blurred(values, changed, 1.0, 9.0), values)
+    changed[:8] = True
+    assert blurred(values, changed, 0.0, 9.0) is values
+    made = blurred(values, changed, 1.0, 0.5)
+    cut = np.clip(values, -0.5, 0.5)
+    assert made[:6] == pytest.approx(gaussian_filter(cut, 1.0, mode="nearest")[:6], abs=1e-5)
+    assert np.array_equal(made[14:], cut[14:])  # four deviations away

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exmesh_nodes import auto, gaussians, init
+from exmesh_nodes import auto, gaussians, init, prior
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.metrics import rephotography
@@ -28,22 +28,21 @@ def views():
 @pytest.mark.parametrize(
     ("change", "seconds", "start", "because"),
     [
-        ({}, 20, "hull", "fewer than 500"),
-        ({}, 300, "pgsr", "no outline shows"),
-        ({"pixels": 1600 * 1200}, 300, "hull", "fewer than 500"),
+        ({}, 20, "hull", "more than 20"),
+        ({}, 300, "stereo", "no outline shows"),
+        ({"pixels": 1600 * 1200, "views": 60}, 300, "hull", "some 481 s, more than 300"),
         ({"depths": True}, 20, "tsdf", "masks close"),
         ({"depths": True, "masks": False}, 300, "tsdf", "depth maps are wired in"),
-        ({"masks": False, "points": True}, 300, "pgsr", "points are wired in"),
-        ({"masks": False}, 300, "pgsr", "neither masks, points nor depth maps"),
-        ({"masks": False, "points": True}, 20, "pgsr", "are the least that finds a surface"),
+        ({"masks": False, "points": True}, 300, "stereo", "points are wired in"),
+        ({"masks": False}, 300, "stereo", "neither masks, points nor depth maps"),
+        ({"masks": False}, 5, "stereo", "is fused, in some 38 s"),
     ],
 )
 def test_the_choice_follows_what_there_is_and_the_time(change, seconds, start, because):
     made, count = choose(replace(KNOWN, **change), seconds)
     assert made.value == start
     assert because.lower() in made.reason.lower()
-    assert (count.value >= 500) == (start == "pgsr" or (seconds == 300 and start != "hull"))
-    assert count.value <= MOST_ITERATIONS
+    assert 500 <= count.value <= MOST_ITERATIONS
     assert choose(replace(KNOWN, **change), 1e9)[1].value == MOST_ITERATIONS
 
 
@@ -57,7 +56,7 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
     def refuse(*_, **__):
         raise AssertionError("this start was not chosen")
 
-    for module, name in ((gaussians, "pgsr"), (init, "tsdf"), (init, "sphere")):
+    for module, name in ((gaussians, "pgsr"), (prior, "patch_match"), (init, "tsdf"), (init, "sphere")):
         monkeypatch.setattr(module, name, refuse)
     context = FakeContext()
     out = auto.auto(context, views, p=auto.AutoParams(seconds=5, resolution=32, faces=400, tolerance=0))
@@ -65,7 +64,7 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
     assert len(out.mesh.faces) <= 400
     (table,) = decision_tables({"coarse.decisions": out.decisions.values}).values()
     assert [(row["name"], row["value"]) for row in table] == [("start", "hull")]
-    assert "fewer than 500" in table[0]["reason"]
+    assert "more than 5" in table[0]["reason"]
     assert table[0]["reason"] in context.lines[0]
     monkeypatch.undo()
     monkeypatch.setattr(init, "visual_hull", refuse)
@@ -82,7 +81,7 @@ def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foret
     views = load_blender(SAMPLE, BlenderOptions(downscale=8, max_views=16)).train
     middle = np.linalg.norm(views.camera_to_world[:, :3, 3], axis=1).astype(np.float32) - np.float32(0.5)
     through = DepthMaps(views.names, np.where(views.alpha > 0.5, middle[:, None, None], np.float32(0)))
-    monkeypatch.setattr(auto, "_fitted_depths", lambda *_: through)
+    monkeypatch.setattr(prior, "patch_match", lambda *_, **__: prior.DepthOut(through))
     if foretold is not None:
         monkeypatch.setattr(rephotography, "compared", lambda *_: foretold)
     context = FakeContext()
@@ -97,9 +96,33 @@ def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foret
         assert row["gain"] < -row["error"]
     else:
         assert not kept
-        assert (row["value"], row["gain"], row["error"]) == ("gaussians", 0.8, 0.2)
-    assert row["reason"] in context.lines[2]
-    assert [r["name"] for r in decision_tables({"d": out.decisions.values})["d"]] == ["start", "iterations", "surface"]
+        assert (row["value"], row["gain"], row["error"]) == ("stereo", 0.8, 0.2)
+        assert "stereo carved, by 0.80 +- 0.20 dB" in row["reason"]
+    assert row["reason"] in context.lines[1]
+    assert [r["name"] for r in decision_tables({"d": out.decisions.values})["d"]] == ["start", "surface"]
+
+
+def test_iterations_ask_for_gaussians(views, monkeypatch):
+    flat = DepthMaps(views.names, np.where(views.alpha > 0.5, np.float32(2.5), np.float32(0)))
+    monkeypatch.setattr(auto, "_fitted_depths", lambda *_: flat)
+    out = auto.auto(FakeContext(), views, p=auto.AutoParams(iterations=700, resolution=24, faces=200, tolerance=0))
+    assert [row["value"] for row in out.decisions.values["decisions"]] == ["pgsr", 700]
+    assert "asks for" in out.decisions.values["decisions"][0]["reason"]
+
+
+def test_stereo_carves_and_fuses(views):
+    context = FakeContext()
+    p = auto.AutoParams(method="stereo", resolution=32, faces=400, tolerance=0)
+    out = auto.auto(context, views, p=p)
+    assert out.mesh.facets()["closed"]
+    assert [row["value"] for row in out.decisions.values["decisions"]] == ["stereo"]
+    assert any(line.startswith("depth in") for line in context.lines)
+    middle = np.median(out.mesh.vertices, axis=0)
+    assert (np.linalg.norm(out.mesh.vertices - middle, axis=1) < 1).all()
+    bare = replace(views, alpha=np.ones_like(views.alpha), has_masks=False)
+    fused = auto.auto(context, bare, p=auto.AutoParams(resolution=32, faces=400))
+    assert [row["value"] for row in fused.decisions.values["decisions"]] == ["stereo"]
+    assert len(fused.mesh.faces) > 50
 
 
 @pytest.mark.slow
