@@ -27,7 +27,7 @@ KERNELS, STAGES = ("raster", "rays", "losses"), ("topology", "atlas")
 SUITES = ("kernels", "stages", "quickstart", "framework")
 #: The quickstart cut down to about a minute; its seconds per node stand for the stages, its figures say it still works.
 SHORT = ("rounds.repeat=2", "rounds.refine.iterations=20", "settle.iterations=20", "coarse.resolution=48", "faces=6000",
-         "coarse.faces=1000", "coarse.iterations=30", "texels=128", "pbr.iterations=10", "pbr.texture_size=128",
+         "coarse.faces=1000", "texels=128", "pbr.iterations=10", "pbr.texture_size=128",
          "score.max_views=2", "light.directions=64", "look.max_views=2", "shape.samples=5000")  # fmt: skip
 _FAR = 1.25
 _REMEMBERED = 10

@@ -16,7 +16,7 @@ name: tiny
 params: {{faces: 1200, texels: 64}}
 nodes:
   views: {{downscale: 4, max_views: 14, max_test_views: 2}}
-  coarse: {{resolution: 40, faces: 500, iterations: 150, count: 3000}}
+  coarse: {{resolution: 40, faces: 500}}
   rounds:
     repeat: 2
     nodes:
