@@ -751,10 +751,10 @@ class _Uv(Family):
         max_flipped: Part of the faces folded over in the atlas before a warning. [>= 0.0, <= 1.0]
         max_stretch: Spread of texel sizes (95th over 5th percentile) before a warning. [>= 1.0]
         """
-    def regenerate(self, name: str = "", *, state: Wire[Stage1State] | Node, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
+    def regenerate(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Make a new atlas and move texture and texture moments over, texel by texel.
 
-        texture_size: Side of the new texture; 0 keeps the old one's. [texels, >= 0, <= 8192]
+        texture_size: Side of the new texture; 0: as fine as `views` show it, without views the old one's. [texels, >= 0, <= 8192]
         padding: Space kept free between charts. [texels, >= 0, <= 64]
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.
         bend: How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts. [> 0.0, < 1.0]
@@ -768,10 +768,10 @@ class _Uv(Family):
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.
         bend: How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts. [> 0.0, < 1.0]
         """
-    def xatlas_regen(self, name: str = "", *, state: Wire[Stage1State] | Node, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
+    def xatlas_regen(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Make a new atlas with the charts of xatlas and move texture and texture moments over, texel by texel.
 
-        texture_size: Side of the new texture; 0 keeps the old one's. [texels, >= 0, <= 8192]
+        texture_size: Side of the new texture; 0: as fine as `views` show it, without views the old one's. [texels, >= 0, <= 8192]
         padding: Space kept free between charts. [texels, >= 0, <= 64]
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.
         max_cost: xatlas: larger gives fewer and more stretched charts. [> 0.0, <= 64.0]
