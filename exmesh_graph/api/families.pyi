@@ -585,7 +585,7 @@ class _Prior(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
         """
-    def patch_match(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, side: int | Parameter = 640, sources: int | Parameter = 4, best: int | Parameter = 2, window: int | Parameter = 5, step: int | Parameter = 2, trials: int | Parameter = 2, min_score: float | Parameter = -1.0, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
+    def patch_match(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, side: int | Parameter = 640, sources: int | Parameter = 4, best: int | Parameter = 2, window: int | Parameter = 5, step: int | Parameter = 2, trials: int | Parameter = 2, min_score: float | Parameter = 0.4, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> DepthsNode:
         """Depth from the photographs alone, dense: planes that spread from pixel to pixel (PatchMatch stereo).
 
         side: Compare pictures whose longer side is at most this. [px, >= 32]
@@ -594,7 +594,7 @@ class _Prior(Family):
         window: Side of the compared windows; odd. [samples, >= 3, <= 9]
         step: Between a window's samples; 1: finer, where paint is rich. [pixels, >= 1, <= 3]
         trials: Random planes tried at a pixel in an iteration. [planes, >= 0, <= 16]
-        min_score: Least correlation of the windows; -1: other views alone decide. [>= -1, <= 1]
+        min_score: Least confidence in views without a mask; with one, other views alone decide. [>= -1, <= 1]
         agreeing: Neighbours, of up to eight, that must have found the same point. [views, >= 0]
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]

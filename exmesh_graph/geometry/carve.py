@@ -37,8 +37,7 @@ def carve(
     field  the masks' implicit function; every view of it needs a mask
     The resolution is along the longest side of the hull's box. A depth map speaks of what lies up to the truncation
     behind its surface; what is before it counts so. Where fewer than `min_weight` views speak the hull alone decides.
-    Where depth maps carve, from `clear` voxels below the hull on (`carved`), the field is smoothed by a Gaussian of `blur`
-    voxels.
+    Where depth maps carve, from `clear` voxels below the hull on (`carved`), a Gaussian of `blur` voxels smooths it.
 
     Raises DataError where views and depth maps do not belong together or the masks have nothing in common.
     """

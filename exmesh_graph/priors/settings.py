@@ -55,7 +55,9 @@ class PatchMatchSettings(Params):
     window: int = param(5, ge=3, le=9, unit="samples", doc="Side of the compared windows; odd.")
     step: int = param(2, ge=1, le=3, unit="pixels", doc="Between a window's samples; 1: finer, where paint is rich.")
     trials: int = param(2, ge=0, le=16, unit="planes", doc="Random planes tried at a pixel in an iteration.")
-    min_score: float = param(-1.0, ge=-1, le=1, doc="Least correlation of the windows; -1: other views alone decide.")
+    min_score: float = param(
+        0.4, ge=-1, le=1, doc="Least confidence in views without a mask; with one, other views alone decide."
+    )
     agreeing: int = param(2, ge=0, unit="views", doc="Neighbours, of up to eight, that must have found the same point.")
     tolerance: float = param(0.01, gt=0, le=1, doc="How far those may be off, as a share of the depth.")
 

@@ -70,7 +70,9 @@ def patch_match(
     chosen = choose_sources(cameras[0], views.camera_to_world, targets.height, targets.width, count, known)
     planes, inside = _searched(targets, chosen[:, : settings.sources], settings, known, seed, progress)
 
-    found = planes[:, :3] * inside[:, None] * (1 - planes[:, 3:] > settings.min_score)
+    # a flat ground has a depth that views agree on: without a mask only windows that match count
+    sure = 1 - planes[:, 3] > torch.where(targets.masked, -1e9, settings.min_score)[:, None, None]
+    found = planes[:, :3] * (inside & sure)[:, None]
     alone = (chosen < 0).all(axis=1)
     found[torch.from_numpy(alone)] = 0.0
     normals = normals_of(found, targets.intrinsics)
