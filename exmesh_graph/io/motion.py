@@ -7,7 +7,7 @@ best of three mappings (`mapping`). Pixel centres lie at +0.5 in COLMAP as they 
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,6 +43,7 @@ class Motion:
     error            mean reprojection error in pixels
     focal_known      whether a focal length was given or stood in the EXIF data
     how              which mapping they are from
+    dropped          names of pictures that were left out before cameras were looked for, by reason
     """
 
     camera_to_world: Mapping[str, np.ndarray]
@@ -55,6 +56,7 @@ class Motion:
     error: float
     focal_known: bool
     how: str
+    dropped: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def figures(self) -> dict[str, Any]:
         """For the report: counts, names of what was left out, error, and the (mean) lens."""
@@ -63,6 +65,7 @@ class Motion:
             "pictures": len(self.camera_to_world) + len(self.left_out),
             "registered": len(self.camera_to_world),
             "left_out": list(self.left_out),
+            **{reason: list(names) for reason, names in self.dropped.items()},
             "mapping": self.how,
             "points": len(self.points),
             "reprojection_error_px": self.error,

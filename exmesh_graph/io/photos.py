@@ -1,8 +1,9 @@
 """A plain folder of photographs, with masks if there are any: cameras are found from the pictures themselves.
 
 Pictures lie in the folder, or in its images/ or image/; masks in masks/ or mask/ beside them, as IMG_1.png,
-IMG_1.jpg.png (COLMAP) or IMG_1_mask.png for IMG_1.jpg, or in the pictures' own alpha channel. They are made alike first
-(`io.working`): upright, at the working size. What structure from motion sees is what the views are made of.
+IMG_1.jpg.png (COLMAP) or IMG_1_mask.png for IMG_1.jpg, or in the pictures' own alpha channel. Or frames of a video
+(`io.video`). They are made alike first (`io.working`): upright, at the working size. Blurred ones and those that repeat
+their neighbour go (`io.selection`). What structure from motion sees is what the views are made of.
 """
 
 from __future__ import annotations
@@ -19,10 +20,13 @@ from exmesh_graph.io.formats import OPAQUE, PICTURES, VIDEOS, need_libraries
 from exmesh_graph.io.images import read_mask, read_photo
 from exmesh_graph.io.motion import Motion, Through, find_motion, renamed
 from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
+from exmesh_graph.io.selection import choose
 from exmesh_graph.io.settings import PhotosOptions
-from exmesh_graph.io.shots import Shot, need_folder, relative_names, split
+from exmesh_graph.io.shots import Shot, need_file, need_folder, relative_names, split
 from exmesh_graph.io.undistort import pinhole
+from exmesh_graph.io.video import extract_frames
 from exmesh_graph.io.working import Working, common_size, prepare, upright
+from exmesh_graph.native import import_av
 from exmesh_graph.types import PointCloud
 
 if TYPE_CHECKING:
@@ -31,10 +35,16 @@ if TYPE_CHECKING:
 _FEWEST = 3
 _STRAIGHT = 0.05  # pixels
 _NEAR, _ROOM = 0.7, 1.05
+_WHY = ("blurred beside the others", "nothing moved between them and a sharper neighbour")
 
 
 def list_photos(path: Path, masks: bool = True) -> list[tuple[Path, Path | None]]:
     """(picture, mask file or None) by name, without reading pixels. DataError for fewer than three pictures."""
+    if path.is_file():
+        raise DataError(
+            "the file is not a video", where=str(path), expected=f"a folder of pictures, or a file {' '.join(VIDEOS)}",
+            fix="give the folder in which it lies",
+        )  # fmt: skip
     folder = need_folder(path)
     place = next((folder / name for name in ("images", "image") if (folder / name).is_dir()), folder)
     pictures = sorted(f for f in place.iterdir() if f.suffix.lower() in PICTURES and not f.stem.endswith("_mask"))
@@ -53,8 +63,16 @@ def list_photos(path: Path, masks: bool = True) -> list[tuple[Path, Path | None]
     return [(picture, _mask(held, picture) if masks else None) for picture in pictures]
 
 
+def is_video(path: Path) -> bool:
+    """Whether `path` is a file of one of the video formats."""
+    return path.is_file() and path.suffix.lower() in VIDEOS
+
+
 def photo_files(path: Path, options: PhotosOptions) -> dict[str, Path]:
     """Every file that `load_photos` reads, by a name that does not depend on where the scene lies."""
+    if is_video(path):
+        import_av(path)
+        return need_file(path)
     listed = list_photos(path, options.masks)
     need_libraries([picture for picture, _ in listed])
     return relative_names(path, [file for pair in listed for file in pair if file is not None])
@@ -74,15 +92,22 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
 
     The world is Y-up by level cameras, by the mean of the cameras' up where these do not tell. Its sphere comes from
     the masks, else from the sparse points around the place that the cameras look at (`object_sphere`).
-    Raises DataError for what `list_photos`, `find_motion` and `load_scene` refuse.
+    Raises DataError for what `list_photos`, `extract_frames`, `prepare`, `find_motion` and `load_scene` refuse.
     """
     from exmesh_graph.io.scene import load_scene
 
-    working = prepare(list_photos(path, options.masks), work / "pictures", options.megapixels)
-    motion = _motion(working, options, work, seed)
+    listed, notes = _listed(path, options, work)
+    working = prepare(listed, work / "pictures", options.megapixels)
+    working, dropped = _kept(working, options, path)
+    notes += [
+        f"{len(names)} of {len(listed)} pictures are left out, {why} (`{knob}`): {some(names)}"
+        for (knob, names), why in zip(dropped.items(), _WHY, strict=True)
+        if names
+    ]
+    motion = replace(_motion(working, options, work, seed), dropped=dropped)
     size = common_size(working)
     shots, note = _shots(working, motion, size)
-    notes = [note] if note else []
+    notes += [note] if note else []
     train, test = split(shots, options.holdout, options.first, path)
     poses = np.stack([shot.camera_to_world for shot in shots])
     placed = [one for one in working if one.name in motion.camera_to_world]
@@ -124,6 +149,29 @@ def object_sphere(points: np.ndarray, tracks: np.ndarray, camera_to_world: np.nd
     many = np.repeat(points[near], tracks[near], axis=0)
     centre = np.median(many, axis=0)
     return centre, float(np.quantile(np.linalg.norm(many - centre, axis=1), 0.98)) * _ROOM
+
+
+def _listed(path: Path, options: PhotosOptions, work: Path) -> tuple[list[tuple[Path, Path | None]], list[str]]:
+    """(pictures and masks, notes): those of the folder, or frames that are taken from a video now."""
+    if not is_video(path):
+        return list_photos(path, options.masks), []
+    frames, note = extract_frames(path, options.frames, work / "frames")
+    return [(frame, None) for frame in frames], [note] if note else []
+
+
+def _kept(
+    working: list[Working], options: PhotosOptions, path: Path
+) -> tuple[list[Working], dict[str, tuple[str, ...]]]:
+    """(pictures that stay, names of those that do not by the parameter that says so)."""
+    soft, twins = choose([one.image for one in working], options.blurred, options.alike)
+    kept = [one for k, one in enumerate(working) if k not in {*soft, *twins}]
+    if len(kept) < _FEWEST:
+        raise DataError(
+            f"of {len(working)} pictures {len(soft)} are blurred and {len(twins)} repeat their neighbour",
+            where=str(path), expected=f"{_FEWEST} others", fix="take pictures from more sides, or set `alike: 0`",
+        )  # fmt: skip
+    return kept, {name: tuple(working[k].name for k in chosen) for name, chosen in
+                  (("blurred", soft), ("alike", twins))}  # fmt: skip
 
 
 def _motion(working: list[Working], options: PhotosOptions, work: Path, seed: int) -> Motion:

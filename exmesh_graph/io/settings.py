@@ -146,12 +146,25 @@ class MotionSettings(Params):
 
 
 class PhotosOptions(MotionSettings):
-    """A plain folder of photographs (`io.photos`)."""
+    """A plain folder of photographs, or a video (`io.photos`)."""
 
     keep: Literal["all", "object"] = param(
         "all", doc="Find cameras by the whole picture, or (turntable) by what the masks show only."
     )
     masks: bool = param(True, doc="Use masks where they are there.")
+    frames: int = param(60, ge=3, doc="Frames of a video: the sharpest of so many equal parts of its time.")
+    blurred: float = param(
+        0.4,
+        ge=0,
+        lt=1,
+        doc="Pictures with less than this share of the set's median sharpness are left out; 0: none is.",
+    )
+    alike: float = param(
+        0.002,
+        ge=0,
+        lt=1,
+        doc="Of neighbours between which nothing moves by this share of the width the less sharp is left out; 0: none.",
+    )
     megapixels: float = param(
         2.0, ge=0, unit="Mpx", doc="Pictures above this size are reduced to it, before anything else; 0: none is."
     )
