@@ -10,6 +10,7 @@ import ctypes
 import importlib
 import re
 import sys
+from pathlib import Path
 from types import ModuleType
 
 from exmesh_graph.errors import MissingLibraryError
@@ -59,8 +60,27 @@ def import_depth_anything() -> ModuleType:
 
 
 def import_pycolmap() -> ModuleType:
-    """The `pycolmap` module (BSD). MissingLibraryError if the optional package is not there."""
+    """The `pycolmap` module (BSD). MissingLibraryError if the optional package is not there.
+
+    OpenImageIO first: loaded after pycolmap, it takes that wheel's zlib for its own, and writing a PNG aborts.
+    """
+    _import("OpenImageIO", "OpenImageIO")
     return _import("pycolmap", "pycolmap", fix="pip install 'exmesh-graph[photos]'")
+
+
+def import_pillow_heif(file: Path) -> ModuleType:
+    """The `pillow_heif` module, which `file` needs. MissingLibraryError if the optional package is not there."""
+    return _import("pillow_heif", "pillow-heif", fix="pip install 'exmesh-graph[heif]'", where=str(file))
+
+
+def import_rawpy(file: Path) -> ModuleType:
+    """The `rawpy` module, which `file` needs. MissingLibraryError if the optional package is not there."""
+    return _import("rawpy", "rawpy", fix="pip install 'exmesh-graph[raw]'", where=str(file))
+
+
+def import_av(file: Path) -> ModuleType:
+    """The `av` module (PyAV), which `file` needs. MissingLibraryError if the optional package is not there."""
+    return _import("av", "av", fix="pip install 'exmesh-graph[video]'", where=str(file))
 
 
 def _preload_libusb() -> None:
@@ -73,13 +93,14 @@ def _preload_libusb() -> None:
         ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
 
 
-def _import(module: str, distribution: str, fix: str = "") -> ModuleType:
+def _import(module: str, distribution: str, fix: str = "", where: str = "") -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
-            f"the Python package {distribution} is not installed ({error})", fix=fix or f"pip install {distribution}"
-        ) from error
+            f"the Python package {distribution} is not installed ({error})", where=where,
+            fix=fix or f"pip install {distribution}",
+        ) from error  # fmt: skip
     except (ImportError, OSError) as error:
         raise missing_system_library(str(error), module) from error
 

@@ -166,7 +166,7 @@ def stanford_orb(ctx: Context, *, p: OrbParams) -> OrbOut:
 
 
 class PhotosParams(PhotosOptions, _Folder):
-    path: Path = param(doc="Folder of pictures of one size (or its images/), with masks/ beside them or alpha.")
+    path: Path = param(doc="Folder of pictures (or its images/) with masks/ beside them, or alpha; or a video.")
 
 
 class PhotosOut(NamedTuple):
@@ -186,12 +186,12 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 @node(
     "data.photos",
     version="1",
-    libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx"),
+    libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow-heif", "rawpy", "av"),
     sources=_photo_files,
     resources={"cpu": 1},
 )
 def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
-    """A plain folder of photographs: cameras and sparse points by structure from motion (needs pycolmap)."""
+    """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap)."""
     from exmesh_graph.io.photos import load_photos
 
     work = ctx.scratch / "motion"

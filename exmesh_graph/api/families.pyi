@@ -208,13 +208,13 @@ class _Data(Family):
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
-        """A plain folder of photographs: cameras and sparse points by structure from motion (needs pycolmap).
+    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, frames: int | Parameter = 60, blurred: float | Parameter = 0.4, alike: float | Parameter = 0.002, megapixels: float | Parameter = 2.0, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
+        """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap).
 
-        path: Folder of pictures of one size (or its images/), with masks/ beside them or alpha.
+        path: Folder of pictures (or its images/) with masks/ beside them, or alpha; or a video.
         lens: What is found of the lens: focal length; and one term of distortion; or four and two lengths.
-        one_camera: All pictures were taken at one zoom and focus; false: each has its own lens.
-        focal: Known focal length to start from; 0: from EXIF, else a guess. [px, >= 0]
+        one_camera: Pictures of one size, camera and focal length (EXIF) share a lens; false: each has its own.
+        focal: Known focal length to start from, in pixels of the files; 0: from EXIF, else a guess. [px, >= 0]
         features: SIFT features of a picture at most; time grows with the square. [>= 100]
         feature_size: Longer side of the pictures in which they are found. [px, >= 100]
         registered: Share of the pictures that must get a camera. [> 0, <= 1]
@@ -222,7 +222,11 @@ class _Data(Family):
         threads: For features and matching; mapping runs on one. [>= 1]
         keep: Find cameras by the whole picture, or (turntable) by what the masks show only.
         masks: Use masks where they are there.
-        downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
+        frames: Frames of a video: the sharpest of so many equal parts of its time. [>= 3]
+        blurred: Pictures with less than this share of the set's median sharpness are left out; 0: none is. [>= 0, < 1]
+        alike: Of neighbours between which nothing moves by this share of the width the less sharp is left out; 0: none. [>= 0, < 1]
+        megapixels: Pictures above this size are reduced to it, before anything else; 0: none is. [Mpx, >= 0]
+        downscale: Reduce the views further, by this factor, once cameras are found. [>= 1, <= 16]
         holdout: Every how many views one is held out for testing. [views, >= 2]
         first: Index of the first test view, counted from 0. [>= 0]
         wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]

@@ -59,7 +59,7 @@ def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Load
     """
     if not shots:
         raise DataError(f"there are no {split} views", expected="at least one", fix="check the data set's camera file")
-    width, height = picture_size(shots[0].image) if shots[0].image.is_file() else (0, 0)
+    width, height = _size(shots[0])
     width, height = width // downscale, height // downscale
     files = _Files.of(len(shots), height, width) if too_large(len(shots), height, width) else None
     many = max(1, _READING_BYTES // max(1, _PIXEL_BYTES * width * height * downscale**2))
@@ -114,6 +114,13 @@ class _Files(NamedTuple):
             codes = np.dstack([codes, coverage]) if same else None
         self.images.put(number, rgb, codes)
         self.alpha.put(number, alpha, coverage)
+
+
+def _size(shot: Shot) -> tuple[int, int]:
+    """(width, height) that reading will give, (0, 0) where there is nothing to read: reading says so."""
+    if not shot.image.is_file():
+        return 0, 0
+    return picture_size(shot.image) if shot.places is None else (shot.places.shape[1], shot.places.shape[0])
 
 
 def _in_turn(

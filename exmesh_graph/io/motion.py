@@ -6,10 +6,10 @@ best of three mappings (`mapping`). Pixel centres lie at +0.5 in COLMAP as they 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,13 @@ from exmesh_graph.io.settings import MotionSettings
 from exmesh_graph.native import import_pycolmap
 
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
+
+
+class Through(NamedTuple):
+    """What a picture was taken through: equal `lens` is one camera, `focal` its focal length in pixels; 0: unknown."""
+
+    lens: Hashable
+    focal: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,7 @@ class Motion:
     error            mean reprojection error in pixels
     focal_known      whether a focal length was given or stood in the EXIF data
     how              which mapping they are from
+    dropped          names of pictures that were left out before cameras were looked for, by reason
     """
 
     camera_to_world: Mapping[str, np.ndarray]
@@ -48,6 +56,7 @@ class Motion:
     error: float
     focal_known: bool
     how: str
+    dropped: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def figures(self) -> dict[str, Any]:
         """For the report: counts, names of what was left out, error, and the (mean) lens."""
@@ -56,21 +65,40 @@ class Motion:
             "pictures": len(self.camera_to_world) + len(self.left_out),
             "registered": len(self.camera_to_world),
             "left_out": list(self.left_out),
+            **{reason: list(names) for reason, names in self.dropped.items()},
             "mapping": self.how,
             "points": len(self.points),
             "reprojection_error_px": self.error,
+            "lenses": len(self.lenses),
             "focal": float(np.mean(focal)),
             "focal_known": self.focal_known,
             "lens": [float(x) for x in np.mean([lens.params for lens in self.lenses], axis=0)],
         }
 
 
-def find_motion(
-    images: Sequence[Path], masks: Mapping[str, np.ndarray], settings: MotionSettings, work: Path, seed: int = 0
-) -> Motion:
-    """Cameras of `images`, files of one folder and one size; `work` is an empty folder for the database.
+def renamed(motion: Motion, names: Mapping[str, str]) -> Motion:
+    """The same with pictures called as `names` say."""
+    return replace(
+        motion,
+        camera_to_world={names[name]: pose for name, pose in motion.camera_to_world.items()},
+        camera={names[name]: lens for name, lens in motion.camera.items()},
+        left_out=tuple(names[name] for name in motion.left_out),
+    )
 
-    masks  alpha [H, W] by file name: features where it is below 1/2 are ignored
+
+def find_motion(
+    images: Sequence[Path],
+    masks: Mapping[str, np.ndarray],
+    settings: MotionSettings,
+    work: Path,
+    seed: int = 0,
+    through: Mapping[str, Through] | None = None,
+) -> Motion:
+    """Cameras of `images`, files of one folder; `work` is an empty folder for the database.
+
+    masks    alpha [H, W] by file name: features where it is below 1/2 are ignored
+    through  by file name; pictures of equal `lens` are of one size and share a camera unless `one_camera` is off.
+             None: all are of one size, and one lens
     The same pictures, seed and version give the same bytes: mapping runs on one thread, whatever `threads` says of
     features and matching. Pictures that hang on the others by pairs alone are left out (`mapping.tied`).
     Raises DataError, naming pictures, where fewer than the share `registered` (or than three) get a camera,
@@ -82,7 +110,8 @@ def find_motion(
     try:
         colmap.set_random_seed(seed)
         database = work / "database.db"
-        _features(colmap, database, images[0].parent, names, _mask_files(masks, work), settings)
+        lenses = {name: Through(None) for name in names} if through is None else through
+        _features(colmap, database, images[0].parent, names, _mask_files(masks, work), settings, lenses)
         matching = colmap.FeatureMatchingOptions()
         matching.num_threads = settings.threads
         verify = colmap.TwoViewGeometryOptions()
@@ -110,27 +139,46 @@ def _mask_files(masks: Mapping[str, np.ndarray], work: Path) -> Path | None:
 
 
 def _features(
-    colmap: Any, database: Path, folder: Path, names: list[str], masks: Path | None, settings: MotionSettings
+    colmap: Any,
+    database: Path,
+    folder: Path,
+    names: list[str],
+    masks: Path | None,
+    settings: MotionSettings,
+    through: Mapping[str, Through],
 ) -> None:
+    """Pictures, lens after lens, their cameras and features into a new database."""
     mode = colmap.CameraMode.SINGLE if settings.one_camera else colmap.CameraMode.PER_IMAGE
-    reader = colmap.ImageReaderOptions()
-    reader.camera_model = _MODELS[settings.lens]
-    if masks is not None:
-        reader.mask_path = masks
-    if settings.focal > 0:
-        width, height = picture_size(folder / names[0])
-        size = [settings.focal, settings.focal] if settings.lens == "opencv" else [settings.focal]
-        zeros = {"pinhole": 0, "radial": 1, "opencv": 4}[settings.lens]
-        reader.camera_params = ",".join(map(repr, [*size, width / 2, height / 2, *[0.0] * zeros]))
     options = colmap.FeatureExtractionOptions()
     options.num_threads, options.max_image_size = settings.threads, settings.feature_size
     options.sift.max_num_features = settings.features
-    common = {"camera_mode": mode, "image_names": names}
     colmap.Database.open(database).close()
-    colmap.import_images(database, folder, options=reader, **common)  # so that numbers do not depend on threads
-    colmap.extract_features(
-        database, folder, reader_options=reader, extraction_options=options, device=colmap.Device.cpu, **common
-    )
+    for group in _groups(names, through):
+        reader = colmap.ImageReaderOptions()
+        reader.camera_model = _MODELS[settings.lens]
+        if masks is not None:
+            reader.mask_path = masks
+        if focal := settings.focal or through[group[0]].focal:
+            reader.camera_params = _parameters(focal, picture_size(folder / group[0]), settings)
+        common = {"camera_mode": mode, "image_names": group}
+        colmap.import_images(database, folder, options=reader, **common)  # so that numbers do not depend on threads
+        colmap.extract_features(
+            database, folder, reader_options=reader, extraction_options=options, device=colmap.Device.cpu, **common
+        )
+
+
+def _groups(names: list[str], through: Mapping[str, Through]) -> list[list[str]]:
+    """Names by lens and what is known of its focal length, in the order of the first of each."""
+    groups: dict[Through, list[str]] = {}
+    for name in names:
+        groups.setdefault(through[name], []).append(name)
+    return list(groups.values())
+
+
+def _parameters(focal: float, size: tuple[int, int], settings: MotionSettings) -> str:
+    lengths = [focal, focal] if settings.lens == "opencv" else [focal]
+    zeros = {"pinhole": 0, "radial": 1, "opencv": 4}[settings.lens]
+    return ",".join(map(repr, [*lengths, size[0] / 2, size[1] / 2, *[0.0] * zeros]))
 
 
 def _check_enough(names: list[str], left_out: tuple[str, ...], settings: MotionSettings, folder: Path) -> None:

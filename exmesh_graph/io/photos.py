@@ -1,7 +1,9 @@
 """A plain folder of photographs, with masks if there are any: cameras are found from the pictures themselves.
 
 Pictures lie in the folder, or in its images/ or image/; masks in masks/ or mask/ beside them, as IMG_1.png,
-IMG_1.jpg.png (COLMAP) or IMG_1_mask.png for IMG_1.jpg, or in the pictures' own alpha channel.
+IMG_1.jpg.png (COLMAP) or IMG_1_mask.png for IMG_1.jpg, or in the pictures' own alpha channel. Or frames of a video
+(`io.video`). They are made alike first (`io.working`): upright, at the working size. Blurred ones and those that repeat
+their neighbour go (`io.selection`). What structure from motion sees is what the views are made of.
 """
 
 from __future__ import annotations
@@ -14,33 +16,44 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import rotation_to_y, scene_from_dataset
-from exmesh_graph.io.images import picture_size, read_mask, read_photo
-from exmesh_graph.io.motion import Motion, find_motion
+from exmesh_graph.io.formats import OPAQUE, PICTURES, VIDEOS, need_libraries
+from exmesh_graph.io.images import read_mask, read_photo
+from exmesh_graph.io.motion import Motion, Through, find_motion, renamed
 from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
+from exmesh_graph.io.selection import choose
 from exmesh_graph.io.settings import PhotosOptions
-from exmesh_graph.io.shots import Shot, need_folder, relative_names, split
+from exmesh_graph.io.shots import Shot, need_file, need_folder, relative_names, split
 from exmesh_graph.io.undistort import pinhole
+from exmesh_graph.io.video import extract_frames
+from exmesh_graph.io.working import Working, common_size, prepare, upright
+from exmesh_graph.native import import_av
 from exmesh_graph.types import PointCloud
 
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
 
-_ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-_OPAQUE = (".jpg", ".jpeg")  # no alpha in these: not worth reading
 _FEWEST = 3
 _STRAIGHT = 0.05  # pixels
 _NEAR, _ROOM = 0.7, 1.05
+_WHY = ("blurred beside the others", "nothing moved between them and a sharper neighbour")
 
 
 def list_photos(path: Path, masks: bool = True) -> list[tuple[Path, Path | None]]:
     """(picture, mask file or None) by name, without reading pixels. DataError for fewer than three pictures."""
+    if path.is_file():
+        raise DataError(
+            "the file is not a video", where=str(path), expected=f"a folder of pictures, or a file {' '.join(VIDEOS)}",
+            fix="give the folder in which it lies",
+        )  # fmt: skip
     folder = need_folder(path)
     place = next((folder / name for name in ("images", "image") if (folder / name).is_dir()), folder)
-    pictures = sorted(f for f in place.iterdir() if f.suffix.lower() in _ENDINGS and not f.stem.endswith("_mask"))
+    pictures = sorted(f for f in place.iterdir() if f.suffix.lower() in PICTURES and not f.stem.endswith("_mask"))
     if len(pictures) < _FEWEST:
+        film = next((f for f in sorted(place.iterdir()) if f.suffix.lower() in VIDEOS), None)
         raise DataError(
             f"the folder holds {len(pictures)} pictures", where=str(place),
-            expected=f"at least {_FEWEST} {', '.join(_ENDINGS)}, better 30 or more", fix="correct `path`",
+            expected=f"at least {_FEWEST} ({' '.join(PICTURES)}), better 30 or more",
+            fix="correct `path`" if film is None else f"for the video in it give the file: path: {film}",
         )  # fmt: skip
     stems = [f.stem for f in pictures]
     twin = next((f for f in pictures if stems.count(f.stem) > 1), None)
@@ -50,9 +63,18 @@ def list_photos(path: Path, masks: bool = True) -> list[tuple[Path, Path | None]
     return [(picture, _mask(held, picture) if masks else None) for picture in pictures]
 
 
+def is_video(path: Path) -> bool:
+    """Whether `path` is a file of one of the video formats."""
+    return path.is_file() and path.suffix.lower() in VIDEOS
+
+
 def photo_files(path: Path, options: PhotosOptions) -> dict[str, Path]:
     """Every file that `load_photos` reads, by a name that does not depend on where the scene lies."""
+    if is_video(path):
+        import_av(path)
+        return need_file(path)
     listed = list_photos(path, options.masks)
+    need_libraries([picture for picture, _ in listed])
     return relative_names(path, [file for pair in listed for file in pair if file is not None])
 
 
@@ -70,32 +92,40 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
 
     The world is Y-up by level cameras, by the mean of the cameras' up where these do not tell. Its sphere comes from
     the masks, else from the sparse points around the place that the cameras look at (`object_sphere`).
-    Raises DataError for what `list_photos`, `find_motion` and `load_scene` refuse.
+    Raises DataError for what `list_photos`, `extract_frames`, `prepare`, `find_motion` and `load_scene` refuse.
     """
     from exmesh_graph.io.scene import load_scene
 
-    listed = list_photos(path, options.masks)
-    _check_sizes([picture for picture, _ in listed])
-    ignored = _alphas(listed) if options.keep == "object" else {}
-    motion = find_motion([picture for picture, _ in listed], ignored, options, work, seed)
-    shots = _shots(listed, motion)
+    listed, notes = _listed(path, options, work)
+    working = prepare(listed, work / "pictures", options.megapixels)
+    working, dropped = _kept(working, options, path)
+    notes += [
+        f"{len(names)} of {len(listed)} pictures are left out, {why} (`{knob}`): {some(names)}"
+        for (knob, names), why in zip(dropped.items(), _WHY, strict=True)
+        if names
+    ]
+    motion = replace(_motion(working, options, work, seed), dropped=dropped)
+    size = common_size(working)
+    shots, note = _shots(working, motion, size)
+    notes += [note] if note else []
     train, test = split(shots, options.holdout, options.first, path)
     poses = np.stack([shot.camera_to_world for shot in shots])
-    turn, note = _upright(poses)
+    placed = [one for one in working if one.name in motion.camera_to_world]
+    turn, note = _upright(np.stack([upright(motion.camera_to_world[one.name], one.quarter) for one in placed]))
+    notes += [note] if note else []
     train, test = ([replace(s, camera_to_world=turn @ s.camera_to_world) for s in part] for part in (train, test))
     points = motion.points @ turn[:3, :3].T
-    masked = any(mask is not None for _, mask in listed) or any(_has_alpha(picture) for picture, _ in listed)
+    masked = any(one.mask is not None or _has_alpha(one.image) for one in working)
     sphere = None if masked else object_sphere(points, motion.tracks, turn @ poses)
     scene = load_scene(
         train, test, up="y", downscale=options.downscale, wrong_masks=options.wrong_masks, sphere=sphere,
         checks=options.checks,
     )  # fmt: skip
-    if note:
-        scene.notes.append(note)
+    scene.notes.extend(notes)
     if motion.left_out:
         scene.notes.append(
-            f"no camera that holds was found for {len(motion.left_out)} of {len(listed)} pictures, which are left out: "
-            f"{some(motion.left_out)}"
+            f"no camera that holds was found for {len(motion.left_out)} of {len(working)} pictures, which are left "
+            f"out: {some(motion.left_out)}"
         )
     cloud = PointCloud(points_to_normalised(points, scene.frame).astype(np.float32), motion.colours.astype(np.float32))
     return scene, cloud, motion
@@ -121,46 +151,89 @@ def object_sphere(points: np.ndarray, tracks: np.ndarray, camera_to_world: np.nd
     return centre, float(np.quantile(np.linalg.norm(many - centre, axis=1), 0.98)) * _ROOM
 
 
-def _check_sizes(pictures: list[Path]) -> None:
-    sizes = [picture_size(picture) for picture in pictures]
-    common = max(set(sizes), key=sizes.count)
-    other = [p.name for p, size in zip(pictures, sizes, strict=True) if size != common]
-    if other:
+def _listed(path: Path, options: PhotosOptions, work: Path) -> tuple[list[tuple[Path, Path | None]], list[str]]:
+    """(pictures and masks, notes): those of the folder, or frames that are taken from a video now."""
+    if not is_video(path):
+        return list_photos(path, options.masks), []
+    frames, note = extract_frames(path, options.frames, work / "frames")
+    return [(frame, None) for frame in frames], [note] if note else []
+
+
+def _kept(
+    working: list[Working], options: PhotosOptions, path: Path
+) -> tuple[list[Working], dict[str, tuple[str, ...]]]:
+    """(pictures that stay, names of those that do not by the parameter that says so)."""
+    soft, twins = choose([one.image for one in working], options.blurred, options.alike)
+    kept = [one for k, one in enumerate(working) if k not in {*soft, *twins}]
+    if len(kept) < _FEWEST:
         raise DataError(
-            f"{len(other)} pictures have another size than {common[0]} x {common[1]}, which most have: {some(other)}",
-            where=str(pictures[0].parent), expected="pictures of one size, none turned",
-            fix="resize or turn them, or take them out",
+            f"of {len(working)} pictures {len(soft)} are blurred and {len(twins)} repeat their neighbour",
+            where=str(path), expected=f"{_FEWEST} others", fix="take pictures from more sides, or set `alike: 0`",
         )  # fmt: skip
+    return kept, {name: tuple(working[k].name for k in chosen) for name, chosen in
+                  (("blurred", soft), ("alike", twins))}  # fmt: skip
 
 
-def _alphas(listed: list[tuple[Path, Path | None]]) -> dict[str, np.ndarray]:
+def _motion(working: list[Working], options: PhotosOptions, work: Path, seed: int) -> Motion:
+    lenses = {one.lens for one in working}
+    if options.focal > 0 and len(lenses) > 1:
+        raise DataError(
+            f"`focal` is one number, and the pictures are of {len(lenses)} cameras, sizes or focal lengths",
+            where=str(working[0].image.parent), expected="focal: 0, which takes what EXIF says or finds it",
+            fix="leave `focal` out, or give the pictures of one lens alone",
+        )  # fmt: skip
+    through = {
+        one.image.name: Through(one.lens, options.focal * one.scale if options.focal > 0 else one.focal)
+        for one in working
+    }
+    ignored = _alphas(working) if options.keep == "object" else {}
+    motion = find_motion(
+        [one.image for one in working], ignored, options.replaced(focal=0.0), work, seed, through
+    )  # fmt: skip
+    return renamed(motion, {one.image.name: one.name for one in working})
+
+
+def _alphas(working: list[Working]) -> dict[str, np.ndarray]:
     alphas = {}
-    for picture, mask in listed:
-        alpha = read_mask(mask) if mask is not None else read_photo(picture).alpha
+    for one in working:
+        alpha = read_mask(one.mask) if one.mask is not None else read_photo(one.image).alpha
         if (alpha < 1).any():
-            alphas[picture.name] = alpha
+            alphas[one.image.name] = alpha
     return alphas
 
 
 def _has_alpha(picture: Path) -> bool:
-    return picture.suffix.lower() not in _OPAQUE and bool((read_photo(picture).alpha < 1).any())
+    return picture.suffix.lower() not in OPAQUE and bool((read_photo(picture).alpha < 1).any())
 
 
-def _shots(listed: list[tuple[Path, Path | None]], motion: Motion) -> list[Shot]:
-    width, height = picture_size(listed[0][0])
+def _shots(working: list[Working], motion: Motion, size: tuple[int, int]) -> tuple[list[Shot], str]:
+    """(views of `size` with cameras, a note on those that lose or gain by it)."""
     pinholes: list[tuple[np.ndarray, np.ndarray | None]] = []
     for lens in motion.lenses:
         k = lens.calibration_matrix()
-        grid, places = pinhole(lens.img_from_cam, k, width, height)
-        straight = np.abs(grid - k).max() < _STRAIGHT and np.abs(places - _centres(width, height)).max() < _STRAIGHT
+        grid, places = pinhole(lens.img_from_cam, k, lens.width, lens.height, size)
+        straight = (
+            (lens.width, lens.height) == size
+            and np.abs(grid - k).max() < _STRAIGHT
+            and np.abs(places - _centres(*size)).max() < _STRAIGHT
+        )
         pinholes.append((k, None) if straight else (grid, places))
-    shots = []
-    for picture, mask in listed:
-        if picture.name in motion.camera_to_world:
-            k, where = pinholes[motion.camera[picture.name]]
-            pose = motion.camera_to_world[picture.name]
-            shots.append(Shot(picture.stem, picture, pose, k, mask, (width, height), places=where))
-    return shots
+    shots, odd, least = [], [], 1.0
+    for one in working:
+        if one.name in motion.camera_to_world:
+            k, where = pinholes[motion.camera[one.name]]
+            pose = motion.camera_to_world[one.name]
+            shots.append(Shot(Path(one.name).stem, one.image, pose, k, one.mask, size, places=where))
+            if one.size != size:
+                factor = max(size[0] / one.size[0], size[1] / one.size[1])
+                odd.append(one.name)
+                least = min(least, size[0] * size[1] / (factor**2 * one.size[0] * one.size[1]))
+    if not odd:
+        return shots, ""
+    return shots, (
+        f"{len(odd)} of {len(shots)} pictures have another size or shape than {size[0]} x {size[1]}, which most have, "
+        f"and are brought to it; of the shape that differs most {100 * least:.0f} % of the area is kept: {some(odd)}"
+    )
 
 
 def _centres(width: int, height: int) -> np.ndarray:

@@ -127,8 +127,15 @@ class MotionSettings(Params):
     lens: Lens = param(
         "radial", doc="What is found of the lens: focal length; and one term of distortion; or four and two lengths."
     )
-    one_camera: bool = param(True, doc="All pictures were taken at one zoom and focus; false: each has its own lens.")
-    focal: float = param(0.0, ge=0, unit="px", doc="Known focal length to start from; 0: from EXIF, else a guess.")
+    one_camera: bool = param(
+        True, doc="Pictures of one size, camera and focal length (EXIF) share a lens; false: each has its own."
+    )
+    focal: float = param(
+        0.0,
+        ge=0,
+        unit="px",
+        doc="Known focal length to start from, in pixels of the files; 0: from EXIF, else a guess.",
+    )
     features: int = param(4096, ge=100, doc="SIFT features of a picture at most; time grows with the square.")
     feature_size: int = param(1600, ge=100, unit="px", doc="Longer side of the pictures in which they are found.")
     registered: float = param(0.5, gt=0, le=1, doc="Share of the pictures that must get a camera.")
@@ -139,13 +146,29 @@ class MotionSettings(Params):
 
 
 class PhotosOptions(MotionSettings):
-    """A plain folder of photographs (`io.photos`)."""
+    """A plain folder of photographs, or a video (`io.photos`)."""
 
     keep: Literal["all", "object"] = param(
         "all", doc="Find cameras by the whole picture, or (turntable) by what the masks show only."
     )
     masks: bool = param(True, doc="Use masks where they are there.")
-    downscale: int = param(1, ge=1, le=16, doc=_DOWNSCALE)
+    frames: int = param(60, ge=3, doc="Frames of a video: the sharpest of so many equal parts of its time.")
+    blurred: float = param(
+        0.4,
+        ge=0,
+        lt=1,
+        doc="Pictures with less than this share of the set's median sharpness are left out; 0: none is.",
+    )
+    alike: float = param(
+        0.002,
+        ge=0,
+        lt=1,
+        doc="Of neighbours between which nothing moves by this share of the width the less sharp is left out; 0: none.",
+    )
+    megapixels: float = param(
+        2.0, ge=0, unit="Mpx", doc="Pictures above this size are reduced to it, before anything else; 0: none is."
+    )
+    downscale: int = param(1, ge=1, le=16, doc="Reduce the views further, by this factor, once cameras are found.")
     holdout: int = param(8, ge=2, unit="views", doc=_HOLDOUT)
     first: int = param(3, ge=0, doc=_FIRST)
     wrong_masks: int = param(1, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)

@@ -14,34 +14,46 @@ Project = Callable[[np.ndarray], np.ndarray]
 """Rays [P, 3] of camera axes to pixels [P, 2] of the photograph."""
 
 
-def pinhole(project: Project, intrinsics: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """(K [3, 3], float32 [H, W, 2] pixels of the photograph) of the widest pinhole all of whose pixels it holds.
+def pinhole(
+    project: Project, intrinsics: np.ndarray, width: int, height: int, to: tuple[int, int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(K [3, 3], float32 [h, w, 2] pixels of the photograph) of the widest pinhole all of whose pixels it holds.
 
-    `intrinsics` are the lens's without distortion: principal point and picture size stay, the focal lengths are
-    multiplied by one factor between 1/2 and 2.
+    intrinsics  the lens's without distortion, for a photograph of `width` x `height`
+    to          (w, h) of the pinhole's picture, its own if not given: a picture of another shape loses what does not
+                fit at two sides, one of another size is resampled
+
+    The focal lengths are multiplied by one factor, between 1/2 and 2 beside what `to` asks for; the principal point
+    stays where it is, or in the same place from the middle.
     """
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    edge = np.ones((height, width), bool)
+    wide, high = (width, height) if to is None else to
+    enlarged = max(wide / width, high / height)
+    middle = intrinsics[:2, 2] if enlarged == 1 and (wide, high) == (width, height) else (
+        np.array([wide, high]) / 2 + enlarged * (intrinsics[:2, 2] - np.array([width, height]) / 2)
+    )  # fmt: skip
+    x, y = np.meshgrid(np.arange(wide) + 0.5, np.arange(high) + 0.5)
+    edge = np.ones((high, wide), bool)
     edge[1:-1, 1:-1] = False
     border = np.stack([x[edge], y[edge]], axis=1)
 
     def places(pixels: np.ndarray, scale: float) -> np.ndarray:
-        focal = scale * np.array([intrinsics[0, 0], intrinsics[1, 1]])
-        rays = (pixels - intrinsics[:2, 2]) / focal
+        focal = scale * enlarged * np.array([intrinsics[0, 0], intrinsics[1, 1]])
+        rays = (pixels - middle) / focal
         return project(np.concatenate([rays, np.ones((len(rays), 1))], axis=1))
 
     def held(scale: float) -> bool:
         at = places(border, scale)
         return bool(((at >= 0) & (at <= [width, height])).all())
 
-    low, high = _SCALES
+    least, most = _SCALES
     for _ in range(40):
-        middle = (low + high) / 2
-        low, high = (low, middle) if held(middle) else (middle, high)
+        half = (least + most) / 2
+        least, most = (least, half) if held(half) else (half, most)
     k = np.array(intrinsics, np.float64)
-    k[[0, 1], [0, 1]] *= high
-    where = places(np.stack([x.ravel(), y.ravel()], axis=1), high)
-    return k, where.reshape(height, width, 2).astype(np.float32)
+    k[[0, 1], [0, 1]] *= most * enlarged
+    k[:2, 2] = middle
+    where = places(np.stack([x.ravel(), y.ravel()], axis=1), most)
+    return k, where.reshape(high, wide, 2).astype(np.float32)
 
 
 def resampled(photo: Photo, places: np.ndarray) -> Photo:
@@ -53,7 +65,7 @@ def resampled(photo: Photo, places: np.ndarray) -> Photo:
     def sample(channel: np.ndarray) -> np.ndarray:
         return map_coordinates(channel, at, order=3, mode="nearest", output=np.float32)
 
-    alpha = np.clip(sample(photo.alpha), 0, 1) if photo.has_alpha else photo.alpha
+    alpha = np.clip(sample(photo.alpha), 0, 1) if photo.has_alpha else np.ones(places.shape[:2], np.float32)
     rgb = np.stack([sample(photo.rgb[..., c]) for c in range(3)], axis=-1)
     top = alpha[..., None] if photo.clipped else np.inf
     return Photo(np.clip(rgb, 0, top).astype(np.float32), alpha, photo.has_alpha, photo.clipped)

@@ -10,10 +10,12 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from benchmarks.photos import differences
 from exmesh_graph.errors import DataError, MissingLibraryError
+from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import Photo, write_image
 from exmesh_graph.io.photos import list_photos, load_photos, object_sphere
 from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.undistort import pinhole, resampled
+from exmesh_graph.io.working import upright
 from exmesh_graph.testing import FakeContext
 from tests.io.io_scenes import look_at
 
@@ -26,10 +28,15 @@ def poses():
     return np.stack([look_at(eye, np.zeros(3), np.array([0, 1.0, 0])) for eye in eyes])
 
 
-def picture(pose, texture):
+def painted():
+    noise = np.random.default_rng(0).normal(size=(200, 400))
+    return np.clip(0.5 + 0.25 * gaussian_filter(noise, 1.5) / 0.35, 0, 1).astype(np.float32)
+
+
+def picture(pose, texture, width=WIDTH, height=HEIGHT, focal=FOCAL):
     """A painted unit ball before the painted inside of a large one."""
-    x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(HEIGHT) + 0.5 - HEIGHT / 2)
-    d = np.stack([x / FOCAL, y / FOCAL, np.ones_like(x)], axis=-1) @ pose[:3, :3].T
+    x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
+    d = np.stack([x / focal, y / focal, np.ones_like(x)], axis=-1) @ pose[:3, :3].T
     d /= np.linalg.norm(d, axis=-1, keepdims=True)
     eye = pose[:3, 3]
     b, near, far = d @ eye, eye @ eye - 1, eye @ eye - 49
@@ -45,9 +52,7 @@ def picture(pose, texture):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Nine overlapping pictures with masks beside them, and one that shows something else."""
-    noise = np.random.default_rng(0).normal(size=(200, 400))
-    texture = gaussian_filter(noise, 1.5) / 0.35
-    texture = np.clip(0.5 + 0.25 * texture, 0, 1).astype(np.float32)
+    texture = painted()
     root = tmp_path_factory.mktemp("photos")
     (root / "masks").mkdir()
     for i, pose in enumerate(poses()):
@@ -132,16 +137,60 @@ def test_a_folder_that_cannot_do_is_refused_by_name(folder, tmp_path):
         write_image(tmp_path / f"black{i}.png", np.zeros((40, 60, 3), np.float32))
     with pytest.raises(DataError, match="holds 2 pictures"):
         list_photos(tmp_path)
-    write_image(tmp_path / "black2.png", np.zeros((60, 40, 3), np.float32))
-    (tmp_path / "w").mkdir()
-    with pytest.raises(DataError, match=r"another size than 60 x 40.*black2\.png"):
-        load_photos(tmp_path, PhotosOptions(), tmp_path / "w")
     write_image(tmp_path / "black2.png", np.zeros((40, 60, 3), np.float32))
     with pytest.raises(DataError, match=r"0 of 3 pictures; without one: black0\.png, black1\.png, black2\.png"):
         found(tmp_path, tmp_path / "a")
     write_image(tmp_path / "black2.tif", np.zeros((40, 60, 3), np.float32))
     with pytest.raises(DataError, match="two pictures are called 'black2'"):
         list_photos(tmp_path)
+
+
+def test_portraits_turned_by_exif_and_a_second_camera_give_one_set_of_views(tmp_path):
+    """Three pictures taken with the camera on its side (EXIF says so), two with another camera, wider and sharper."""
+    place, held, wide = tmp_path / "mixed", (1, 4, 7), (2, 5)
+    (place / "masks").mkdir(parents=True)
+    texture, true = painted(), poses()
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    for i, pose in enumerate(true):
+        size = (320, 180, 300.0) if i in wide else (WIDTH, HEIGHT, FOCAL)
+        grey, ball = picture(pose @ upright(np.eye(4), -1) if i in held else pose, texture, *size)
+        stored = Image.fromarray(np.round(255 * np.repeat(grey[..., None], 3, axis=2)).astype(np.uint8))
+        stored.save(place / f"p{i}.png", exif=exif if i in held else None)
+        seen = np.rot90(ball, -1) if i in held else ball  # the mask is of what one sees
+        write_image(place / "masks" / f"p{i}.png", seen.astype(np.float32))
+    scene, _, motion = found(place, tmp_path / "a", lens="pinhole")
+    assert sorted(motion.camera_to_world) == [f"p{i}.png" for i in range(COUNT)]
+    assert motion.figures()["lenses"] == 2
+    assert any("2 of 9 pictures have another size" in note and "p2.png, p5.png" in note for note in scene.notes)
+    views = [(part, k) for part in (scene.train, scene.test) for k in range(len(part))]
+    by_name = {part.names[k]: (part.images[k], part.alpha[k], part.intrinsics[k], part.camera_to_world[k])
+               for part, k in views}  # fmt: skip
+    shown = [by_name[f"p{i}"] for i in range(COUNT)]
+    found_poses = np.stack([upright(pose, int(i in held)) for i, (*_, pose) in enumerate(shown)])
+    degrees, off = differences(found_poses, true)
+    assert degrees.max() < 1
+    assert off.max() < 3
+    assert (
+        -found_poses[:, 1, 1] > 0.85
+    ).all()  # level cameras, in a world that is Y-up although three lie in the views
+    for i, (image, alpha, k, _) in enumerate(shown):
+        assert image.shape == (HEIGHT, WIDTH, 3)
+        focal = 300.0 * HEIGHT / 180 if i in wide else FOCAL
+        assert k[0, 0] == pytest.approx(focal, rel=0.05)
+        assert k[0, 0] == pytest.approx(k[1, 1])
+        grey, ball = picture(true[i] @ upright(np.eye(4), -1) if i in held else true[i], texture, focal=focal)
+        off = np.abs(linear_to_srgb(image[..., 0] / np.maximum(alpha, 1e-6)) - grey)[ball & (alpha > 0.99)]
+        assert off.mean() < (0.04 if i in wide else 0.02)  # 0.2 where the two do not belong together
+        assert np.abs(alpha - ball).mean() < 0.01
+
+
+def test_one_focal_length_for_two_cameras_is_refused(folder, tmp_path):
+    for i in range(3):
+        Image.open(folder / f"p{i}.png").resize((WIDTH - 40 * (i == 2), HEIGHT)).save(tmp_path / f"p{i}.png")
+    (tmp_path / "w").mkdir()
+    with pytest.raises(DataError, match=r"one number, and the pictures are of 2 cameras"):
+        load_photos(tmp_path, PhotosOptions(focal=200.0), tmp_path / "w")
 
 
 @pytest.mark.parametrize("k1", [-0.2, 0.15])
