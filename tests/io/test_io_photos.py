@@ -185,6 +185,29 @@ def test_portraits_turned_by_exif_and_a_second_camera_give_one_set_of_views(tmp_
         assert np.abs(alpha - ball).mean() < 0.01
 
 
+def test_a_video_with_a_blurred_stretch_gives_views_by_time(tmp_path):
+    av = pytest.importorskip("av", reason="pip install 'exmesh-graph[video]'")
+    texture = painted()
+    with av.open(str(tmp_path / "clip.mp4"), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = WIDTH, HEIGHT, "yuv420p", 8_000_000
+        for i, pose in enumerate(poses()):
+            grey = picture(pose, texture)[0]
+            grey = gaussian_filter(grey, 2.5) if i == 8 else grey
+            rgb = np.round(255 * np.repeat(grey[..., None], 3, axis=2)).astype(np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
+        container.mux(stream.encode())
+    scene, _, motion = found(tmp_path / "clip.mp4", tmp_path / "a", lens="pinhole", blurred=0.5)
+    assert motion.dropped == {"blurred": ("t0000_800.png",), "alike": ()}
+    assert motion.figures()["blurred"] == ["t0000_800.png"]
+    assert any("blurred beside the others (`blurred`): t0000_800.png" in note for note in scene.notes)
+    names = sorted([*scene.train.names, *scene.test.names])
+    assert names == [f"t0000_{i}00" for i in range(8)]
+    by_name = {name: pose for part in (scene.train, scene.test)
+               for name, pose in zip(part.names, part.camera_to_world, strict=True)}  # fmt: skip
+    assert differences(np.stack([by_name[name] for name in names]), poses()[:8])[0].max() < 2
+
+
 def test_one_focal_length_for_two_cameras_is_refused(folder, tmp_path):
     for i in range(3):
         Image.open(folder / f"p{i}.png").resize((WIDTH - 40 * (i == 2), HEIGHT)).save(tmp_path / f"p{i}.png")
