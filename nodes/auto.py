@@ -97,6 +97,12 @@ def auto(
         elif method == "stereo":
             seen = prior.PatchMatchParams(side=p.side, threads=p.threads)
             depths = prior.patch_match(ctx, views, points, p=seen).depths
+            if not masks and not (depths.depth > 0).any():
+                raise DataError(
+                    f"no two of the {len(views)} views agree on any depth, and there are no masks", where=ctx.node,
+                    expected="painted surfaces, seen from several views some 15 degrees apart",
+                    fix="set iterations: 500 (planar Gaussians), add masks or views, or raise side",
+                )  # fmt: skip
         assert depths is not None
         rough = {"clear": 2.0, "blur": 1.0} if method == "stereo" else {}
         whole = init.TsdfParams(

@@ -120,6 +120,10 @@ def test_stereo_carves_and_fuses(views):
     middle = np.median(out.mesh.vertices, axis=0)
     assert (np.linalg.norm(out.mesh.vertices - middle, axis=1) < 1).all()
     bare = replace(views, alpha=np.ones_like(views.alpha), has_masks=False)
+    with pytest.raises(DataError, match=r"(?s)no two of the 8 views agree.*iterations: 500"):
+        auto.auto(context, bare, p=p)
+    larger = load_blender(SAMPLE, BlenderOptions(downscale=2, max_views=20)).train
+    bare = replace(larger, alpha=np.ones_like(larger.alpha), has_masks=False)
     fused = auto.auto(context, bare, p=auto.AutoParams(resolution=32, faces=400))
     assert [row["value"] for row in fused.decisions.values["decisions"]] == ["stereo"]
     assert len(fused.mesh.faces) > 50
