@@ -23,7 +23,8 @@ from exmesh_graph.types.pictures import kept_in
 if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
 
-_PICTURES = ("OpenImageIO", "scipy", "scikit-image")  # the last two: normalisation, which finds the object
+# all but the first: normalisation, which finds the object, and the check of the masks
+_PICTURES = ("OpenImageIO", "scipy", "scikit-image", "torch", "warp-lang")
 
 Train = Annotated[Views, facets(split="train")]
 Test = Annotated[Views, facets(split="test")]
@@ -186,7 +187,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 @node(
     "data.photos",
     version="1",
-    libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow-heif", "rawpy", "av"),
+    libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow", "torch", "warp-lang"),
     sources=_photo_files,
     resources={"cpu": 1},
 )
@@ -225,7 +226,7 @@ def _depth_sources(p: DepthFilesParams) -> Mapping[str, Path]:
     return {file.name: file for file in depth_files(p.folder)}
 
 
-@node("prior.depth_files", version="1", libraries=_PICTURES, sources=_depth_sources)
+@node("prior.depth_files", version="1", libraries=("OpenImageIO", "scipy", "scikit-image"), sources=_depth_sources)
 def prior_depth_files(ctx: Context, views: Views, frame: Frame | None = None, *, p: DepthFilesParams) -> DepthOut:
     """Depth along the camera's axis, one file for each view."""
     from exmesh_graph.io.depth import load_depths

@@ -36,7 +36,7 @@ class ManifoldMeshOut(NamedTuple):
     mesh: Annotated[Mesh, facets(manifold=True)]
 
 
-@node("init.visual_hull", version="1", libraries=("scipy", "scikit-image"))
+@node("init.visual_hull", version="1", libraries=("scipy", "scikit-image", "torch", "warp-lang"))
 def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedMeshOut:
     """The largest closed shape that agrees with the masks."""
     from exmesh_graph.geometry.clean import require_sound, taubin
@@ -76,7 +76,7 @@ class TsdfParams(TsdfSettings):
     parts: int = param(0, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
 
 
-@node("init.tsdf", version="1", libraries=("torch", "open3d", "scipy", "scikit-image"))
+@node("init.tsdf", version="1", libraries=("torch", "warp-lang", "open3d", "scipy", "scikit-image"))
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
     """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
     from exmesh_graph.errors import DataError

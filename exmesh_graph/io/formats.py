@@ -7,7 +7,9 @@ The tags are Exif 3.0's: 0x0112 Orientation, 0xA405 FocalLengthIn35mmFilm, 0x920
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from PIL import Image, UnidentifiedImageError
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import picture_size, read_raw
-from exmesh_graph.native import import_pillow_heif, import_rawpy
+from exmesh_graph.native import import_av, import_pillow_heif, import_rawpy
 
 OPAQUE = (".jpg", ".jpeg")  # no alpha in these: not worth reading
 PLAIN = (*OPAQUE, ".png", ".tif", ".tiff")
@@ -99,12 +101,21 @@ def turned(codes: np.ndarray, orientation: int) -> np.ndarray:
     return codes[:, ::-1] if orientation in (2, 3, 6, 7) else codes
 
 
-def need_libraries(pictures: list[Path]) -> None:
-    """MissingLibraryError, naming a file and the pip command, where `pictures` need a package that is not there."""
-    for endings, need in ((HEIF, import_pillow_heif), (RAW, import_rawpy)):
-        first = next((picture for picture in pictures if picture.suffix.lower() in endings), None)
+def need_libraries(files: Sequence[Path]) -> dict[str, Path]:
+    """{name: metadata} of the optional packages that decode `files`: sources of a node, so versions are in its key.
+
+    MissingLibraryError, naming a file and the pip command, where a package is not there.
+    """
+    needed = {}
+    for endings, package, need in (
+        (HEIF, "pillow-heif", import_pillow_heif), (RAW, "rawpy", import_rawpy), (VIDEOS, "av", import_av),
+    ):  # fmt: skip
+        first = next((file for file in files if file.suffix.lower() in endings), None)
         if first is not None:
             need(first)
+            told = next(file for file in metadata.files(package) or () if file.name == "METADATA")
+            needed[f"{package}/METADATA"] = Path(str(told.locate()))
+    return needed
 
 
 def _header(size: tuple[int, int], exif: Any, *, turned: bool) -> Header:

@@ -26,7 +26,6 @@ from exmesh_graph.io.shots import Shot, need_file, need_folder, relative_names, 
 from exmesh_graph.io.undistort import pinhole
 from exmesh_graph.io.video import extract_frames
 from exmesh_graph.io.working import Working, common_size, prepare, upright
-from exmesh_graph.native import import_av
 from exmesh_graph.types import PointCloud
 
 if TYPE_CHECKING:
@@ -71,11 +70,10 @@ def is_video(path: Path) -> bool:
 def photo_files(path: Path, options: PhotosOptions) -> dict[str, Path]:
     """Every file that `load_photos` reads, by a name that does not depend on where the scene lies."""
     if is_video(path):
-        import_av(path)
-        return need_file(path)
+        return need_file(path) | need_libraries([path])
     listed = list_photos(path, options.masks)
-    need_libraries([picture for picture, _ in listed])
-    return relative_names(path, [file for pair in listed for file in pair if file is not None])
+    files = relative_names(path, [file for pair in listed for file in pair if file is not None])
+    return files | need_libraries([picture for picture, _ in listed])
 
 
 def _mask(folder: Path, picture: Path) -> Path | None:
