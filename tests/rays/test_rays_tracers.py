@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.brute_rays import BruteTracer
@@ -31,11 +31,13 @@ CUBE_FACES = np.array(
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**31), exponent=st.integers(-3, 3), shift=st.sampled_from([0.0, 10.0]))
+@example(seed=45074556, exponent=0, shift=10.0)  # drew one face twice
 def test_embree_agrees_with_all_pairs(seed, exponent, shift):
     rng = np.random.default_rng(seed)
     scale = 10.0**exponent
     vertices = (rng.normal(size=(40, 3)) + shift) * scale
     faces = rng.permuted(np.tile(np.arange(40), (30, 1)), axis=1)[:, :3].astype(np.int32)
+    faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]  # of two alike either may be named
     origins = (rng.normal(size=(300, 3)) * 2 + shift) * scale
     directions = rng.normal(size=(300, 3))
     fast, slow = (
