@@ -123,8 +123,8 @@ class SilhouetteField:
     def __call__(self, points: np.ndarray, floor: float = -np.inf) -> np.ndarray:
         """Field float32 [P], world units, at points [P, 3]. Values below `floor` may be any value below it."""
         kernels = field_kernels()
-        if self.wrong_masks > kernels.MOST_WRONG:
-            return self.plain(points)
+        if self.wrong_masks > kernels.MOST_WRONG:  # in parts: it holds the votes of all views
+            return np.concatenate([self.plain(points[k : k + GRAIN]) for k in range(0, max(len(points), 1), GRAIN)])
         focals = np.sqrt(self.intrinsics[:, 0, 0] * self.intrinsics[:, 1, 1]).astype(np.float32)
         points = np.ascontiguousarray(points, np.float32)
         values = np.empty(len(points), np.float32)
@@ -147,7 +147,7 @@ class SilhouetteField:
         return np.flatnonzero(~held[:, held.sum(axis=0).argmax()])
 
     def _vote(self, view: int, points: np.ndarray) -> np.ndarray:
-        k, matrix = self.intrinsics[view], projections(self.intrinsics, self.world_to_camera)[view]
+        k, matrix = self.intrinsics[view], projections(self.intrinsics[[view]], self.world_to_camera[[view]])[0]
         image = points @ matrix[:, :3].T + matrix[:, 3]
         depth = image[:, 2]
         front = depth > 1e-6
