@@ -54,9 +54,10 @@ class AutoOut(NamedTuple):
 def auto(
     ctx: Context, views: Train, points: PointCloud | None = None, depths: DepthMaps | None = None, *, p: AutoParams
 ) -> AutoOut:
-    """A coarse mesh by what there is: depth maps fused; masks: their hull, carved by stereo; without masks Gaussians.
+    """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
-    Only what is chosen runs. Where a hull was carved, the photographs say which surface is kept.
+    Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them. Only what is chosen
+    runs. Where a hull was carved, the photographs say which surface is kept.
     `decisions` says why, for the report.
     """
     from exmesh_nodes import init, prior

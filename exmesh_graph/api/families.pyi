@@ -395,7 +395,7 @@ class _Gallery(Family):
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
     def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshDecisionsNode:
-        """A coarse mesh by what there is: depth maps fused; masks: their hull, carved by stereo; without masks Gaussians.
+        """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
