@@ -187,7 +187,7 @@ def works_of(loop: refine._Loop) -> dict[str, Callable[[], object]]:
         loop.move(1e-4 * weights[1], next(counter), 1e-6)
 
     def texels():
-        loop.appearance.step(1e-7 * weights[0], next(counter) + 1, RATE, loop.pixel_gradient)
+        loop.appearance.step([1e-7 * weights[0]], next(counter) + 1, RATE, loop.pixel_gradient)
 
     def whole():
         with torch.no_grad():

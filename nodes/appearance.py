@@ -1,8 +1,8 @@
-"""Appearance models of Stage I: what `stage1.init` takes as its `appearance`."""
+"""Appearance models of Stage I: what `stage1.init` and `stage1.refine` take as their `appearance`."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from exmesh_graph.graph import Component, component, param
 
@@ -11,7 +11,9 @@ if TYPE_CHECKING:
 
 
 class Appearance(Component):
-    """Base of the appearance models."""
+    """Base of the appearance models; `kind` is what a state that holds the model calls it."""
+
+    kind: ClassVar[str] = ""
 
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
         """The state with this model's first values, read from its texture."""
@@ -22,13 +24,35 @@ class Appearance(Component):
 class UvTexture(Appearance):
     """The paper's RGB texture over the UV atlas; the default."""
 
+    kind: ClassVar[str] = "uv_texture"
+
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
-        return state
+        from dataclasses import replace
+
+        return replace(state, appearance=self.kind, model={})
+
+
+@component("appearance.directional", version="1", libraries=("torch", "warp-lang", "scipy"))
+class Directional(Appearance):
+    """The texture, and on each vertex a small residual that is a low harmonic of the direction of view, for gloss and
+    lights that follow the camera; Stage II and exports see the texture alone."""
+
+    kind: ClassVar[str] = "directional"
+    order: Literal[1, 2] = param(2, doc="Highest order of the spherical harmonics: 3 or 8 functions.")
+    shrinkage: float = param(0.1, ge=0, doc="Weight of the residual's mean square.")
+    rate: float = param(1.0, gt=0, le=100, doc="Step of the residual over that of a texel.")
+
+    def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
+        from exmesh_graph.stage1.appearance.state import directional
+
+        return directional(state, order=self.order, shrinkage=self.shrinkage, rate=self.rate)
 
 
 @component("appearance.per_vertex", version="1", libraries=("torch", "warp-lang", "scipy"))
 class PerVertex(Appearance):
     """One colour per vertex, interpolated over the faces; splits interpolate it, and the texture is baked from it."""
+
+    kind: ClassVar[str] = "per_vertex"
 
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
         from exmesh_graph.stage1.appearance.state import per_vertex
@@ -40,6 +64,8 @@ class PerVertex(Appearance):
 class PerFace(Appearance):
     """One colour per face; parts of a split face keep it, and the texture is baked from it."""
 
+    kind: ClassVar[str] = "per_face"
+
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
         from exmesh_graph.stage1.appearance.state import per_face
 
@@ -50,6 +76,7 @@ class PerFace(Appearance):
 class Mlp(Appearance):
     """A small network from place to colour (positional encoding, three layers); the texture is baked from it."""
 
+    kind: ClassVar[str] = "mlp"
     frequencies: int = param(
         6, ge=0, le=12, unit="octaves", doc="Of the positional encoding; the first spans the object."
     )

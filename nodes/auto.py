@@ -11,7 +11,7 @@ from exmesh_graph.params import param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
-_LEAST_PART = 0.002  # of the largest part's area: smaller ones are what masks fail to rule out
+_LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
 
 
 class AutoParams(DeviceSettings):
@@ -46,7 +46,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="2",
+    version="3",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -66,6 +66,7 @@ def auto(
     from exmesh_graph.evaluate.metrics.rephotography import compared
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction, surface_row
     from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.stage1.parts import without_phantoms
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
     pixels = (views.width // factor) * (views.height // factor)
@@ -120,7 +121,9 @@ def auto(
             ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
             mesh = hull if row["value"] == "hull" else mesh
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
-        cleaning = CleanSettings(faces=p.faces, tolerance=p.tolerance, components=0, min_area=_LEAST_PART)
+        with sharing(p.threads):
+            mesh = Mesh(*without_phantoms(mesh.vertices, mesh.faces, views, _LEAST_PART))
+        cleaning = CleanSettings(faces=p.faces, tolerance=p.tolerance, components=0)
     else:
         cleaning = CleanSettings(faces=p.faces, close_holes=p.close_holes)
     return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))

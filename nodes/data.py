@@ -78,6 +78,8 @@ def _views(ctx: Context, scene: Scene) -> ViewsOut:
     for views in (scene.train, scene.test):
         if views.in_files:
             ctx.log(f"{len(views)} pictures of {views.width} x {views.height} are kept in files and decoded one by one")
+    if (scene.train.width, scene.train.height) != (scene.test.width, scene.test.height):
+        ctx.log(f"training pictures are reduced to {scene.train.width} x {scene.train.height} for the fits")
     return ViewsOut(scene.train, scene.test, scene.frame)
 
 

@@ -46,6 +46,10 @@ class RefineParams(DeviceSettings, RefineSettings):
     share: float = param(
         0.0, ge=0, le=1, doc="This round's part of total_iterations; above 0 it stands in place of iterations."
     )
+    seconds: float = param(
+        0.0, ge=0, unit="s", doc="Processor time of the whole Stage I, by a fixed estimate from the pictures' size: "
+        "above 0 it decides total_iterations, of which this round takes its `share`.",
+    )  # fmt: skip
     vertex_units: Literal["edges", "world"] = param(
         "edges", doc="Unit of vertex_lr: mean edges of the round's mesh, or the normalised world's (the paper)."
     )
@@ -55,8 +59,10 @@ class RefineParams(DeviceSettings, RefineSettings):
 
     @model_validator(mode="after")
     def _share_of_something(self) -> RefineParams:
-        if self.share > 0 and self.total_iterations == 0:
+        if self.share > 0 and self.total_iterations == 0 and self.seconds == 0:
             raise ValueError("share is a part of total_iterations, which is 0: give total_iterations, or iterations")
+        if self.seconds > 0 and self.share == 0:
+            raise ValueError("seconds are those of the whole Stage I: give this round's share of them")
         return self
 
 
@@ -73,12 +79,17 @@ def refine(
     depths: Annotated[DepthMaps, facets(units=None)] | None = None,
     smoothness: Smoothness | None = None,
     region: Mesh | None = None,
+    appearance: Appearance | None = None,
     *,
     p: RefineParams,
 ) -> RefineOut:
-    """Move vertices and texels against the photographs on a fixed topology."""
+    """Move vertices and texels against the photographs on a fixed topology.
+
+    A state of another appearance than the one plugged in begins that one from its texture; with none it keeps its own.
+    """
     from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.resources import memory_in_use
+    from exmesh_graph.stage1.length import iterations_in
     from exmesh_graph.stage1.memory import plan_memory
     from exmesh_graph.stage1.refine import refine as run
     from exmesh_graph.stage1.units import in_edge_lengths
@@ -91,11 +102,16 @@ def refine(
     if region is not None and views.has_masks:
         ctx.log("the views have masks, which say what counts: the region that is wired in is not used")
         region = None
+    if p.seconds > 0:
+        p = p.replaced(total_iterations=iterations_in(p.seconds, views.width * views.height // p.downscale**2))
+        ctx.log(f"{p.seconds:g} s pay for {p.total_iterations} iterations of the whole Stage I")
     if p.share > 0:
         p = p.replaced(iterations=round(p.share * p.total_iterations))
     p = in_edge_lengths(p, state, step=p.vertex_units == "world", deviation=p.deviation_units == "world")
     ctx.log(str(plan_memory(state, views, p, memory_in_use())))
     with computing(p) as device:
+        if appearance is not None and appearance.kind != state.appearance:
+            state = appearance.begin(state, ctx.seed, str(device))
         wired: dict[str, Any] = {"smoothness": smoothness, "depths": depths, "region": region}
         new, history = run(state, views, p, **wired, where=ctx.node, device=device, **loop_of(ctx))
     suspects = history.get("suspects", {})

@@ -94,6 +94,13 @@ class Family:
     def __init__(self, scope: NodeScope, family: str) -> None: ...
     def __getattr__(self, name: str) -> Any: ...
 class _Appearance(Family):
+    def directional(self, name: str = "", *, order: Literal[1, 2] | Parameter = 2, shrinkage: float | Parameter = 0.1, rate: float | Parameter = 1.0) -> Node:
+        """The texture, and on each vertex a small residual that is a low harmonic of the direction of view, for gloss and
+
+        order: Highest order of the spherical harmonics: 3 or 8 functions.
+        shrinkage: Weight of the residual's mean square. [>= 0]
+        rate: Step of the residual over that of a texel. [> 0, <= 100]
+        """
     def mlp(self, name: str = "", *, frequencies: int | Parameter = 6, width: int | Parameter = 64) -> Node:
         """A small network from place to colour (positional encoding, three layers); the texture is baked from it.
 
@@ -154,10 +161,12 @@ class _Benchmark(Family):
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
 class _Data(Family):
-    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
+    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
         """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes.
 
         path: Folder with transforms_train.json (or transforms.json).
+        train_side: Longer side of the training pictures at most: all are reduced by one whole factor, test pictures are not. 0: as they are. [px, >= 0]
+        train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         hdr: Linear EXR pictures where they are there (auto), always (true), or 8-bit ones (false).
         downscale: Reduce by this factor, by exact area averaging in linear light. [>= 1, <= 16]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
@@ -178,10 +187,12 @@ class _Data(Family):
         path: Lat-long picture: EXR or HDR.
         convention: Where the picture's middle looks: +Z of the Y-up world, or Blender's +X of its z-up world.
         """
-    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = "auto", checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
+    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = "auto", checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the IDR / NeuS layout (DTU and others), with masks or without.
 
         path: Folder with cameras_sphere.npz and image/.
+        train_side: Longer side of the training pictures at most: all are reduced by one whole factor, test pictures are not. 0: as they are. [px, >= 0]
+        train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         holdout: Every how many views one is held out for testing. [views, >= 2]
         first: Index of the first test view, counted from 0. [>= 0]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
@@ -192,10 +203,12 @@ class _Data(Family):
         masks: Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
+    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the Middlebury multi-view layout (templeRing and others).
 
         path: Folder with <name>_par.txt, image/ and mask/.
+        train_side: Longer side of the training pictures at most: all are reduced by one whole factor, test pictures are not. 0: as they are. [px, >= 0]
+        train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         holdout: Every how many views one is held out for testing. [views, >= 2]
         first: Index of the first test view, counted from 0. [>= 0]
         max_views: Keep at most so many training views, evenly spread; 0 = all. [views, >= 0]
@@ -208,7 +221,7 @@ class _Data(Family):
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, frames: int | Parameter = 60, blurred: float | Parameter = 0.4, alike: float | Parameter = 0.002, megapixels: float | Parameter = 2.0, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
+    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", threads: int | Parameter = 1, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, frames: int | Parameter = 60, blurred: float | Parameter = 0.4, alike: float | Parameter = 0.002, megapixels: float | Parameter = 2.0, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFramePointsCamerasNode:
         """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap).
 
         path: Folder of pictures (or its images/) with masks/ beside them, or alpha; or a video.
@@ -220,6 +233,8 @@ class _Data(Family):
         registered: Share of the pictures that must get a camera. [> 0, <= 1]
         mapping: Which of COLMAP's: incremental, with easier thresholds, global; or what most matches agree with.
         threads: For features and matching; mapping runs on one. [>= 1]
+        train_side: Longer side of the training pictures at most: all are reduced by one whole factor, test pictures are not. 0: as they are. [px, >= 0]
+        train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         keep: Find cameras by the whole picture, or (turntable) by what the masks show only.
         masks: Use masks where they are there.
         frames: Frames of a video: the sharpest of so many equal parts of its time. [>= 3]
@@ -647,7 +662,7 @@ class _Stage1(Family):
         device: Where to compute; auto takes a CUDA device if there is one.
         texture: First texture: projected from the photographs, the carrier's own, or plain grey.
         """
-    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, memory_gib: float | Parameter = 4.0, fill_unseen: bool | Parameter = True, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", share: float | Parameter = 0.0, vertex_units: Literal["edges", "world"] | Parameter = "edges", deviation_units: Literal["edges", "world"] | Parameter = "edges", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateHistoryNode:
+    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, appearance: Plug[Appearance] | Appearance | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, facing_weight: float | Parameter = 1.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, memory_gib: float | Parameter = 4.0, fill_unseen: bool | Parameter = True, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", share: float | Parameter = 0.0, seconds: float | Parameter = 0.0, vertex_units: Literal["edges", "world"] | Parameter = "edges", deviation_units: Literal["edges", "world"] | Parameter = "edges", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateHistoryNode:
         """Move vertices and texels against the photographs on a fixed topology.
 
         iterations: Iterations of this round, one view each. [>= 0]
@@ -661,6 +676,7 @@ class _Stage1(Family):
         silhouette_weight: Weight of the silhouette loss; unused without masks. [>= 0]
         coverage_weight: Weight of what stays uncovered inside the region; used where one is wired. [>= 0]
         deviation_weight: Weight of L_b, neighbours moving alike, in its scale-free form. [>= 0]
+        facing_weight: Weight of what shows a closed surface from behind: sides of thin sheets that changed places. [>= 0]
         depth_weight: Weight of the depth correlation L_d; used where depths are wired. [>= 0]
         gradient_decay: beta_g of the vertices' gradient average (eq. 1). [>= 0, < 1]
         uv_gradient: Let colour move vertices inside the silhouette too.
@@ -671,6 +687,7 @@ class _Stage1(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
         share: This round's part of total_iterations; above 0 it stands in place of iterations. [>= 0, <= 1]
+        seconds: Processor time of the whole Stage I, by a fixed estimate from the pictures' size: above 0 it decides total_iterations, of which this round takes its `share`. [s, >= 0]
         vertex_units: Unit of vertex_lr: mean edges of the round's mesh, or the normalised world's (the paper).
         deviation_units: Unit of the distances in L_b: mean edges of the round's mesh, or the world's (the paper).
         """

@@ -11,6 +11,8 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -108,6 +110,8 @@ def check(graph: options.GraphFile, set_: options.Sets = None, variant: options.
     typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
     for name, declared in checked.declared.items():
         typer.echo(f"  {name} = {checked.params[name]!r}{'' if declared.inferred else f'  ({declared})'}")
+        for choice, settings in groupby(declared.settings(), key=itemgetter(0)):
+            typer.echo(f"      {choice}: " + ", ".join(f"{other} = {value!r}" for _, other, value, _ in settings))
     if variants:
         typer.echo(f"  {len(variants)} variants, no faults: {', '.join(variants)}")
 

@@ -18,6 +18,7 @@ from scipy.ndimage import binary_closing, binary_erosion, distance_transform_edt
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.settings import RegionSettings
 from exmesh_graph.io.images import read_image
+from exmesh_graph.io.train_size import reduced
 from exmesh_graph.priors.depth_filter import agreed, neighbours, normals_of_depth
 from exmesh_graph.priors.plane_sweep import search_depths
 from exmesh_graph.priors.settings import SweepSettings
@@ -99,6 +100,11 @@ def _read_masks(folder: Path, views: Views) -> np.ndarray:
 
 def _own_depth(views: Views, train: Views | None, settings: RegionSettings) -> np.ndarray:
     """Confirmed depth float32 [N, H, W] of the held-out views, 0 where there is none or it is not to be trusted."""
+    ratio = 1 if train is None else views.width // max(train.width, 1)
+    if train is not None and ratio > 1 and train.alpha.shape[1:] == (views.height // ratio, views.width // ratio):
+        small = _own_depth(reduced(views, ratio), train, settings)  # the training pictures were reduced by their loader
+        large = small.repeat(ratio, axis=1).repeat(ratio, axis=2)
+        return np.pad(large, ((0, 0), (0, views.height - large.shape[1]), (0, views.width - large.shape[2])))
     factor = settings.downscale
     sweep = SweepSettings(window=settings.window, neighbours=settings.neighbours, downscale=factor)
     everyone = _joined(views, train)
@@ -126,7 +132,7 @@ def _joined(views: Views, train: Views | None) -> Views:
         return views
     if train.alpha.shape[1:] != views.alpha.shape[1:]:
         raise DataError(f"the training views have {train.width} x {train.height} pixels", where="evaluate.region",
-                        expected=f"{views.width} x {views.height}, as the held-out ones")  # fmt: skip
+                        expected=f"{views.width} x {views.height}, as the held-out ones, or a fraction")  # fmt: skip
     arrays: dict[str, Any] = {
         name: _concatenated(getattr(views, name), getattr(train, name))
         for name in ("images", "alpha", "intrinsics", "camera_to_world")

@@ -1,6 +1,6 @@
 """Isotropic remeshing in numpy (after Botsch and Kobbelt 2004): split long edges, collapse short ones, even out the
 valences, relax along the surface, go back to the source surface. Every step works on many edges at once, chosen so
-that no two touch the same face.
+that no two touch the same face. Creases keep their place: means across the rim of a thin sheet would eat it up.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from exmesh_graph.types.edges import Edges, edges_of
 
 _ROUNDS = 40
 _MIN_COSINE = 0.3
+_CREASE = 0.5  # cosine of the angle between two faces' normals below which their edge is a crease
+_SMOOTH, _ON_CREASE, _CORNER = 0, 1, 2
 _DRIFT = 0.3  # of the length below which edges collapse: how far the boundary may move at once
 Arrays = tuple[np.ndarray, np.ndarray]
 
@@ -49,13 +51,15 @@ def remesh(vertices: np.ndarray, faces: np.ndarray, budget: int, iterations: int
         v, f = _split(v, f, 4 / 3 * length)
         v, f = _collapse(v, f, 4 / 5 * length, 4 / 3 * length)
         f = _flip(v, f)
-        v = to_source(_relax(v, f))
+        v = _relax(v, f)
+        v = to_source(v, area_weighted_normals(v, f))
         aim *= np.clip(0.97 * budget / len(f), 0.7, 1.4)
     for _ in range(_ROUNDS):
         if len(f) <= budget:
             break
         v, f = _collapse(v, f, np.inf, np.inf, most=(len(f) - budget + 1) // 2)
-    v = _spread(to_source(_relax(v, f)), f, area / max(len(f), 1))
+    v = _relax(v, f)
+    v = _spread(to_source(v, area_weighted_normals(v, f)), f, area / max(len(f), 1))
     return v, f.astype(np.int32)
 
 
@@ -94,6 +98,8 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
     """Collapse edges shorter than `shortest` to their middle, shortest first, unless that makes an edge longer than
     `longest`, turns a face by more than about 70 degrees, or breaks the link condition. `most`: at most so many.
 
+    An end on a crease, or at a corner of creases, stays in its place if the other is less sharp (`_sharpness`).
+
     Edges of the boundary collapse to one of their ends, see `_boundary_ends`; others that touch it do not.
     """
     thorough, refused = most is not None, np.empty((0, 2), np.int64)
@@ -102,6 +108,7 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
         fixed = _fixed(f, len(v), edges)
         length = edge_lengths(v, edges)
         outline = edges.count == 1
+        rank = _sharpness(v, f, edges)[0]
         short = np.flatnonzero((length < shortest) & (outline | (edges.interior & ~fixed[edges.vertices].any(1))))
         # the verdict on an edge holds until a face around it changes
         short = short[~np.isin(edges.vertices[short] @ [len(v), 1], refused @ [len(v), 1])]
@@ -118,7 +125,10 @@ def _collapse(v: np.ndarray, f: np.ndarray, shortest: float, longest: float, mos
         able = able[~outline[able] | (drift[able] < _DRIFT * shortest)]
         a = np.where(outline[able], kept[able], edges.vertices[able, 0])
         b = np.where(outline[able], gone[able], edges.vertices[able, 1])
-        middle = np.where(outline[able, None], v[a], (v[a] + v[b]) / 2)
+        keen = rank[a] - rank[b]
+        middle = np.where(
+            ((keen > 0) | outline[able])[:, None], v[a], np.where((keen < 0)[:, None], v[b], (v[a] + v[b]) / 2)
+        )
         offsets, ring, owner = _rings(f, len(v), a, b)
         allowed = _keeps_shape(v, f, a, b, middle, ring, owner, longest)
         keep = np.repeat(allowed, np.diff(offsets))
@@ -244,17 +254,40 @@ def _flip(v: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 
 def _relax(v: np.ndarray, f: np.ndarray, steps: int = 3) -> np.ndarray:
-    """Move vertices towards the mean of their neighbours, along the surface only."""
+    """Move vertices towards the mean of their neighbours, along the surface only, and along a crease only on it."""
     edges = edges_of(f)
     ends = edges.vertices
     near = csr_matrix((np.ones(2 * len(ends)), (ends.T.reshape(-1), ends[:, ::-1].T.reshape(-1))), shape=(len(v),) * 2)
     degree = np.maximum(np.asarray(near.sum(1)), 1)
     free = ~_fixed(f, len(v), edges)[:, None]
+    rank, beside = _sharpness(v, f, edges)
+    free &= (rank < _CORNER)[:, None]
+    line = rank == _ON_CREASE
     for _ in range(steps):
         move = near @ v / degree - v
         normal = area_weighted_normals(v, f)
-        v = v + 0.6 * free * (move - normal * np.einsum("ni,ni->n", move, normal)[:, None])
+        move -= normal * np.einsum("ni,ni->n", move, normal)[:, None]
+        one, two = v[beside[line, 0]], v[beside[line, 1]]
+        along = (two - one) / np.maximum(np.linalg.norm(two - one, axis=1), 1e-30)[:, None]
+        move[line] = along * np.einsum("ni,ni->n", (one + two) / 2 - v[line], along)[:, None]
+        v = v + 0.6 * free * move
     return v
+
+
+def _sharpness(v: np.ndarray, f: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
+    """(int [V]: smooth, on one crease, corner of creases; int [V, 2]: neighbours along the crease, of those on one)."""
+    normals = face_normals(v, f)
+    inner = np.flatnonzero(edges.interior)
+    here, there = (edges.halfedges[inner] // 3).T
+    sharp = edges.vertices[inner[np.einsum("ni,ni->n", normals[here], normals[there]) < _CREASE]]
+    count = np.bincount(sharp.reshape(-1), minlength=len(v))
+    rank = np.where(count == 0, _SMOOTH, np.where(count == 2, _ON_CREASE, _CORNER))
+    ends, others = sharp.reshape(-1), sharp[:, ::-1].reshape(-1)
+    order = np.argsort(ends, kind="stable")
+    beside = np.zeros((len(v), 2), np.int64)
+    on = rank == _ON_CREASE
+    beside[on] = others[order][on[ends[order]]].reshape(-1, 2)
+    return rank, beside
 
 
 def _spread(v: np.ndarray, f: np.ndarray, mean_area: float) -> np.ndarray:
@@ -276,17 +309,25 @@ def _spread(v: np.ndarray, f: np.ndarray, mean_area: float) -> np.ndarray:
     return v
 
 
-def nearest_of(vertices: np.ndarray, faces: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Function that takes points [P, 3] to the nearest point of the eight triangles whose centroids are nearest."""
+def nearest_of(vertices: np.ndarray, faces: np.ndarray) -> Callable[..., np.ndarray]:
+    """Function that takes points [P, 3] to the nearest point of the eight triangles whose centroids are nearest.
+
+    With normals [P, 3] as its second argument, of those that face the same way if there are any: the nearest point of
+    a thin sheet may lie on its other side.
+    """
     corners = np.asarray(vertices, np.float64)[faces]
     tree = cKDTree(corners.mean(1))
+    own = face_normals(np.asarray(vertices, np.float64), faces)
     k = min(8, len(corners))
 
-    def project(points: np.ndarray) -> np.ndarray:
+    def project(points: np.ndarray, normals: np.ndarray | None = None) -> np.ndarray:
         _, near = tree.query(points, k=k)
-        candidates = corners[np.asarray(near).reshape(-1)]
-        nearest = closest_on_triangles(np.repeat(points, k, axis=0), candidates).reshape(len(points), k, 3)
-        best = ((nearest - points[:, None]) ** 2).sum(2).argmin(1)
-        return nearest[np.arange(len(points)), best]
+        near = np.asarray(near).reshape(-1, k)
+        nearest = closest_on_triangles(np.repeat(points, k, axis=0), corners[near.reshape(-1)]).reshape(-1, k, 3)
+        away = ((nearest - points[:, None]) ** 2).sum(2)
+        if normals is not None:
+            other = np.einsum("pki,pi->pk", own[near], normals) < 0
+            away = np.where(other & ~other.all(1, keepdims=True), np.inf, away)
+        return nearest[np.arange(len(points)), away.argmin(1)]
 
     return project

@@ -55,6 +55,7 @@ def load_idr(path: Path, options: IdrOptions | None = None) -> Scene:
     return load_scene(
         train, test, up=options.up, downscale=options.downscale, sphere=sphere,
         metres_per_unit=options.metres_per_unit, checks=options.checks, half_pixel=options.pixel_offset == "auto",
+        size=options,
     )  # fmt: skip
 
 

@@ -12,14 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.area import Files, downscale_area
 from exmesh_graph.io.cameras import check_camera, intrinsics_from_fov, nearest_rotation, scale_intrinsics
-from exmesh_graph.io.images import Photo, linear_of_codes, picture_size, read_mask, read_photo
+from exmesh_graph.io.images import Photo, picture_size, read_mask, read_photo
 from exmesh_graph.io.normalise import cameras_to_normalised
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.undistort import resampled
 from exmesh_graph.resources import usable_cores
 from exmesh_graph.types import Frame, Views
-from exmesh_graph.types.pictures import PictureFiles, Pictures, integer_codes, too_large
+from exmesh_graph.types.pictures import Pictures, too_large
 
 _SILHOUETTE_SIDE = 400
 _PIXEL_BYTES = 64
@@ -61,7 +62,7 @@ def load_shots(shots: Sequence[Shot], *, split: str, downscale: int = 1) -> Load
         raise DataError(f"there are no {split} views", expected="at least one", fix="check the data set's camera file")
     width, height = _size(shots[0])
     width, height = width // downscale, height // downscale
-    files = _Files.of(len(shots), height, width) if too_large(len(shots), height, width) else None
+    files = Files.of(len(shots), height, width) if too_large(len(shots), height, width) else None
     many = max(1, _READING_BYTES // max(1, _PIXEL_BYTES * width * height * downscale**2))
     with ThreadPoolExecutor(min(usable_cores(), many)) as pool:
         read = _in_turn(pool, [(number, shot, downscale, files) for number, shot in enumerate(shots)], many)
@@ -93,29 +94,6 @@ def shifted(loaded: Loaded, offset: float) -> Loaded:
     return replace(loaded, **changed)
 
 
-class _Files(NamedTuple):
-    """Where pictures and masks of a large set go."""
-
-    images: PictureFiles
-    alpha: PictureFiles
-
-    @classmethod
-    def of(cls, count: int, height: int, width: int) -> _Files:
-        kinds = (np.dtype(np.uint8), np.dtype(np.uint16))
-        curves = {kind.str: linear_of_codes(kind) for kind in kinds}
-        lines = {kind.str: np.arange(np.iinfo(kind).max + 1, dtype=np.float32) / np.float32(np.iinfo(kind).max)
-                 for kind in kinds}  # fmt: skip
-        return cls(PictureFiles((count, height, width, 3), curves), PictureFiles((count, height, width), lines))
-
-    def put(self, number: int, rgb: np.ndarray, alpha: np.ndarray, codes: np.ndarray | None) -> None:
-        coverage = integer_codes(alpha)
-        if codes is not None and codes.shape[2] == 3 and coverage is not None and (alpha < 1).any():
-            same = coverage.dtype == codes.dtype  # a mask beside an opaque picture
-            codes = np.dstack([codes, coverage]) if same else None
-        self.images.put(number, rgb, codes)
-        self.alpha.put(number, alpha, coverage)
-
-
 def _size(shot: Shot) -> tuple[int, int]:
     """(width, height) that reading will give, (0, 0) where there is nothing to read: reading says so."""
     if not shot.image.is_file():
@@ -124,7 +102,7 @@ def _size(shot: Shot) -> tuple[int, int]:
 
 
 def _in_turn(
-    pool: ThreadPoolExecutor, calls: Iterable[tuple[int, Shot, int, _Files | None]], ahead: int
+    pool: ThreadPoolExecutor, calls: Iterable[tuple[int, Shot, int, Files | None]], ahead: int
 ) -> Iterator[_Picture]:
     """`_picture` of each call, in order; at most `ahead` are under way or done and not yet taken."""
     waiting: deque[Future[_Picture]] = deque()
@@ -158,7 +136,7 @@ class _Picture(NamedTuple):
     pose: np.ndarray
 
 
-def _picture(number: int, shot: Shot, downscale: int, files: _Files | None) -> _Picture:
+def _picture(number: int, shot: Shot, downscale: int, files: Files | None) -> _Picture:
     photo = _read(shot)
     width, height = photo.size
     if shot.size is not None and shot.size != (width, height):
@@ -239,28 +217,6 @@ def _alike(shots: Sequence[Shot], pictures: Iterable[_Picture], split: str) -> I
                 expected=f"a mask as {has.image.name} has", fix="add the missing mask: scores need it",
             )  # fmt: skip
         yield photo
-
-
-def downscale_area(image: np.ndarray, factor: int, where: Path | str = "") -> np.ndarray:
-    """Exact mean over factor x factor blocks of [H, W] or [H, W, C]; DataError unless factor divides H and W."""
-    if factor == 1:
-        return image
-    height, width = image.shape[:2]
-    if height % factor or width % factor:
-        fits = [f for f in range(2, 17) if height % f == 0 and width % f == 0]
-        raise DataError(
-            f"{width} x {height} pixels cannot be reduced by {factor}", where=str(where),
-            expected="a factor that divides width and height", fix=f"downscale: one of {fits or [1]}",
-        )  # fmt: skip
-    blocks = image.reshape(height // factor, factor, width // factor, factor, *image.shape[2:])
-    # numpy's mean over two axes walks through memory in short steps; sums in float64 are exact in any order
-    rows = blocks[:, 0].astype(np.float64)
-    for k in range(1, factor):
-        rows += blocks[:, k]
-    total = rows[:, :, 0]
-    for k in range(1, factor):
-        total = total + rows[:, :, k]
-    return (total / factor**2).astype(np.float32)
 
 
 def check_no_leak(train: Loaded, test: Loaded) -> None:

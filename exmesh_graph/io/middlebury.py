@@ -33,6 +33,7 @@ def load_middlebury(path: Path, options: MiddleburyOptions | None = None) -> Sce
     return load_scene(
         train, test, up=options.up, downscale=options.downscale, wrong_masks=options.wrong_masks, box=options.box,
         metres_per_unit=options.metres_per_unit, checks=options.checks, half_pixel=options.pixel_offset == "auto",
+        size=options,
     )  # fmt: skip
 
 

@@ -117,7 +117,7 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
     sphere = None if masked else object_sphere(points, motion.tracks, turn @ poses)
     scene = load_scene(
         train, test, up="y", downscale=options.downscale, wrong_masks=options.wrong_masks, sphere=sphere,
-        checks=options.checks,
+        checks=options.checks, size=options,
     )  # fmt: skip
     scene.notes.extend(notes)
     if motion.left_out:

@@ -20,8 +20,9 @@ from exmesh_graph.io.normalise import (
     sphere_from_cameras,
     sphere_from_masks,
 )
-from exmesh_graph.io.settings import Checks, UpAxis
+from exmesh_graph.io.settings import Checks, TrainSize, UpAxis
 from exmesh_graph.io.shots import Shot
+from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.types import Frame, SceneTruth, Views
 
 
@@ -48,13 +49,15 @@ def load_scene(
     metres_per_unit: float = 0.0,
     checks: Checks = "error",
     half_pixel: bool = False,
+    size: TrainSize | None = None,
 ) -> Scene:
     """Read both splits, check them, and normalise: by `box` or `sphere` (data set's units) where given, else by the
     training masks (`wrong_masks` of which may be wrong at a point), else by the cameras alone.
 
     Cameras and pictures are checked against each other (`io.checks`): what is found becomes notes, and a DataError
     where it is grave and `checks` is "error"; "off" leaves the checks out. With `half_pixel` matches
-    between the pictures decide whether half a pixel is added to all principal points.
+    between the pictures decide whether half a pixel is added to all principal points. `size` bounds the training
+    pictures that are handed on; checks and normalisation see them as they are.
     """
     fit = load_shots(train, split="training", downscale=downscale)
     held = load_shots(test, split="test", downscale=downscale)
@@ -100,8 +103,9 @@ def load_scene(
         found += settle(check_world(fit, held, centre, radius, given), checks)
     frame = make_frame(centre, radius, scene_from_dataset(up, fit.camera_to_world), metres_per_unit)
     views = to_views(fit, frame, "train", has_masks=fit.has_masks)
+    factor = 1 if size is None else factor_for(views, size.train_side, size.train_megapixels)
     return Scene(
-        train=views,
+        train=reduced(views, factor),
         test=to_views(held, frame, "test", has_masks=held.has_masks),
         frame=frame,
         notes=[*_notes(views), *notes, *found],

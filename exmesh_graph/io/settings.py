@@ -26,7 +26,19 @@ _CHECKS = "Grave faults of cameras and pictures: an error, a warning, or not loo
 _FIRST = "Index of the first test view, counted from 0."
 
 
-class BlenderOptions(Params):
+class TrainSize(Params):
+    """How large the training pictures may be that fits see: what a loader reduces, once it has checked them."""
+
+    train_side: int = param(
+        0, ge=0, unit="px", doc="Longer side of the training pictures at most: all are reduced by one whole "
+        "factor, test pictures are not. 0: as they are.",
+    )  # fmt: skip
+    train_megapixels: float = param(
+        0.0, ge=0, unit="Mpx", doc="Of all training pictures together at most, by such a factor; 0: no limit."
+    )
+
+
+class BlenderOptions(TrainSize):
     """The layout of Blender and NeRF-Synthetic (`io.blender`)."""
 
     hdr: Literal["auto", "true", "false"] | bool = param(
@@ -48,7 +60,7 @@ class BlenderOptions(Params):
     checks: Checks = param("error", doc=_CHECKS)
 
 
-class RingOptions(Params):
+class RingOptions(TrainSize):
     """What layouts without a test set of their own, and with whole-numbered pixel centres, have in common."""
 
     holdout: int = param(8, ge=2, unit="views", doc=_HOLDOUT)
@@ -145,7 +157,7 @@ class MotionSettings(Params):
     threads: int = param(1, ge=1, tuning=True, doc="For features and matching; mapping runs on one.")
 
 
-class PhotosOptions(MotionSettings):
+class PhotosOptions(TrainSize, MotionSettings):
     """A plain folder of photographs, or a video (`io.photos`)."""
 
     keep: Literal["all", "object"] = param(

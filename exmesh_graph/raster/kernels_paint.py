@@ -81,6 +81,11 @@ _PLACE = (
         texel_x = __builtin_convertvector(low_x, vi);
         texel_y = __builtin_convertvector(low_y, vi);
     };
+    // what the face's corners add to the texture's colour
+    const float* tint[3];
+    auto corner_tints = [&](int f) {
+        for (int k = 0; k < 3; ++k) tint[k] = tints.data + 3 * (long)faces.data[3 * (long)f + k];
+    };
     // the four texels under a pixel in lanes x, y, z. That on the right is read and written one float early, so that no
     // access passes the end of the texture, which has two rows and columns at least
     const int below = 3 * columns;
@@ -103,13 +108,17 @@ _PAINT = (
     for (int f = begin; f < end; ++f) {
         if (!shown.data[f]) continue;
         corners(f);
+        if (tinted) corner_tints(f);
         batches(f, [&](int n) {
             place();
+            vf added[3];
+            for (int c = 0; tinted && c < 3; ++c) added[c] = b[0] * tint[0][c] + b[1] * tint[1][c] + b[2] * tint[2][c];
             for (int k = 0; k < n; ++k) {
                 texels(k);
                 const v4 above = upper_left + (upper_right - upper_left) * right[k];
                 const v4 beneath = lower_left + (lower_right - lower_left) * right[k];
-                const v4 here = above + (beneath - above) * lower[k];
+                v4 here = above + (beneath - above) * lower[k];
+                if (tinted) here += (v4){added[0][k], added[1][k], added[2][k], 0.f};
                 float* to = colour.data + 3 * (long)at[k];
                 to[0] = here.x; to[1] = here.y; to[2] = here.z;
             }
@@ -126,17 +135,19 @@ _ADJOINT = (
     if (with_texture) for (long i = 0; i < 3 * (long)(bottom - top) * columns; ++i) own[i] = 0.f;
     for (int n = starts.data[band]; n < starts.data[band + 1]; ++n) {
         const int f = listed.data[n] >> 1;
-        const bool home = with_vertices && (listed.data[n] & 1);
-        if (!shown.data[f] || !(home || with_texture)) continue;
+        const bool at_home = listed.data[n] & 1, home = with_vertices && at_home, tints_here = with_tints && at_home;
+        if (!shown.data[f] || !(home || tints_here || with_texture)) continue;
         corners(f);
-        vf sums[9];
-        for (int k = 0; k < 9; ++k) sums[k] = 0.f;
+        if (tinted) corner_tints(f);
+        vf sums[9], tint_sums[9];
+        for (int k = 0; k < 9; ++k) sums[k] = tint_sums[k] = 0.f;
         batches(f, [&](int n) {
             place();
-            float across[LANES] = {}, down[LANES] = {};
+            float across[LANES] = {}, down[LANES] = {}, given[3][LANES] = {};
             for (int k = 0; k < n; ++k) {
                 const float* from = grad.data + 3 * (long)at[k];
                 const v4 g = {from[0], from[1], from[2], 0.f};
+                if (tinted) for (int c = 0; c < 3; ++c) given[c][k] = from[c];
                 const float r = right[k], l = lower[k];
                 if (with_texture) {
                     float* to = grad_texture.data + 3 * ((long)texel_y[k] * columns + texel_x[k]);
@@ -158,6 +169,9 @@ _ADJOINT = (
                     down[k] = g.x * by_y.x + g.y * by_y.y + g.z * by_y.z;
                 }
             }
+            if (tints_here) {
+                for (int k = 0; k < 3; ++k) for (int c = 0; c < 3; ++c) tint_sums[3 * k + c] += b[k] * LOAD(given[c]);
+            }
             if (!home) return;
             const vf zero = 0.f;                                  // where the border clamps, the colour stands still
             const vf by_u = ((column > 0.f) & (column < last_x)) ? LOAD(across) * (float)columns : zero;
@@ -165,6 +179,7 @@ _ADJOINT = (
             vf by_b[3], mean = 0.f;
             for (int k = 0; k < 3; ++k) {
                 by_b[k] = by_u * t[k][0] + by_v * t[k][1];
+                if (tinted) for (int c = 0; c < 3; ++c) by_b[k] += LOAD(given[c]) * tint[k][c];
                 mean += by_b[k] * b[k];
             }
             const vf cx = LOAD(px), cy = LOAD(py);
@@ -178,13 +193,13 @@ _ADJOINT = (
                 sums[3 * k + 2] -= cx * by_x + cy * by_y;
             }
         });
-        if (home) {
-            for (int k = 0; k < 9; ++k) {
-                const auto half = sums[k].lo + sums[k].hi;
-                const auto quarter = half.lo + half.hi;
-                by_face.data[9 * (long)f + k] = quarter.x + quarter.y;
-            }
-        }
+        auto total = [](vf sum) {
+            const auto half = sum.lo + sum.hi;
+            const auto quarter = half.lo + half.hi;
+            return quarter.x + quarter.y;
+        };
+        if (home) for (int k = 0; k < 9; ++k) by_face.data[9 * (long)f + k] = total(sums[k]);
+        if (tints_here) for (int k = 0; k < 9; ++k) by_tint.data[9 * (long)f + k] = total(tint_sums[k]);
     }
 """
 )
@@ -289,54 +304,60 @@ _GATHER = """
 
 @wp.func_native(_PAINT)
 def _paint(
-    chunk: int, faces_each: int, count: int, width: int, rows: int, columns: int,
+    chunk: int, faces_each: int, count: int, width: int, rows: int, columns: int, tinted: int,
     vertices: wp.array(dtype=float), faces: wp.array(dtype=wp.int32), uvs: wp.array(dtype=float),
-    uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float), boxes: wp.array(dtype=wp.int32),
-    shown: wp.array(dtype=wp.uint8), face_id: wp.array(dtype=wp.int32), colour: wp.array(dtype=float),
+    uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float), tints: wp.array(dtype=float),
+    boxes: wp.array(dtype=wp.int32), shown: wp.array(dtype=wp.uint8), face_id: wp.array(dtype=wp.int32),
+    colour: wp.array(dtype=float),
 ): ...  # fmt: skip
 
 
 @wp.kernel
 def paint_faces(
-    first: int, count: int, width: int, rows: int, columns: int,
+    first: int, count: int, width: int, rows: int, columns: int, tinted: int,
     vertices: wp.array(dtype=float), faces: wp.array(dtype=wp.int32), uvs: wp.array(dtype=float),
-    uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float), boxes: wp.array(dtype=wp.int32),
-    shown: wp.array(dtype=wp.uint8), face_id: wp.array(dtype=wp.int32), colour: wp.array(dtype=float),
+    uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float), tints: wp.array(dtype=float),
+    boxes: wp.array(dtype=wp.int32), shown: wp.array(dtype=wp.uint8), face_id: wp.array(dtype=wp.int32),
+    colour: wp.array(dtype=float),
 ):  # fmt: skip
-    """Chunk `first + tid`: the colour of the pixels that show its faces; the background is left as it is."""
+    """Chunk `first + tid`: the colour of the pixels that show its faces, with `tints` [V, 3] where `tinted`; the
+    background is left as it is."""
     _paint(
-        first + wp.tid(), CHUNK, count, width, rows, columns, vertices, faces, uvs, uv_faces, texture, boxes, shown,
-        face_id, colour,
+        first + wp.tid(), CHUNK, count, width, rows, columns, tinted, vertices, faces, uvs, uv_faces, texture, tints,
+        boxes, shown, face_id, colour,
     )  # fmt: skip
 
 
 @wp.func_native(_ADJOINT)
 def _adjoint(
-    band: int, rows_each: int, width: int, rows: int, columns: int, with_vertices: int, with_texture: int,
-    vertices: wp.array(dtype=float), faces: wp.array(dtype=wp.int32), uvs: wp.array(dtype=float),
-    uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float), boxes: wp.array(dtype=wp.int32),
-    shown: wp.array(dtype=wp.uint8), face_id: wp.array(dtype=wp.int32), starts: wp.array(dtype=wp.int32),
-    listed: wp.array(dtype=wp.int32), grad: wp.array(dtype=float), grad_texture: wp.array(dtype=float),
-    by_face: wp.array(dtype=float),
+    band: int, rows_each: int, width: int, rows: int, columns: int, tinted: int, with_vertices: int,
+    with_texture: int, with_tints: int, vertices: wp.array(dtype=float), faces: wp.array(dtype=wp.int32),
+    uvs: wp.array(dtype=float), uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float),
+    tints: wp.array(dtype=float), boxes: wp.array(dtype=wp.int32), shown: wp.array(dtype=wp.uint8),
+    face_id: wp.array(dtype=wp.int32), starts: wp.array(dtype=wp.int32), listed: wp.array(dtype=wp.int32),
+    grad: wp.array(dtype=float), grad_texture: wp.array(dtype=float), by_face: wp.array(dtype=float),
+    by_tint: wp.array(dtype=float),
 ): ...  # fmt: skip
 
 
 @wp.kernel
 def paint_adjoint(
-    first: int, width: int, rows: int, columns: int, with_vertices: int, with_texture: int,
-    vertices: wp.array(dtype=float), faces: wp.array(dtype=wp.int32), uvs: wp.array(dtype=float),
-    uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float), boxes: wp.array(dtype=wp.int32),
-    shown: wp.array(dtype=wp.uint8), face_id: wp.array(dtype=wp.int32), starts: wp.array(dtype=wp.int32),
-    listed: wp.array(dtype=wp.int32), grad: wp.array(dtype=float), grad_texture: wp.array(dtype=float),
-    by_face: wp.array(dtype=float),
+    first: int, width: int, rows: int, columns: int, tinted: int, with_vertices: int, with_texture: int,
+    with_tints: int, vertices: wp.array(dtype=float), faces: wp.array(dtype=wp.int32),
+    uvs: wp.array(dtype=float), uv_faces: wp.array(dtype=wp.int32), texture: wp.array(dtype=float),
+    tints: wp.array(dtype=float), boxes: wp.array(dtype=wp.int32), shown: wp.array(dtype=wp.uint8),
+    face_id: wp.array(dtype=wp.int32), starts: wp.array(dtype=wp.int32), listed: wp.array(dtype=wp.int32),
+    grad: wp.array(dtype=float), grad_texture: wp.array(dtype=float), by_face: wp.array(dtype=float),
+    by_tint: wp.array(dtype=float),
 ):  # fmt: skip
-    """Band `first + tid`: dL/dtexture of its rows from dL/dcolour, and dL/dcorners [F, 3, 3] of the faces at home here.
+    """Band `first + tid`: dL/dtexture of its rows from dL/dcolour, and dL/dcorners and dL/dtints [F, 3, 3] of the faces
+    at home here.
 
     `listed` from `starts[band]` on holds 2 * face + (at home).
     """
     _adjoint(
-        first + wp.tid(), BAND, width, rows, columns, with_vertices, with_texture, vertices, faces, uvs, uv_faces,
-        texture, boxes, shown, face_id, starts, listed, grad, grad_texture, by_face,
+        first + wp.tid(), BAND, width, rows, columns, tinted, with_vertices, with_texture, with_tints, vertices, faces,
+        uvs, uv_faces, texture, tints, boxes, shown, face_id, starts, listed, grad, grad_texture, by_face, by_tint,
     )  # fmt: skip
 
 

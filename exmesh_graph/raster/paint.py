@@ -24,6 +24,8 @@ from exmesh_graph.raster.silhouette import EdgeTable, find_silhouette
 _MARGIN = 0.01
 """Texels by which rounding may move a place in the atlas off its face."""
 
+_NOTHING = torch.empty((0, 3))
+
 
 class Painter:
     """Paints one topology at one size, on a CPU in float32.
@@ -61,38 +63,49 @@ class Painter:
         self.colour = torch.empty((height, width, 3))
         self.alpha = torch.empty((height, width))
         self.by_texture = torch.empty((*texels, 3))
-        self.by_face = torch.empty((len(faces), 3, 3))
+        self.by_face, self.by_tint = (torch.empty((len(faces), 3, 3)) for _ in range(2))
         corner = faces.reshape(-1).long().numpy()
         self.corners = torch.from_numpy(np.argsort(corner, kind="stable").astype(np.int32))
         self.corner_starts = _starts(corner, vertices)
         self.band_starts, self.band_faces = _bands(uvs, uv_faces, texels[0])
 
     def paint(
-        self, projected: torch.Tensor, texture: torch.Tensor, *, extent: float = math.inf, uv_gradient: bool = True
+        self,
+        projected: torch.Tensor,
+        texture: torch.Tensor,
+        tints: torch.Tensor | None = None,
+        *,
+        extent: float = math.inf,
+        uv_gradient: bool = True,
     ) -> tuple[torch.Tensor, torch.Tensor, Fragments]:
         """Colour [H, W, 3], coverage [H, W], both blended along the silhouette, and what each pixel shows.
 
-        Differentiable in `projected` [V, 3], homogeneous pixel coordinates, and `texture` [R, S, 3]; without
-        `uv_gradient` colour moves no vertices but through the outline. `extent` as in `find_silhouette`. The fragments
+        `tints` [V, 3] are interpolated over the faces and added to the texture's colour. Differentiable in `projected`
+        [V, 3], homogeneous pixel coordinates, `texture` [R, S, 3] and `tints`; without `uv_gradient` colour moves no
+        vertices but through the outline. `extent` as in `find_silhouette`. The fragments
         have no barycentric coordinates.
         """
-        colour, alpha = _Paint.apply(projected, texture, self, extent, uv_gradient)
+        tints = _NOTHING if tints is None else tints
+        if len(tints) not in (0, len(projected)):
+            raise ValueError(f"{len(tints)} tints for {len(projected)} vertices: one for each, or none")
+        colour, alpha = _Paint.apply(projected, texture, tints, self, extent, uv_gradient)
         return colour, alpha, Fragments(self.cover.face_id, torch.empty(0), self.cover.depth)
 
 
 class _Paint(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, projected, texture, painter, extent, uv_gradient):
+    def forward(ctx, projected, texture, tints, painter, extent, uv_gradient):
         k, (rows, columns) = kernels("paint"), painter.texels
         points, texture = projected.detach().contiguous(), texture.detach().contiguous()
+        tints = tints.detach().contiguous()
         count, width = len(painter.faces), painter.alpha.shape[1]
         seen, colour, alpha = painter.cover, painter.colour, painter.alpha
         cover(points, painter.faces, NEAR, False, seen, (alpha, colour))
-        atlas = (points, painter.faces, painter.uvs, painter.uv_faces, texture)
+        atlas = (points, painter.faces, painter.uvs, painter.uv_faces, texture, tints)
         visible = (seen.boxes, seen.shown, seen.face_id)
         if count and alpha.numel():
             chunks = -(-count // int(k.CHUNK))
-            split(k.paint_faces, chunks, count, width, rows, columns, *atlas, *visible, colour, grain=4)
+            split(k.paint_faces, chunks, count, width, rows, columns, len(tints), *atlas, *visible, colour, grain=4)
         fragments = Fragments(seen.face_id, torch.empty(0), seen.depth)
         pairs = find_silhouette(points, painter.edges, fragments, extent=extent)
         number = len(pairs.first)
@@ -109,9 +122,10 @@ class _Paint(torch.autograd.Function):
     def backward(ctx, grad_colour, grad_alpha):
         k, painter = kernels("paint"), ctx.painter
         saved = ctx.saved_tensors
-        atlas, visible, pairs, steps = saved[:5], saved[5:8], saved[8:13], saved[13]
-        points, texture, shown = atlas[0], atlas[4], visible[1]
-        with_vertices, with_texture = ctx.needs_input_grad[:2]
+        atlas, visible, pairs, steps = saved[:6], saved[6:9], saved[9:14], saved[14]
+        points, texture, tints, shown = atlas[0], atlas[4], atlas[5], visible[1]
+        with_vertices, with_texture, with_tints = ctx.needs_input_grad[:3]
+        with_tints = with_tints and len(tints) > 0
         grad = grad_colour.detach().contiguous()
         by_vertex = torch.zeros_like(points)
         width, number = painter.alpha.shape[1], len(steps)
@@ -120,20 +134,28 @@ class _Paint(torch.autograd.Function):
             of_alpha = grad_alpha.detach().contiguous()
             launch(k.blend_adjoint, 1, number, width, points, *pairs, steps, grad, of_alpha, passed, by_vertex)
         by_texture = painter.by_texture if with_texture else torch.empty(0)
+        by_tint = torch.zeros_like(tints)
         inner = with_vertices and ctx.uv_gradient
         if len(painter.faces) and texture.numel():
             split(
-                k.paint_adjoint, len(painter.band_starts) - 1, width, *painter.texels, int(inner), int(with_texture),
-                *atlas, *visible, painter.band_starts, painter.band_faces, grad, by_texture, painter.by_face, grain=1,
+                k.paint_adjoint, len(painter.band_starts) - 1, width, *painter.texels, len(tints), int(inner),
+                int(with_texture), int(with_tints), *atlas, *visible, painter.band_starts, painter.band_faces, grad,
+                by_texture, painter.by_face, painter.by_tint, grain=1,
             )  # fmt: skip
-            if inner:
-                of_vertices = (painter.corner_starts, painter.corners, shown, painter.by_face, by_vertex)
-                split(k.gather_vertices, len(points), *of_vertices, grain=4096)
+            for wanted, of_corners, total in (
+                (inner, painter.by_face, by_vertex),
+                (with_tints, painter.by_tint, by_tint),
+            ):
+                if wanted:
+                    of_vertices = (painter.corner_starts, painter.corners, shown, of_corners, total)
+                    split(k.gather_vertices, len(points), *of_vertices, grain=4096)
         elif with_texture:
             by_texture.zero_()
         if number:
             launch(k.restore_pairs, 1, number, pairs[0], pairs[1], pairs[4], passed, grad)
-        return by_vertex if with_vertices else None, by_texture if with_texture else None, None, None, None
+        asked = (with_vertices, with_texture, ctx.needs_input_grad[2])
+        gradients = (by_vertex, by_texture, by_tint)
+        return *(own if wanted else None for wanted, own in zip(asked, gradients, strict=True)), None, None, None
 
 
 def _starts(values: np.ndarray, count: int) -> torch.Tensor:

@@ -111,7 +111,9 @@ class _Loop:
         self.surface: Surface = surface_of(state, device)
         self.appearance = self.surface.appearance
         self.surface.vertices.requires_grad_()
-        self.appearance.values.requires_grad_()
+        self.appearance.prepare(self.surface, targets)
+        for leaf in self.appearance.leaves():
+            leaf.requires_grad_()
         self.vertex_m, self.vertex_v, self.gradient_ema = (
             torch.tensor(np.asarray(array, np.float32), device=device)
             for array in (state.vertex_m, state.vertex_v, state.gradient_ema)
@@ -189,9 +191,9 @@ class _Loop:
         if not math.isfinite(value):
             bad = [name for name, term in terms.items() if not math.isfinite(float(term.detach()))]
             raise self.broken(iteration, view, f"the loss (term {', '.join(bad)}) is not finite")
-        vertex_grad, value_grad = torch.autograd.grad(loss, (surface.vertices, self.appearance.values))
+        vertex_grad, *value_grads = torch.autograd.grad(loss, (surface.vertices, *self.appearance.leaves()))
         norm = vertex_grad.norm(dim=1)
-        if not math.isfinite(float(norm.sum() + value_grad.sum())):
+        if not math.isfinite(float(norm.sum() + sum(gradient.sum() for gradient in value_grads))):
             raise self.broken(iteration, view, "a gradient is not finite")
 
         # paper eq. 1
@@ -199,7 +201,7 @@ class _Loop:
         total = settings.total_iterations or (self.state.iteration + settings.iterations)
         self.move(vertex_grad, k, decayed(settings.vertex_lr, settings.vertex_decay, iteration, total) * self.mean_edge)
         rate = decayed(settings.texture_lr, settings.texture_decay, iteration, total)
-        self.appearance.step(value_grad, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
+        self.appearance.step(value_grads, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
         self.terms.follow(surface.vertices)
         return value, error
 

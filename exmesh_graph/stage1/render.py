@@ -12,6 +12,7 @@ from exmesh_graph.raster import (
     Fragments,
     Painter,
     antialias,
+    barycentrics,
     edge_table,
     find_silhouette,
     project,
@@ -82,20 +83,39 @@ def draw(
     painter      `painter_of` the surface: the same to rounding, faster; the picture holds until the next one
     """
     projected = project(surface.vertices, intrinsics, world_to_camera)
+    seen = surface.vertices if uv_gradient else surface.vertices.detach()
+    tints = surface.appearance.tints(seen, world_to_camera)
     if painter is not None:
         values = surface.appearance.values
-        colour, alpha, fragments = painter.paint(projected, values, extent=surface.extent, uv_gradient=uv_gradient)
+        colour, alpha, fragments = painter.paint(
+            projected, values, tints, extent=surface.extent, uv_gradient=uv_gradient
+        )
         return Picture(colour, alpha, projected, fragments)
     fragments = rasterize_projected(projected, surface.faces, height, width)
     if uv_gradient:
-        colour = surface.appearance.shade(surface, projected, fragments.face_id)
+        colour = shaded(surface, projected, fragments.face_id, tints)
     else:
         still = surface._replace(vertices=surface.vertices.detach())
-        colour = surface.appearance.shade(still, projected.detach(), fragments.face_id)
+        colour = shaded(still, projected.detach(), fragments.face_id, tints)
     covered = (fragments.face_id >= 0).to(colour.dtype)
     silhouette = find_silhouette(projected, surface.edges, fragments, extent=surface.extent)
     blended = antialias(torch.cat([colour, covered[..., None]], dim=-1), projected, silhouette)
     return Picture(blended[..., :3], blended[..., 3], projected, fragments)
+
+
+def shaded(
+    surface: Surface, projected: torch.Tensor, face_id: torch.Tensor, tints: torch.Tensor | None
+) -> torch.Tensor:
+    """Colour [H, W, 3] at every pixel, with the appearance's `tints` in the view; 0 on the background."""
+    colour = surface.appearance.shade(surface, projected, face_id)
+    if tints is None:
+        return colour
+    flat = face_id.reshape(-1)
+    pixels = torch.nonzero(flat >= 0)[:, 0]
+    face = flat[pixels].long()
+    bary = barycentrics(projected, surface.faces, face, pixels, face_id.shape[-1])
+    corners = tints.index_select(0, surface.faces.long()[face].reshape(-1)).view(-1, 3, 3)
+    return colour.view(-1, 3).index_add(0, pixels, (bary[..., None] * corners).sum(1)).view_as(colour)
 
 
 def render_carrier(
@@ -117,7 +137,8 @@ def render_carrier(
             colour, alpha = picture.colour, picture.alpha
             if not blended:
                 face_id = picture.fragments.face_id
-                colour, alpha = surface.appearance.shade(surface, picture.projected, face_id), (face_id >= 0).float()
+                tints = surface.appearance.tints(surface.vertices, world_to_camera[i])
+                colour, alpha = shaded(surface, picture.projected, face_id, tints), (face_id >= 0).float()
             colours[i] = colour.clamp(0, 1).cpu().numpy()
             alphas[i] = alpha.clamp(0, 1).cpu().numpy()
     return colours, alphas

@@ -33,6 +33,9 @@ class RefineSettings(Params):
         1.0, ge=0, doc="Weight of what stays uncovered inside the region; used where one is wired."
     )
     deviation_weight: float = param(0.0, ge=0, doc="Weight of L_b, neighbours moving alike, in its scale-free form.")
+    facing_weight: float = param(
+        1.0, ge=0, doc="Weight of what shows a closed surface from behind: sides of thin sheets that changed places."
+    )
     depth_weight: float = param(0.01, ge=0, doc="Weight of the depth correlation L_d; used where depths are wired.")
     gradient_decay: float = param(0.95, ge=0, lt=1, doc="beta_g of the vertices' gradient average (eq. 1).")
     uv_gradient: bool = param(True, doc="Let colour move vertices inside the silhouette too.")

@@ -1,10 +1,11 @@
 """The loss of one view in Stage I, term by term (the paper's L_I, eq. 7 to 9):
 
-    L = (1 - l_ssim) L1(I) + l_ssim D-SSIM(I) + w_a L_m(alpha) + w_d L_d + L_s + w_b L_b
+    L = (1 - l_ssim) L1(I) + l_ssim D-SSIM(I) + w_a L_m(alpha) + w_d L_d + L_s + w_b L_b + w_f L_f
 
 with I the display image over black. Image terms are means over all pixels of the view; no term depends on the scene's
 scale. Without masks the photograph itself is the background, and with a region (the projection of a coarse surface)
 pixels outside it have no say and the coverage term w_c mean (1 - alpha) inside it keeps the surface from giving way.
+L_f, of closed surfaces, is ours: the share of pixels that show a face from behind (`facing.behind`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import torch
 from exmesh_graph import losses
 from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage1.facing import behind
 from exmesh_graph.stage1.image_terms import ImageTerms
 from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, smoother
 from exmesh_graph.stage1.render import Picture, draw
@@ -46,6 +48,7 @@ class Terms:
         if settings.deviation_weight > 0:
             self.smoother, self.reference = smoother(vertices, surface.edges.edges), vertices.clone()
         self.gains = _initial_gains(surface, targets) if settings.gains else None
+        self.closed = settings.facing_weight > 0 and bool((surface.edges.opposite >= 0).all())
 
     def changing(self) -> dict[str, torch.Tensor]:
         """The tensors that change from iteration to iteration, in place."""
@@ -69,6 +72,10 @@ class Terms:
             terms["smoothness"] = self.smoothness.loss(vertices)
         if self.smoother is not None and self.reference is not None:
             terms["deviation"] = settings.deviation_weight * deviation(vertices, self.reference, self.smoother)
+        if self.closed:
+            turned = behind(vertices, self.faces, picture.projected, picture.fragments, self.targets.intrinsics[view])
+            if turned is not None:
+                terms["facing"] = settings.facing_weight * turned
         return terms, error
 
     def _image_terms(self, view: int, picture: Picture) -> tuple[dict[str, torch.Tensor], float]:

@@ -72,9 +72,11 @@ class Stage1State(Carrier):
     gradient_ema          float32 [V], eq. 1
     iteration             iterations done since stage1.init
     vertex_steps, texture_steps  Adam's step counts (bias correction)
-    appearance            the model that is fitted: "uv_texture" (the texture itself), "per_vertex", "per_face", "mlp"
-    model                 a model's arrays: `values`, Adam's `m` and `v` ([V, 3], [F, 3] or the weights [P]), and what
-                          else it needs; empty for "uv_texture". `texture` then holds the model as last baked
+    appearance            the model that is fitted: "uv_texture" (the texture itself), "directional" (the texture and a
+                          residual beside it), "per_vertex", "per_face", "mlp"
+    model                 a model's arrays: `values`, Adam's `m` and `v` ([V, 3], [F, 3], the weights [P], or the
+                          residual [V, 3 K] with v [V]), and what else it needs; empty for "uv_texture". `texture` then
+                          holds the model as last baked, or the model's mean over the views
     """
 
     type_name: ClassVar[str] = "Stage1State"
@@ -101,6 +103,8 @@ class Stage1State(Carrier):
         model = self.model
         if self.appearance == "per_vertex":
             model = {name: follow(array) for name, array in model.items()}
+        if self.appearance == "directional":
+            model = {name: array if name == "settings" else follow(array) for name, array in model.items()}
         if self.appearance == "per_face":
             model = {name: array[topology.face_source] for name, array in model.items()}
         return replace(

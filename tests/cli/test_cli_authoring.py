@@ -147,7 +147,7 @@ def test_the_sub_graph_and_the_parameters_in_the_docs(tmp_path: Path) -> None:
     from exmesh_graph.graph.language.check import check_file
 
     blocks = [part.split("```")[0] for part in (ROOT / "docs" / "graph_files.md").read_text().split("```yaml\n")[1:]]
-    params, part, use = blocks[2:]
+    params, _, part, use = blocks[2:]
     (tmp_path / "refine.yaml").write_text(part)
     start = blocks[0].split("  rounds:\n")[0].split("nodes:\n")[1]
     body = start + "".join(f"  {line}\n" for line in use.splitlines())
@@ -158,6 +158,25 @@ def test_the_sub_graph_and_the_parameters_in_the_docs(tmp_path: Path) -> None:
     assert graph.nodes["once.uv"].params.dilation == 4
     assert str(graph.nodes["light"].inputs["mesh"]) == "@once.uv.state"
     assert graph.params["faces"] == 20000
+
+
+def test_the_choices_in_the_docs(tmp_path: Path) -> None:
+    from exmesh_graph.graph.declare.packs import load_packs
+    from exmesh_graph.graph.language.check import check_file
+
+    blocks = [part.split("```")[0] for part in (ROOT / "docs" / "graph_files.md").read_text().split("```yaml\n")[1:]]
+    node = "a: {type: init.sphere}"
+    loader = f"v: {{type: data.blender, path: {ROOT}/graphs/samples/spot}}"
+    (tmp_path / "doc.yaml").write_text(f"{blocks[3]}nodes:\n  {loader}\n  {node}\n")
+
+    def given(*settings: str) -> tuple[object, object]:
+        params = check_file(tmp_path / "doc.yaml", list(settings), load_packs()).params
+        return params["rounds"], params["faces"]
+
+    assert given() == (4, 26000)
+    assert given("budget=1min") == (2, 8000)
+    assert given("budget=1min", "rounds=3") == (3, 8000)
+    assert given("budget=5min") == (5, 40000)
 
 
 def test_commands_on_components(exmesh: Any, tmp_path: Path) -> None:

@@ -72,6 +72,13 @@ def fresh_exmesh(folder: Path) -> Exmesh:
     return call
 
 
+def test_check_lists_what_choices_set(exmesh: Exmesh, folder: Path) -> None:
+    text = "params: {pick: {default: a, choices: {a: {}, b: {v: 3, w: 4}}}, v: 1, w: 2}\n"
+    (folder / "choices.yaml").write_text(text + "nodes: {x: {type: toy.const, value: '${v}'}}")
+    said = exmesh("check", "choices.yaml", "--set", "pick=b", "--set", "w=5").stdout
+    assert "  pick = 'b'  (any, one of a, b)\n      b: v = 3, w = 4\n  v = 3\n  w = 5\n" in said
+
+
 def test_from_check_to_report(exmesh: Exmesh, folder: Path) -> None:
     assert "6 nodes, 0 source files, no faults" in exmesh("check", "g.yaml").stdout
     first = exmesh("run", "g.yaml").stdout

@@ -215,10 +215,10 @@ def rods(resolution=96):
 
 def test_thin_parts_get_the_faces_they_need():
     start = rods()
-    few = clean_mesh(*start, CleanSettings(faces=200, components=0))
+    few = clean_mesh(*start, CleanSettings(faces=100, components=0))
     assert lost_parts(start, few, 0.03) > 0.05  # what the tolerance is for
     radius = np.linalg.norm(np.ptp(start[0], axis=0)) / 2
-    kept = clean_mesh(*start, CleanSettings(faces=200, components=0, tolerance=0.03 / radius))
+    kept = clean_mesh(*start, CleanSettings(faces=100, components=0, tolerance=0.03 / radius))
     assert lost_parts(start, kept, 0.03) <= 0.01
     assert len(kept[1]) <= CleanSettings().max_faces
     assert inspect(*kept).closed

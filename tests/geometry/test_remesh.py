@@ -7,13 +7,14 @@ from hypothesis import strategies as st
 
 from benchmarks.meshes import grid, is_vertex_manifold, is_winding_consistent, tetrahedron, torus
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh, squared_distance
-from exmesh_graph.geometry.adjacency import euler_characteristic
+from exmesh_graph.geometry.adjacency import euler_characteristic, face_areas
 from exmesh_graph.geometry.clean import inspect, largest_components, weld
-from exmesh_graph.geometry.remesh import _spread, remesh
+from exmesh_graph.geometry.hull import Grid, surface
+from exmesh_graph.geometry.remesh import _sharpness, _spread, remesh
 from exmesh_graph.geometry.repair import drop_crowding_faces, fill_holes, make_manifold, orient
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.geometry.surface import closest_on_triangles
-from exmesh_graph.types.edges import is_closed
+from exmesh_graph.types.edges import edges_of, is_closed
 
 
 @settings(max_examples=12, deadline=None)
@@ -139,3 +140,45 @@ def test_vertices_that_fell_together_are_spread_and_others_stay():
     near = np.unique(faces[(faces == a).any(1) & (faces == b).any(1)])
     assert np.array_equal(np.delete(spread, near, axis=0), np.delete(fallen, near, axis=0))
     assert np.linalg.norm(spread - fallen, axis=1).max() < 0.3
+
+
+def plate(resolution=96):
+    """A square of side 1.2, a thirtieth as thick, tilted, as marching cubes bring it out."""
+    grid_ = Grid.over(np.full(3, -1.0), np.full(3, 1.0), resolution)
+    points = grid_.points() @ np.linalg.qr(np.array([[3.0, 1, 1], [0, 2, 1], [1, 0, 2]]))[0]
+    values = np.minimum(0.02 - np.abs(points[:, 0]), 0.6 - np.abs(points[:, 1:]).max(1))
+    return surface(values.reshape(grid_.shape), grid_)
+
+
+@pytest.mark.parametrize("budget", [150, 600])
+def test_a_thin_sheet_keeps_its_rim(budget):
+    v, f = plate()
+    area = face_areas(v, f).sum()
+    thin, few = remesh(v, f, budget)
+    assert is_closed(few)
+    assert euler_characteristic(few) == 2
+    assert face_areas(thin, few).sum() > 0.9 * area
+    assert np.ptp(thin, axis=0) == pytest.approx(np.ptp(v, axis=0), abs=0.12)
+
+
+def test_sharpness_of_a_box():
+    """The middles of its edges are on one crease between their neighbours, its corners are corners."""
+    v, f = box_of(4)
+    rank, beside = _sharpness(v, f, edges_of(f))
+    extreme = (np.abs(v) == 1).sum(1)
+    np.testing.assert_array_equal(rank, np.maximum(extreme - 1, 0))
+    on = rank == 1
+    np.testing.assert_allclose(v[beside[on]].mean(1), v[on], atol=1e-6)
+
+
+def box_of(n):
+    """The cube [-1, 1]^3 with n x n squares a side."""
+    sheet, cells = grid(n, n)
+    flat = 2 * (sheet - sheet.min(0))[:, np.ptp(sheet, axis=0) > 0] / np.ptp(sheet, axis=0).max() - 1
+    sides = []
+    for axis in range(3):
+        for end in (-1.0, 1.0):
+            sides.append(np.insert(flat, axis, end, axis=1))
+    faces = np.concatenate([cells + k * len(flat) for k in range(6)])
+    v, f = weld(np.concatenate(sides), faces)
+    return v, orient(f)

@@ -53,7 +53,8 @@ def test_shipped_graphs_name_the_schema_and_are_valid(schema: Any, path: Path) -
 
 GOOD = """
 name: good
-params: {by: 3, size: {type: int, default: 4, ge: 1, unit: px, doc: Size.}, box: {a: 1}}
+params: {by: 3, size: {type: int, default: 4, ge: 1, unit: px, doc: Size.}, box: {a: 1},
+         fit: {default: wide, choices: {wide: {}, tight: {size: 3}}}, mode: {default: a, choices: [a, b]}}
 seed: 3
 inputs: {start: Number, more: {type: "Number | Whole", optional: true, facets: {split: train}}}
 nodes:
@@ -92,6 +93,8 @@ def test_everything_that_can_be_said_is_valid(schema: Any) -> None:
         ("type: int", "type: itn"),
         ("start: Number,", "start: Numbr,"),
         ("optional: true", "optional: 3"),
+        ("choices: [a, b]", "choices: a"),
+        ("tight: {size: 3}", "tight: 3"),
         ("toy.const, value", "toy.cnst, value"),
         ('value: "${by}"', "value: 2000"),
         ('value: "${by}"', "valeu: 3"),

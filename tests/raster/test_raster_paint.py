@@ -9,6 +9,7 @@ from exmesh_graph.gpu.cores import cores
 from exmesh_graph.raster import (
     Painter,
     antialias,
+    barycentrics,
     edge_table,
     find_silhouette,
     project,
@@ -28,6 +29,11 @@ class Scene:
         rng = torch.Generator().manual_seed(0)
         self.texture = torch.rand(*texels, 3, generator=rng)
         self.weights = torch.randn(height, width, 4, generator=rng)
+        self.tints = torch.empty(0, 3)
+
+    def tinted(self) -> "Scene":
+        self.tints = torch.randn(len(self.vertices), 3, generator=torch.Generator().manual_seed(1))
+        return self
 
     def painter(self) -> Painter:
         return Painter(
@@ -36,27 +42,35 @@ class Scene:
         )  # fmt: skip
 
     def painted(self, painter=None, uv_gradient=True):
-        def draw(projected, texture):
-            colour, alpha, _ = (painter or self.painter()).paint(projected, texture, uv_gradient=uv_gradient)
+        def draw(projected, texture, tints):
+            colour, alpha, _ = (painter or self.painter()).paint(projected, texture, tints, uv_gradient=uv_gradient)
             return torch.cat([colour, alpha[..., None]], dim=-1)
 
         return self.results(draw, torch.float32)
 
     def plain(self, dtype, uv_gradient=True):
-        def draw(projected, texture):
+        def draw(projected, texture, tints):
             fragments = rasterize_projected(projected.float(), self.faces, *self.size)
             inner = projected if uv_gradient else projected.detach()
             colour = shade(inner, self.faces, self.uvs, self.uv_faces, texture, fragments.face_id)
+            if len(tints):
+                pixels = torch.nonzero(fragments.face_id.view(-1) >= 0)[:, 0]
+                face = fragments.face_id.view(-1)[pixels].long()
+                weights = barycentrics(inner, self.faces, face, pixels, self.size[1])
+                added = (weights[..., None] * tints[self.faces[face].long()]).sum(1)
+                colour = colour.view(-1, 3).index_add(0, pixels, added).view_as(colour)
             layers = torch.cat([colour, (fragments.face_id >= 0).to(dtype)[..., None]], dim=-1)
             return antialias(layers, projected, find_silhouette(projected.float(), self.table, fragments))
 
         return self.results(draw, dtype)
 
     def results(self, draw, dtype):
-        """[image, dL/dvertices, dL/dtexture] of a weighted sum."""
-        vertices, texture = (t.to(dtype, copy=True).requires_grad_() for t in (self.vertices, self.texture))
-        image = draw(project(vertices, self.intrinsics, self.pose), texture)
-        return [image.detach(), *torch.autograd.grad((image * self.weights).sum(), (vertices, texture))]
+        """[image, dL/dvertices, dL/dtexture, dL/dtints] of a weighted sum."""
+        inputs = [t.to(dtype, copy=True).requires_grad_() for t in (self.vertices, self.texture, self.tints)]
+        vertices, texture, tints = inputs
+        image = draw(project(vertices, self.intrinsics, self.pose), texture, tints)
+        with_tints = {"allow_unused": True, "materialize_grads": True}  # there may be none
+        return [image.detach(), *torch.autograd.grad((image * self.weights).sum(), inputs, **with_tints)]
 
 
 def ball(height, width, **view) -> Scene:
@@ -87,10 +101,11 @@ SCENES = {
 
 
 @pytest.mark.parametrize("uv_gradient", [True, False])
+@pytest.mark.parametrize("tinted", [False, True])
 @pytest.mark.parametrize("name", SCENES)
-def test_the_picture_and_its_gradients_are_those_of_the_plain_form(name, uv_gradient):
+def test_the_picture_and_its_gradients_are_those_of_the_plain_form(name, tinted, uv_gradient):
     """As near to the plain form in float64 as the plain form in float32 is."""
-    scene = SCENES[name]()
+    scene = SCENES[name]().tinted() if tinted else SCENES[name]()
     ours = scene.painted(uv_gradient=uv_gradient)
     plain = scene.plain(torch.float32, uv_gradient)
     exact = scene.plain(torch.float64, uv_gradient)
@@ -110,7 +125,7 @@ def test_scenes_show_what_they_are_for():
 
 @pytest.mark.parametrize("name", ["a ball", "large triangles"])
 def test_bytes_are_the_same_on_any_number_of_cores_and_on_repeat(name):
-    scene = SCENES[name]()
+    scene = SCENES[name]().tinted()
     painter = scene.painter()
     made = []
     for count in (1, 2, 3, 1):
@@ -121,7 +136,7 @@ def test_bytes_are_the_same_on_any_number_of_cores_and_on_repeat(name):
 
 def test_a_painter_takes_pictures_one_after_the_other():
     """What it keeps from one picture to the next does not show in the next."""
-    scene = ball(61, 83)
+    scene = ball(61, 83).tinted()
     painter = scene.painter()
     before = [t.clone() for t in scene.painted(painter)]
     there, scene.vertices = scene.vertices, scene.vertices + 2.5
@@ -129,6 +144,7 @@ def test_a_painter_takes_pictures_one_after_the_other():
     assert float(empty[0].abs().sum()) == 0
     assert float(empty[1].abs().sum()) == 0
     assert float(empty[2].abs().sum()) == 0
+    assert float(empty[3].abs().sum()) == 0
     scene.vertices = there
     assert all(torch.equal(a, b) for a, b in zip(before, scene.painted(painter), strict=True))
 
@@ -150,6 +166,13 @@ def test_a_texture_without_neighbours_is_refused():
     scene.texture = scene.texture[:1]
     with pytest.raises(ValueError, match="2 x 2 at least"):
         scene.painter()
+
+
+def test_tints_for_other_vertices_are_refused():
+    scene = ball(8, 8).tinted()
+    scene.tints = scene.tints[1:]
+    with pytest.raises(ValueError, match="tints for"):
+        scene.painted()
 
 
 def test_faces_outside_the_mesh_or_the_atlas_are_refused():

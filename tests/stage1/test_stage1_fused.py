@@ -9,6 +9,7 @@ from stage1_scenes import ball, fresh_state, photographs
 
 from exmesh_graph.gpu.cores import cores
 from exmesh_graph.stage1 import refine as module
+from exmesh_graph.stage1.appearance.state import directional
 from exmesh_graph.stage1.image_terms import ImageTerms
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import draw, painter_of, surface_of
@@ -50,6 +51,16 @@ def test_25_steps_are_those_of_plain_torch(views, settings, monkeypatch):
         moved = np.linalg.norm(b - before)
         assert moved > 0
         assert np.linalg.norm(a - b) < 0.01 * moved, name
+
+
+def test_25_steps_with_a_directional_appearance_are_those_of_plain_torch(views, monkeypatch):
+    start = directional(fresh_state(ball(radius=0.56), fill=0.5), order=2, shrinkage=0.1, rate=1.0)
+    ours, history = refine(start, views, STEPS, seed=3)
+    plain, said = plainly(monkeypatch, start, views, STEPS, seed=3)
+    assert history["loss"] == pytest.approx(said["loss"], rel=1e-3)
+    a, b = (state.model["values"].astype(float) for state in (ours, plain))
+    assert np.abs(b).max() > 0.01
+    assert np.linalg.norm(a - b) < 0.01 * np.linalg.norm(b)
 
 
 def test_bytes_are_the_same_on_any_number_of_cores_and_on_repeat(views):

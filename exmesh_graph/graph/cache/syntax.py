@@ -105,9 +105,7 @@ def _write(node: object, out: list[str], defaults: bool) -> None:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "param":
             out.append("(param")
             if defaults:
-                _write(
-                    [*node.args, *(word for word in node.keywords if word.arg not in ("doc", "unit"))], out, defaults
-                )
+                _write([*node.args, *(w for w in node.keywords if w.arg not in ("doc", "unit"))], out, defaults)
             out.append(")")
             return
         out.append("(" + node.__class__.__name__)
@@ -138,11 +136,7 @@ def _write(node: object, out: list[str], defaults: bool) -> None:
 
 
 def is_text(statement: ast.AST) -> bool:
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )
+    return isinstance(statement, ast.Expr) and isinstance(getattr(statement.value, "value", None), str)
 
 
 def is_node_decorator(item: ast.AST) -> bool:

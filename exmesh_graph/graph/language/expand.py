@@ -199,11 +199,9 @@ class _Expansion:
         for override in self.tree.overrides:
             if not override.used:
                 node, _, key = override.target.rpartition(".")
-                names = [
-                    f"{name}.{key}" for name in nearest(node, [without_rounds(name) for name, _, _ in self.pending])
-                ]
+                near = nearest(node, [without_rounds(name) for name, _, _ in self.pending])
                 what = f"--set {override.target}: there is no node {node!r}"
-                self.problems.add("set", Where(None), what, nearest=names)
+                self.problems.add("set", Where(None), what, nearest=[f"{name}.{key}" for name in near])
         return tuple(given)
 
     def _node(self, full: str, entry: Map, scope: Scope) -> None:
@@ -224,9 +222,7 @@ class _Expansion:
         if rounds:
             text = ":".join(map(str, (seed, *rounds)))
             seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
-        self.nodes[full] = NodeSpec(
-            full, kind.value, fields, entry.where, seed, None if seeded is None else seeded.where
-        )
+        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, seeded.where if seeded else None)
 
     def _written(self, full: str, entry: Map, scope: Scope) -> Written:
         """What an entry says in a round, and `--set` of it."""

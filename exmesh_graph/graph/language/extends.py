@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph.language.params import give
+from exmesh_graph.graph.language.params import forget, given, is_declaration
 from exmesh_graph.graph.language.yamlfile import Map, files_like, load_yaml
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
@@ -42,6 +42,8 @@ def over_base(child: Map, path: Path, problems: Problems, chain: tuple[Path, ...
     if not base_path.is_file():
         fail("extends", where, f"no such graph file: {child['extends']}", nearest=files_like(base_path))
     base = load_merged(base_path.resolve(), problems, (*chain, path))
+    if isinstance(base.get("params"), Map) and isinstance(child.get("params"), Map):
+        forget(base["params"], child["params"])  # before any is merged: the child's own choices count
     result = _merged(base, child, _top, problems)
     if "name" not in child:
         result.put("name", path.stem, where)
@@ -84,9 +86,10 @@ _plain = _by_key({})
 
 
 def _param(base: Map, key: Any, value: Any, where: Where, problems: Problems) -> Any:
-    holder = base.copy()
-    give(holder, key, value, where)
-    return holder[key]
+    """A declaration with a type replaces the base's, one without changes it; a plain value is a new default."""
+    if is_declaration(value) and is_declaration(base.get(key)) and "type" not in value:
+        return _merged(base[key], value, _by_key({"choices": _round}), problems)
+    return given(base.get(key), value, where)
 
 
 def _node(base: Map, name: Any, entry: Any, where: Where, problems: Problems) -> Any:

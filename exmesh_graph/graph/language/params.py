@@ -2,13 +2,16 @@
 
 A plain value says by itself what may replace it: a number a number, true or false one of these, a list a list, a
 mapping a mapping; text and null say nothing. A file that extends another keeps the declarations of its base.
+
+A choice may give other parameters defaults of their own: `size: {default: large, choices: {large: {}, small: {faces:
+500}}}`. What a nearer file, a variant or `--set` says of `faces` itself counts more (`forget`, `spec.resolve_params`).
 """
 
 from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +29,10 @@ KEYS = ("type", "default", *SIGNS, "choices", "unit", "doc")
 
 @dataclass(frozen=True)
 class Declared:
-    """What is known of a graph parameter; `default` stands at `where`, or there is none (`required`)."""
+    """What is known of a graph parameter; `default` stands at `where`, or there is none (`required`).
+
+    choices   what it may be; where they are a mapping, {value: {other parameter: its default with this value}}
+    """
 
     name: str
     kind: str
@@ -34,7 +40,7 @@ class Declared:
     default: Any = None
     required: bool = False
     limits: Mapping[str, float] = field(default_factory=dict)
-    choices: tuple[Any, ...] = ()
+    choices: Collection[Any] = ()
     unit: str = ""
     doc: str = ""
     inferred: bool = False
@@ -45,16 +51,20 @@ class Declared:
         words += ["one of " + ", ".join(map(str, self.choices))] if self.choices else []
         return ", ".join(words) + (f" [{self.unit}]" if self.unit else "") + (f": {self.doc}" if self.doc else "")
 
+    def settings(self) -> Iterator[tuple[Any, str, Any, Where]]:
+        """(choice, parameter that it sets, value, place) of all choices."""
+        for choice, settings in self.choices.items() if isinstance(self.choices, Map) else ():
+            for name, value in settings.items() if isinstance(settings, Map) else ():
+                yield choice, name, value, settings.lines[name]
+
     def judge(self, value: Any, where: Where, problems: Problems) -> Any:
         """The value, a whole number for an int written as 2e4; notes what does not fit."""
         if self.kind == "int" and isinstance(value, float) and value.is_integer():
             value = int(value)
-        if _is_kind(value, self.kind) and all(
-            getattr(operator, sign)(value, limit) for sign, limit in self.limits.items()
-        ):
-            if not self.choices or value in self.choices:
-                return value
-        elif self.inferred and value is None:
+        fits = _is_kind(value, self.kind) and all(
+            getattr(operator, s)(value, limit) for s, limit in self.limits.items()
+        )
+        if (fits and (not self.choices or value in [*self.choices])) or (self.inferred and value is None):
             return value
         place = "" if self.declared_at is None else f" (declared at {self.declared_at})"
         fix = f"its default is {self.default!r}; write {{type: any, default: ...}} if more makes sense"
@@ -69,28 +79,38 @@ def declare(params: Map, problems: Problems) -> dict[str, Declared]:
     """What the values under `params:` say of themselves."""
     declared = {}
     for name, value in params.items():
-        where = params.lines[name]
         if is_declaration(value):
             declared[str(name)] = _long_form(str(name), value, problems)
         else:
             kinds = {bool: "bool", int: "number", float: "number", list: "list", Map: "map"}
-            declared[str(name)] = Declared(str(name), kinds.get(type(value), "any"), where, value, inferred=True)
+            declared[str(name)] = Declared(
+                str(name), kinds.get(type(value), "any"), params.lines[name], value, inferred=True
+            )
     return declared
 
 
 def is_declaration(value: Any) -> bool:
     """Whether a parameter stands there in its long form."""
-    return isinstance(value, Map) and ("type" in value or "default" in value)
+    return isinstance(value, Map) and not value.keys().isdisjoint(("type", "default", "choices"))
 
 
-def give(params: Map, name: str, value: Any, where: Where) -> None:
-    """Set a parameter in a mapping of parameters; its declaration stays, unless the value is a new one."""
-    old = params.get(name)
-    if is_declaration(old) and not is_declaration(value):
-        declaration = old.copy()  # type: ignore[union-attr]
-        declaration.put("default", value, where)
-        value = declaration
-    params.put(name, value, where)
+def forget(params: Map, said: Mapping[str, Any]) -> None:
+    """Take what `said`, which is nearer, says the value of out of what the choices of `params` set."""
+    names = [name for name, value in said.items() if not is_declaration(value) or "default" in value]
+    for param in params.values():
+        choices = param.get("choices") if is_declaration(param) else None
+        for settings in choices.values() if isinstance(choices, Map) else ():
+            for name in names if isinstance(settings, Map) else ():
+                settings.pop(name, None)
+
+
+def given(old: Any, value: Any, where: Where) -> Any:
+    """What stands for a parameter that was `old` and is set: its declaration stays, unless the value is a new one."""
+    if not is_declaration(old) or is_declaration(value):
+        return value
+    declaration: Map = old.copy()
+    declaration.put("default", value, where)
+    return declaration
 
 
 def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
@@ -107,15 +127,18 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
             limits[key] = value
         elif key in SIGNS:
             refuse(key, f"{key} takes a number, and stands with the types int and float", found=repr(value))
-        elif key == "choices" and not (isinstance(value, list) and value):
-            refuse(key, "choices is a list of values", found=repr(value))
+        elif key == "choices" and not (value and isinstance(value, list | Map)):
+            refuse(key, "choices is a list of values, or maps them to what they set", found=repr(value))
+        elif key == "choices" and isinstance(value, Map):
+            if wrong := [choice for choice, settings in value.items() if not isinstance(settings, Map)]:
+                refuse(key, f"the choice {wrong[0]} is no mapping of parameters", expected="{small: {faces: 500}, ...}")
         elif key not in KEYS:
             refuse(key, f"a parameter has no key {key!r}", nearest=closest(key, KEYS))
     choices = raw.get("choices")
     where = raw.lines.get("default", raw.where)
     return Declared(
         name, kind, where, raw.get("default"), "default" not in raw, limits,
-        tuple(choices) if isinstance(choices, list) else (), str(raw.get("unit", "")), str(raw.get("doc", "")),
+        choices if isinstance(choices, list | Map) else (), str(raw.get("unit", "")), str(raw.get("doc", "")),
         declared_at=raw.where,
     )  # fmt: skip
 

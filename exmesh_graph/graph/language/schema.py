@@ -45,12 +45,9 @@ def _node(definition: NodeDef) -> dict[str, Any]:
     if kind.component is None:
         properties |= {name: _ref(name) for name in ("seed", "every", "at")}
     properties["doc"] = {"type": "string"}
-    required = [port.name for port in kind.inputs.values() if not port.optional]
-    required += [name for name in own if kind.params.model_fields[name].is_required()]
-    return {
-        "type": "object", "properties": properties,
-        "required": ["type", *required], "additionalProperties": False,
-    }  # fmt: skip
+    needed = [port.name for port in kind.inputs.values() if not port.optional]
+    needed += [name for name in own if kind.params.model_fields[name].is_required()]
+    return {"type": "object", "properties": properties, "required": ["type", *needed], "additionalProperties": False}
 
 
 def _port(port: Port) -> dict[str, Any]:

@@ -83,28 +83,32 @@ def tree_of(
     if not nodes and not problems:
         fail("graph", root, "the graph has no nodes", expected="nodes: {name: {type: ...}, ...}")
     sets = [_override(text) for text in overrides]
-    params = mapping_in(merged, "params", problems)
-    declared = declare(params, problems)
-    scope, here = defaults(declared), Where(None)
-    set_here = set(given or ())
-    seed, seeded = merged.get("seed", 0), merged.lines.get("seed", root)
+    declared, here = declare(mapping_in(merged, "params", problems), problems), Where(None)
+    seed, seeded, said = merged.get("seed", 0), merged.lines.get("seed", root), dict[str, Value]()
     for override in sets:
         target, override.used = override.target, "." not in override.target
-        if target in scope:
-            scope[target] = Value(override.value, here, here.base)
-            set_here.add(target)
+        if target in declared:
+            said[target] = Value(override.value, here, here.base)
         elif target == "seed":
             seed, seeded = override.value, here
         elif override.used:
-            _unknown_target(target, scope, nodes, problems)
+            _unknown_target(target, declared, nodes, problems)
     if not is_whole(seed, 0, 2**31 - 1):
         problems.add("seed", seeded, f"seed must be a whole number from 0 to {2**31 - 1}, not {seed!r}")
         seed = 0
     name = str(merged.get("name", path.stem))
     outputs = mapping_in(merged, "outputs", problems)
-    values = resolve_params(scope, problems, given or {})
+    values = resolve_params(declared, problems, said, given or {})
     for key, param in declared.items():
-        if param.required and key not in set_here:
+        for choice, other, value, where in param.settings():
+            if other not in declared:
+                what = f"the choice {choice} of {key} sets {other!r}, which is no parameter of the graph"
+                problems.add(
+                    "param", where, what, nearest=closest(other, declared), fix=f"declare {other} under params:"
+                )
+            elif not _names_in(value):  # with references, only what is chosen can be judged
+                declared[other].judge(value, where, problems)
+        if param.required and values[key].value is None and key not in {**said, **(given or {})}:
             problems.add("param", param.where, f"the graph parameter {key} must be given", expected=str(param),
                          fix=f"--set {key}=VALUE")  # fmt: skip
         else:
@@ -167,46 +171,54 @@ def _override(text: str) -> Override:
     target, equals, value = text.partition("=")
     if not equals or not target.strip():
         fail("set", Where(None), f"cannot read --set {text!r}", expected=expected)
-    if value.startswith("@"):
-        return Override(target.strip(), value)
     try:
-        return Override(target.strip(), parse_yaml(value, None))
+        return Override(target.strip(), value if value.startswith("@") else parse_yaml(value, None))
     except GraphErrors as error:
         fail("set", Where(None), f"cannot read the value of --set {text!r}: {error.problems[0].what}",
              expected=f"{expected}, the value as in a graph file; quote it where it holds signs of YAML")  # fmt: skip
 
 
-def _unknown_target(target: str, params: Mapping[str, Value], nodes: Map, problems: Problems) -> None:
+def _unknown_target(target: str, params: Iterable[str], nodes: Map, problems: Problems) -> None:
     """`--set target=...` where `target` is no graph parameter."""
-    expected = ", ".join([*params, "seed"])
-    fix = ""
+    names, fix = [*params, "seed"], ""
     if target in nodes:
         what = "repeat" if isinstance(nodes[target], Map) and "repeat" in nodes[target] else "PARAMETER"
         fix = f"a node's parameter is set by --set {target}.{what}=VALUE"
-    problems.add("set", Where(None), f"the graph has no parameter {target!r}", expected=expected,
-                 nearest=nearest(target, [*params, "seed"]), fix=fix)  # fmt: skip
-
-
-def defaults(declared: Mapping[str, Declared]) -> dict[str, Value]:
-    """What the parameters of a graph are where nobody sets them, references not yet resolved."""
-    return {name: Value(param.default, param.where, param.where.base) for name, param in declared.items()}
+    problems.add("set", Where(None), f"the graph has no parameter {target!r}", expected=", ".join(names),
+                 nearest=nearest(target, names), fix=fix)  # fmt: skip
 
 
 def resolve_params(
-    raw: Mapping[str, Value], problems: Problems, given: Mapping[str, Value] | None = None
+    declared: Mapping[str, Declared], problems: Problems, said: Mapping[str, Value], given: Mapping[str, Value]
 ) -> dict[str, Value]:
-    """The values of parameters that may refer to each other; `given` ones stay as they are."""
-    done: dict[str, Value] = dict(given or {})
-    uses = {name: [n for n in _names_in(raw[name].value) if n in raw] for name in raw if name not in done}
+    """The values of parameters, which may refer to each other, and whose choices may set others.
+
+    `said` are values that count more than defaults and choices, `given` are finished ones.
+    """
+    raw = {name: Value(param.default, param.where, param.where.base) for name, param in declared.items()} | dict(said)
+    offers: dict[str, list[tuple[str, Any, Any, Where]]] = {name: [] for name in raw if name not in given}
+    for setter, param in declared.items():
+        for choice, name, value, where in param.settings():
+            if name in offers and name not in said:
+                offers[name].append((setter, choice, value, where))
+    uses = {name: [setter for setter, *_ in offered] for name, offered in offers.items()}
+    for name, offered in offers.items():  # all choices: whether they refer to each other does not depend on the chosen
+        uses[name] += _names_in([raw[name].value, *(value for _, _, value, _ in offered)])
     try:
-        order = list(TopologicalSorter(uses).static_order())
+        order = [name for name in TopologicalSorter(uses).static_order() if name in offers]
     except CycleError as error:
         cycle = error.args[1][::-1]
-        fail("param", raw[cycle[0]].where, f"the parameters refer to each other: {' -> '.join(cycle)}")
+        what = f"the parameters refer to each other, or set each other by choices: {' -> '.join(cycle)}"
+        fail("param", raw[cycle[0]].where, what, fix="take one of these references or settings away")
+    done = dict(given)
     for name in order:
-        if name not in done:
-            done[name] = substitute(raw[name].value, done, raw[name].where, problems)
-    return {name: done[name] for name in {**raw, **done}}
+        chosen = [offer for offer in offers[name] if done[offer[0]].value == offer[1]]
+        if len(chosen) > 1:
+            names = " and ".join(f"{setter}: {choice}" for setter, choice, *_ in chosen)
+            problems.add("param", chosen[1][3], f"{name} is set twice, by {names}", fix=f"--set {name}=VALUE")
+        value, where = chosen[0][2:] if chosen else (raw[name].value, raw[name].where)
+        done[name] = substitute(value, done, where, problems)
+    return {name: done[name] for name in raw}
 
 
 def _names_in(value: Any) -> list[str]:

@@ -38,8 +38,7 @@ class Wiring:
     def note(self, where: Where, what: str, old: str, new: str) -> str:
         """The present name of something that is written in one it had before."""
         if old != new:
-            text = f"{where}: {what} {old!r} is now called {new!r}; the old name goes with the next release"
-            self.notes[text] = None
+            self.notes[f"{where}: {what} {old!r} is now called {new!r}; the old name goes with the next release"] = None
         return new
 
     def _find_type(self, spec: NodeSpec) -> None:

@@ -138,9 +138,7 @@ def load_yaml(path: Path) -> Map:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1)
         if len(raw) > MAX_BYTES:
-            fail(
-                "file", where, f"a graph file holds at most {MAX_BYTES >> 10} KiB", fix="split it: extends, sub-graphs"
-            )
+            fail("file", where, f"a graph file holds at most {MAX_BYTES >> 10} KiB", fix="split it: extends, parts")
         text = raw.decode("utf-8")
     except FileNotFoundError:
         fail("file", where, "no such graph file", nearest=files_like(path), fix=f"folder: {path.absolute().parent}")

@@ -153,8 +153,7 @@ def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
             else:
                 spared.append(item)
         time.sleep(SETTLE)
-        records = [pair for pair in removed if pair[0].kind == "result"]
-        back = _needed_again(store, records)
+        back = _needed_again(store, [pair for pair in removed if pair[0].kind == "result"])
         for item, aside in removed:
             used = item.kind in ("result", "object") and _used(aside) != item.used
             if (used or item.path in back) and _rename(aside, item.path):
@@ -228,20 +227,17 @@ def _now(store: Store) -> float:
 
 
 def _used(path: Path) -> float | None:
-    try:
+    with contextlib.suppress(OSError):
         return path.stat().st_mtime
-    except OSError:
-        return None
+    return None
 
 
 def _rename(path: Path, target: Path) -> bool:
-    try:
-        if target.exists():
-            return False
-        os.rename(path, target)
-    except OSError:
-        return False
-    return True
+    with contextlib.suppress(OSError):
+        if not target.exists():
+            os.rename(path, target)
+            return True
+    return False
 
 
 def verify(store: Store) -> Iterator[tuple[str, str]]:

@@ -98,9 +98,7 @@ def rerun(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
 
 def named_in_short(names: Iterable[str], at_most: int = 12) -> str:
     """`hull, rounds.refine (4 rounds), ...`: rounds folded, the rest counted."""
-    counts: dict[str, int] = {}
-    for name in names:
-        counts[without_rounds(name)] = counts.get(without_rounds(name), 0) + 1
+    counts = Counter(without_rounds(name) for name in names)
     words = [f"{name} ({count} rounds)" if count > 1 else name for name, count in counts.items()]
     return in_short(words, at_most)
 

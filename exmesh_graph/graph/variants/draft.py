@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Port, Signature, signature_of
 from exmesh_graph.graph.language.params import declare
-from exmesh_graph.graph.language.spec import defaults, resolve_params, substitute
+from exmesh_graph.graph.language.spec import resolve_params, substitute
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest, without_rounds
 
@@ -192,7 +192,7 @@ class Draft:
         if key not in entry or not isinstance(entry[key], str):
             return entry.get(key)
         raw = self.top.get("params") or Map(self.top.where)
-        scope = resolve_params(defaults(declare(raw, Problems())), Problems())
+        scope = resolve_params(declare(raw, Problems()), Problems(), {}, {})
         return substitute(entry[key], scope, entry.lines[key], Problems()).value
 
     def known_type(self, name: Any, where: Where) -> Signature:

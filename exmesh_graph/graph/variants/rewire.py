@@ -113,9 +113,7 @@ def remove(draft: Draft, patch: Map) -> None:
     if left:
         users = in_short([f"{place.label} ({place.where})" for place in left], 4)
         outputs = [place.label for place in left if place.owner == "outputs"]
-        fix = (
-            f"{{disconnect: {outputs[0]}}} first" if outputs else f"{{bypass: {names}}}, or remove what uses it as well"
-        )
+        fix = f"{{disconnect: {outputs[0]}}} first" if outputs else f"{{bypass: {names}}}, or remove its users"
         refuse(where, f"{names} cannot be removed: {users} links to it", fix=fix)
     for address in sorted(gone, key=lambda a: a.path.count("."), reverse=True):
         del draft.inside(address.scope)[address.name]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Signature
-from exmesh_graph.graph.language.params import give
+from exmesh_graph.graph.language.params import forget, given
 from exmesh_graph.graph.language.parts import PartFiles
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.language.yamlfile import Map, copied
@@ -97,7 +97,8 @@ def _set_one(draft: Draft, text: Any, value: Any, where: Where, there: Where) ->
     elif text == "seed":
         draft.top.put("seed", value, there)
     elif isinstance(params, Map) and text in params:
-        give(params, text, value, there)
+        forget(params, {text: value})
+        params.put(text, given(params[text], value, there), there)
     else:
         names = [*(params or ()), "seed"]
         fix = f"a node's parameter is set with {{set: {text}.PARAMETER, to: ...}}" if text in draft.entries else ""

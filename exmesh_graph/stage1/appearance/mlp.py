@@ -10,6 +10,7 @@ nothing depends on the scene's scale.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -63,8 +64,8 @@ class Mlp(SurfaceModel):
                 features = features.relu()
         return features.sigmoid()
 
-    def step(self, gradient: torch.Tensor, count: int, rate: float, pixel: float) -> None:
-        adam_step(self.values, gradient, *self.moments, count, RATE * rate)
+    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> None:
+        adam_step(self.values, gradients[0], *self.moments, count, RATE * rate)
 
     def arrays(self) -> dict[str, Any]:
         shape = np.array([self.frequencies, self.width], np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 
 from exmesh_graph.optim import Bounds, adam_step
 from exmesh_graph.raster import EdgeTable
+from exmesh_graph.targets import Targets
 
 GRAZED = 0.05
 """A texel whose gradient stays below this share of a full pixel's is only grazed by lookups, not seen."""
@@ -47,6 +49,17 @@ class AppearanceModel:
         self.moments = moments or Moments(torch.zeros_like(values), torch.zeros_like(values))
         self.touched = torch.zeros(values.shape[:-1], dtype=torch.bool, device=values.device)
 
+    def leaves(self) -> list[torch.Tensor]:
+        """The tensors that a fit has gradients for; `values` first."""
+        return [self.values]
+
+    def prepare(self, surface: Surface, targets: Targets) -> None:
+        """Take from the surface and all views what a fit of them needs; before the first step."""
+
+    def tints(self, vertices: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor | None:
+        """Colours [V, 3] of the vertices in a view that are added, interpolated over the faces, to those of `shade`."""
+        return None
+
     def shade(self, surface: Surface, projected: torch.Tensor, face_id: torch.Tensor) -> torch.Tensor:
         """Colour [H, W, 3] at every pixel, 0 on the background (face_id [H, W] = -1).
 
@@ -56,8 +69,8 @@ class AppearanceModel:
         raise NotImplementedError
 
     @torch.no_grad()
-    def step(self, gradient: torch.Tensor, count: int, rate: float, pixel: float) -> None:
-        """Adam step number `count`, in place; `rate` in colour units, `pixel` the gradient of one pixel's L1.
+    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> None:
+        """Adam step number `count` of the leaves, in place: `rate` in colour units, `pixel` one pixel's L1's gradient.
 
         A texel that bilinear lookups merely graze would run about at full speed on a trace of a gradient, and stand
         out as a speck of wrong colour: steps shorten below `GRAZED`. Colours are held in [0, 1] after the step, which
@@ -65,7 +78,7 @@ class AppearanceModel:
         """
         grazed = GRAZED * pixel
         adam_step(
-            self.values, gradient, *self.moments, count, rate, epsilon=grazed, bounds=Bounds(self.touched, grazed)
+            self.values, gradients[0], *self.moments, count, rate, epsilon=grazed, bounds=Bounds(self.touched, grazed)
         )
 
     def changing(self) -> dict[str, torch.Tensor]:

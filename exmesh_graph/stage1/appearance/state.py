@@ -10,6 +10,7 @@ import torch
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.stage1.appearance.colours import PerFace, PerVertex, UVTexture
+from exmesh_graph.stage1.appearance.directional import COUNTS, Directional
 from exmesh_graph.stage1.appearance.mlp import Mlp, layers, weight_count
 from exmesh_graph.stage1.appearance.model import AppearanceModel, Moments
 from exmesh_graph.types import Carrier, Stage1State
@@ -35,15 +36,16 @@ def model_of(carrier: Carrier, device: torch.device | str = "cpu") -> Appearance
     if carrier.appearance == "mlp":
         frequencies, width = (int(n) for n in kept["shape"])
         return Mlp(values, moments, frequencies=frequencies, width=width, box=tensor(kept["box"]))
+    if carrier.appearance == "directional":
+        _of_each(values, "residuals", len(carrier.vertices))
+        texture = tensor(carrier.texture), Moments(tensor(carrier.texture_m), tensor(carrier.texture_v))
+        shrinkage, rate = (float(x) for x in kept["settings"])
+        return Directional(*texture, values, moments, tensor(kept["mean"]), shrinkage=shrinkage, rate=rate)
     kinds = {"per_vertex": (PerVertex, len(carrier.vertices)), "per_face": (PerFace, len(carrier.faces))}
     if carrier.appearance not in kinds:
         raise DataError(f"the state's appearance {carrier.appearance!r} is unknown", expected="a model of this version")
     kind, count = kinds[carrier.appearance]
-    if len(values) != count:
-        raise DataError(
-            f"the state has {len(values)} {carrier.appearance} colours", expected=str(count),
-            fix="let the node that changed the topology carry them (Stage1State.carried)",
-        )  # fmt: skip
+    _of_each(values, f"{carrier.appearance} colours", count)
     return kind(values, moments)
 
 
@@ -61,6 +63,17 @@ def per_face(state: Stage1State) -> Stage1State:
     corners = state.uvs[state.uv_faces]
     colours = [sample_bilinear(state.texture, np.einsum("k,fkc->fc", weights, corners)) for weights in _INSIDE]
     return _with(state, "per_face", np.mean(colours, axis=0))
+
+
+def directional(state: Stage1State, *, order: int, shrinkage: float, rate: float) -> Stage1State:
+    """The texture as it is, with a residual of zero; harmonics up to `order`, 1 or 2."""
+    vertices, count = len(state.vertices), COUNTS[order]
+    residual = np.zeros((vertices, 3 * count), np.float32)
+    model = {
+        "values": residual, "m": residual, "v": np.zeros(vertices, np.float32),
+        "mean": np.zeros((vertices, count), np.float32), "settings": np.array([shrinkage, rate], np.float32),
+    }  # fmt: skip
+    return replace(state, appearance="directional", model=model)
 
 
 def mlp(
@@ -94,10 +107,18 @@ def mlp(
         chosen = torch.randint(len(points), (_BATCH,), generator=rng).to(device)
         error = (model.colour(points[chosen]) - colours[chosen]).abs().mean()
         (gradient,) = torch.autograd.grad(error, model.values)
-        model.step(gradient, step + 1, _RATE * (1 - step / _STEPS), 0.0)
+        model.step((gradient,), step + 1, _RATE * (1 - step / _STEPS), 0.0)
     for moment in model.moments:
         moment.zero_()
     return replace(state, appearance="mlp", model=model.arrays())
+
+
+def _of_each(values: torch.Tensor, what: str, count: int) -> None:
+    if len(values) != count:
+        raise DataError(
+            f"the state has {len(values)} {what}", expected=str(count),
+            fix="let the node that changed the topology carry them (Stage1State.carried)",
+        )  # fmt: skip
 
 
 def _with(state: Stage1State, kind: str, colours: np.ndarray) -> Stage1State:
