@@ -24,12 +24,12 @@ from scipy.ndimage import map_coordinates
 
 from benchmarks.meshes import write_ply
 from exmesh_graph.geometry.surface import sample_surface
-from exmesh_graph.io.area import downscale_area
 from exmesh_graph.io.cameras import intrinsics_from_fov, opencv_from_blender
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.envmaps import read_environment
 from exmesh_graph.io.images import display, encode_rgba, read_image, read_mask, read_photo, write_image
 from exmesh_graph.io.meshes import read_mesh
+from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.rays.embree import EmbreeTracer
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.area import Files, downscale_area
 from exmesh_graph.io.cameras import check_camera, intrinsics_from_fov, nearest_rotation, scale_intrinsics
 from exmesh_graph.io.images import Photo, picture_size, read_mask, read_photo
 from exmesh_graph.io.normalise import cameras_to_normalised
+from exmesh_graph.io.picture_files import Files
+from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.undistort import resampled
 from exmesh_graph.resources import usable_cores

@@ -1,13 +1,38 @@
-"""Pictures made smaller by any factor: the exact mean over the area of each new pixel, in linear light."""
+"""Pictures made smaller, by a whole factor or any: the exact mean over the area of each new pixel, in linear light."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import linear_of_codes
 
 _STRIP = 1 << 22  # values in float64 at once
+
+
+def downscale_area(image: np.ndarray, factor: int, where: Path | str = "") -> np.ndarray:
+    """Exact mean over factor x factor blocks of [H, W] or [H, W, C]; DataError unless factor divides H and W."""
+    if factor == 1:
+        return image
+    height, width = image.shape[:2]
+    if height % factor or width % factor:
+        fits = [f for f in range(2, 17) if height % f == 0 and width % f == 0]
+        raise DataError(
+            f"{width} x {height} pixels cannot be reduced by {factor}", where=str(where),
+            expected="a factor that divides width and height", fix=f"downscale: one of {fits or [1]}",
+        )  # fmt: skip
+    blocks = image.reshape(height // factor, factor, width // factor, factor, *image.shape[2:])
+    # numpy's mean over two axes walks through memory in short steps; sums in float64 are exact in any order
+    rows = blocks[:, 0].astype(np.float64)
+    for k in range(1, factor):
+        rows += blocks[:, k]
+    total = rows[:, :, 0]
+    for k in range(1, factor):
+        total = total + rows[:, :, k]
+    return (total / factor**2).astype(np.float32)
 
 
 def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:

@@ -137,11 +137,11 @@ def _maps(shots: OrbShots) -> list[tuple[str, list[Path]]]:
 
 
 def _truth(shots: OrbShots, frame: Frame, downscale: int) -> SceneTruth:
-    from exmesh_graph.io.area import downscale_area
     from exmesh_graph.io.color import srgb_to_linear
     from exmesh_graph.io.images import read_image
     from exmesh_graph.io.meshes import read_mesh
     from exmesh_graph.io.normalise import frame_scale, points_to_normalised
+    from exmesh_graph.io.reduce import downscale_area
     from exmesh_graph.types import SceneTruth
 
     vertices, faces = read_mesh(shots.truth / "mesh_blender" / "mesh.obj")
@@ -180,8 +180,8 @@ def _array(file: Path) -> np.ndarray:
 
 
 def _turned(file: Path, camera_to_world: np.ndarray) -> np.ndarray:
-    from exmesh_graph.io.area import downscale_area
     from exmesh_graph.io.envmaps import read_environment
+    from exmesh_graph.io.reduce import downscale_area
 
     panorama = read_environment(file)
     factor = max(1, panorama.shape[0] // _MAP_ROWS)

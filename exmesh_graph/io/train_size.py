@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from exmesh_graph.io.area import Files, downscale_area
 from exmesh_graph.io.cameras import scale_intrinsics
+from exmesh_graph.io.picture_files import Files
+from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.types import Views
 from exmesh_graph.types.pictures import too_large
 

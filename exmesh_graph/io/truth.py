@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.area import downscale_area
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.envmaps import canonical_from_blender, read_environment
 from exmesh_graph.io.images import read_image, read_photo
 from exmesh_graph.io.meshes import read_mesh
 from exmesh_graph.io.normalise import points_to_normalised
+from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.io.settings import UpAxis
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.truth_files import LIGHTS, MAP_FOLDERS, MESHES, first_of, relit_light, relit_pictures, test_maps

@@ -10,12 +10,12 @@ from io_scenes import ANGLE, CENTRE, RADIUS, SIZE, edit_json, ring, write_blende
 
 from benchmarks.meshes import write_ply
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.area import downscale_area
 from exmesh_graph.io.blender import blender_files, load_blender
 from exmesh_graph.io.idr import load_idr
 from exmesh_graph.io.images import read_image, write_image
 from exmesh_graph.io.middlebury import load_middlebury
 from exmesh_graph.io.normalise import FILL, bounding_sphere, nearest_point
+from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.io.settings import BlenderOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.io.shots import hold_out, spread
 from tests.io.projecting import project
