@@ -8,15 +8,53 @@ from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
 from pydantic import model_validator
 
-from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings, loop_of
+from exmesh_graph.gpu.settings import ON_DEVICE, CoreSettings, DeviceSettings, loop_of
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
-from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.settings import BalanceSettings, RefineSettings
 from exmesh_graph.types import Carrier, DepthMaps, Mesh, Metrics, Stage1State, Views
+from exmesh_graph.types.pictures import kept_in
 
 Train = Annotated[Views, facets(split="train")]
 
 _LIBRARIES = ("torch", "warp-lang", "scipy")
+
+
+class BalanceParams(CoreSettings, BalanceSettings):
+    pass
+
+
+class BalanceOut(NamedTuple):
+    views: Train
+    decisions: Metrics
+
+
+@node("stage1.balance", version="1", libraries=_LIBRARIES)
+def balance(ctx: Context, views: Train, mesh: Mesh, *, p: BalanceParams) -> BalanceOut:
+    """The photographs as one exposure and white balance would have taken them, where theirs wander.
+
+    What each shows of the faces of a rough mesh says by how much. `decisions` says why, for the report.
+    """
+    from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.stage1.exposure import balanced, exposures
+
+    if p.exposure == "off":
+        return BalanceOut(views, Metrics({"decisions": []}))
+    with sharing(p.threads):
+        found = exposures(views, mesh)
+    takes = p.exposure == "on" or found.rough >= p.wander
+    reason = f"A view's brightness differs from its neighbours' by {found.rough:.2f} stops, {p.wander:g} are much."
+    stops = {name: [round(float(g), 3) for g in row] for name, row in zip(views.names, found.stops, strict=True)}
+    row = {"name": "exposure", "value": "balanced" if takes else "as it is", "reason": reason,
+           "evidence": {"rough_stops": found.rough, "known_views": int(found.known.sum())}}  # fmt: skip
+    ctx.log(f"exposure: {row['value']}. {reason}")
+    if takes and not found.known.all():
+        lonely = [name for name, known in zip(views.names, found.known, strict=True) if not known]
+        ctx.warn(f"{len(lonely)} views show too little of what others show to know their exposure: {_some(lonely)}")
+    if takes:
+        with kept_in(ctx.scratch):
+            views = balanced(views, found.log_gains)
+    return BalanceOut(views, Metrics({"decisions": [row], "stops": stops}))
 
 
 class InitParams(DeviceSettings):

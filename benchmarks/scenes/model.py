@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.scenes.shapes import Chart, Solid
+from exmesh_graph.native import import_open3d
 
 RADIUS = 1.2
 #: Texels left between charts.
@@ -142,8 +143,7 @@ def _united(placed: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray
 
 def texels(uv: np.ndarray, faces: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The texels whose centres lie under a face: (texel [N] flat, row 0 at v = 0; face [N]; barycentrics [N, 3])."""
-    import open3d as o3d
-
+    o3d = import_open3d()
     flat = np.concatenate([uv * size, np.zeros((len(uv), 1))], axis=1).astype(np.float32)
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.core.Tensor(flat), o3d.core.Tensor(faces.astype(np.uint32)))

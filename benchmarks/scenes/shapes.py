@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from exmesh_graph.native import import_open3d
+
 
 @dataclass(frozen=True)
 class Chart:
@@ -203,10 +205,10 @@ def level_set(
     name: str, distance: Callable[[np.ndarray], np.ndarray], reach: float, *, cells: int = 160, faces: int = 30000
 ) -> Solid:
     """The surface where `distance` is 0, within +- reach, by marching cubes, decimated, in charts."""
-    import open3d as o3d
     import xatlas
     from skimage.measure import marching_cubes
 
+    o3d = import_open3d()
     axis = np.linspace(-reach, reach, cells, dtype=np.float32)
     values = np.stack([distance(np.stack(np.broadcast_arrays(x, axis[:, None], axis[None]), -1)) for x in axis])
     points, triangles, _, _ = marching_cubes(values, 0.0, gradient_direction="descent", allow_degenerate=False)

@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.scenes.cameras import rays
 from benchmarks.scenes.lights import directions, lookup
 from benchmarks.scenes.model import Model, decode
+from exmesh_graph.native import import_open3d
 
 #: Parts of a pixel along each axis that the maps are averaged over.
 FINE = 4
@@ -35,8 +36,7 @@ class Truth:
     """Ray casting (Embree, through Open3D) on a model, and its maps read bilinearly."""
 
     def __init__(self, model: Model) -> None:
-        import open3d as o3d
-
+        o3d = import_open3d()
         self.model = model
         self.tensor = o3d.core.Tensor
         self.scene = o3d.t.geometry.RaycastingScene()

@@ -80,6 +80,9 @@ class DepthsNode(Node):
 class NeedsDecisionsNode(Node):
     needs: Wire[SceneNeeds]
     decisions: Wire[Metrics]
+class ViewsDecisionsNode(Node):
+    views: Wire[Views]
+    decisions: Wire[Metrics]
 class StateHistoryNode(Node):
     state: Wire[Stage1State]
     history: Wire[Metrics]
@@ -655,6 +658,13 @@ class _Scene(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
 class _Stage1(Family):
+    def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> ViewsDecisionsNode:
+        """The photographs as one exposure and white balance would have taken them, where theirs wander.
+
+        exposure: Take exposure and white balance out of the views: where they wander, always, never.
+        wander: auto: from this robust deviation of a view's brightness from its neighbours' on. [stops, >= 0]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
+        """
     def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
         """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero.
 

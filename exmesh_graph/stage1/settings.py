@@ -57,3 +57,14 @@ class PhotometricSettings(Params):
     passes: int = param(2, ge=0, le=20, doc="Sweeps over the mesh.")
     reach: float = param(3.0, gt=0, le=20, unit="mean edges", doc="Largest move of a pass inwards; outwards a quarter.")
     smoothness: float = param(0.03, gt=0, doc="Weight of neighbours moving alike against what the photographs say.")
+
+
+class BalanceSettings(Params):
+    """Of `exposure.balanced`."""
+
+    exposure: Literal["auto", "on", "off"] = param(
+        "auto", doc="Take exposure and white balance out of the views: where they wander, always, never."
+    )
+    wander: float = param(
+        0.07, ge=0, unit="stops", doc="auto: from this robust deviation of a view's brightness from its neighbours' on."
+    )

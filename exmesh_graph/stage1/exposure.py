@@ -1,0 +1,151 @@
+"""Exposure and white balance of the photographs, from what they show of one surface, and taken out of them.
+
+Linear light of a camera is the scene's, times one factor for each channel: shutter, gain and white balance. So the
+means c [N, P, 3] of patch p in view n obey log c_np = s_p + g_n but for gloss and shadows, which absolute errors bear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from exmesh_graph.geometry.adjacency import face_normals
+from exmesh_graph.gpu.torch_setup import tensor_of
+from exmesh_graph.io.picture_files import Files
+from exmesh_graph.io.train_size import factor_for, reduced
+from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.types import Mesh, Views
+from exmesh_graph.types.pictures import too_large
+
+_SIDE = 320
+"""Pixels of the longer side at which patches are read: an exposure is a mean over hundreds of them."""
+_LEAST_PIXELS = 4
+_DARK, _BRIGHT = 0.005, 0.97
+"""Linear values beyond which a pixel tells nothing of its exposure: black is offset and noise, white is cut off."""
+_LEAST_PATCHES = 12
+_CELLS = 40
+_ROUNDS, _CONVERGED, _SMALL = 50, 1e-4, 0.01
+_NEIGHBOURS = 4
+_MAD = 1.4826  # median absolute deviation to standard deviation, of normal errors
+
+
+class Exposures(NamedTuple):
+    """What N views tell of their exposures.
+
+    log_gains  float64 [N, 3], natural logarithms of the factors, of zero mean over the views that are known
+    known      bool [N], whether a view shares enough patches with others; the factors of one that does not are 1
+    rough      standard deviation in stops by which a view's brightness differs from those nearest to it, robust:
+               exposure changes from picture to picture, gloss and light only slowly along the cameras' path
+    """
+
+    log_gains: np.ndarray
+    known: np.ndarray
+    rough: float
+
+    @property
+    def stops(self) -> np.ndarray:
+        """float64 [N, 3]: the factors as powers of two."""
+        return self.log_gains / np.log(2)
+
+
+def exposures(views: Views, mesh: Mesh) -> Exposures:
+    """The exposures of `views` by what each shows of the surface of `mesh`; a rough one is enough."""
+    values = np.log(patch_colours(reduced(views, factor_for(views, _SIDE, 0)), mesh))
+    log_gains, known = separate(values)
+    return Exposures(log_gains, known, _roughness(log_gains, known, views.camera_to_world[:, :3, 3]))
+
+
+def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
+    """float64 [N, P, 3]: mean linear colour of each patch in each view, NaN where a view does not show it in full light
+    on at least four pixels inside its mask. Patches: faces that lie in one cell of a grid and face the same way."""
+    patch = _patches(np.asarray(mesh.vertices, np.float64), mesh.faces)
+    count = int(patch.max()) + 1
+    vertices, faces = (tensor_of(np.ascontiguousarray(part)) for part in (mesh.vertices, mesh.faces))
+    colours = np.full((len(views), count, 3), np.nan)
+    for i in range(len(views)):
+        places = project(vertices.float(), tensor_of(views.intrinsics[i]), tensor_of(views.world_to_camera[i]))
+        face = torch.as_tensor(rasterize_projected(places, faces, views.height, views.width).face_id).numpy()
+        rgb = np.asarray(views.images[i])
+        told = (face >= 0) & (views.alpha[i] > 0.99) & (rgb.max(-1) < _BRIGHT) & (rgb.min(-1) > _DARK)
+        shown = patch[face[told]]
+        pixels = np.bincount(shown, minlength=count)
+        enough = pixels >= _LEAST_PIXELS
+        for c in range(3):
+            total = np.bincount(shown, rgb[told][:, c], minlength=count)
+            colours[i, enough, c] = total[enough] / pixels[enough]
+    return colours
+
+
+def _patches(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """int [F]: the patch of each face."""
+    middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
+    low = middle.min(0)
+    cell = ((middle - low) / max(float(np.ptp(middle, axis=0).max()), 1e-30) * (_CELLS - 1e-6)).astype(np.int64)
+    axis = np.abs(normal).argmax(1)
+    way = 2 * axis + (np.take_along_axis(normal, axis[:, None], 1)[:, 0] > 0)
+    return np.unique(np.column_stack([cell, way]), axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def separate(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(log gains float64 [N, 3], known bool [N]) of `values` [N, P, 3], logarithms, NaN where a view does not show a
+    patch: the least sum of absolute errors, by least squares with weights made anew (Weiszfeld)."""
+    shared = np.isfinite(values[..., 0])
+    shared &= shared.sum(0) >= 2
+    known = shared.sum(1) >= _LEAST_PATCHES
+    gains = np.zeros((len(values), 3))
+    if known.sum() < 2:
+        return gains, np.zeros(len(values), bool)
+    shared = shared[known]
+    used = shared.sum(0) >= 2
+    shared, kept = shared[:, used], values[known][:, used]
+    for c in range(3):
+        value = np.where(shared, kept[..., c], 0.0)
+        weight, found = shared.astype(np.float64), np.zeros(len(value))
+        for _ in range(_ROUNDS):
+            before = found
+            found, surface = _least_squares(value, weight)
+            apart = np.abs(value - surface - found[:, None])
+            weight = shared / np.maximum(apart, _SMALL)
+            if np.abs(found - before).max() < _CONVERGED:
+                break
+        gains[known, c] = found
+    return gains, known
+
+
+def _least_squares(value: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(g [N] of zero mean, s [P]) that minimise the sum of weight (value - s - g)^2 [N, P]."""
+    total = np.maximum(weight.sum(0), 1e-300)
+    share = weight / total
+    mean = (share * value).sum(0)
+    left = np.diag(weight.sum(1)) - weight @ share.T
+    right = (weight * (value - mean)).sum(1)
+    gains = np.linalg.lstsq(left, right, rcond=1e-10)[0]
+    gains -= gains.mean()
+    return gains, mean - (share * gains[:, None]).sum(0)
+
+
+def balanced(views: Views, log_gains: np.ndarray) -> Views:
+    """The views as one camera of fixed exposure and white balance sees them: linear light over the factors."""
+    factors = np.exp(-log_gains).astype(np.float32)
+    shape = len(views), views.height, views.width
+    if not too_large(*shape):
+        return replace(views, images=np.asarray(views.images) * factors[:, None, None])
+    files = Files.of(*shape)
+    for number, factor in enumerate(factors):
+        files.put(number, np.asarray(views.images[number]) * factor, np.asarray(views.alpha[number]), None)
+    return replace(views, images=files.images.stack(), alpha=files.alpha.stack())
+
+
+def _roughness(log_gains: np.ndarray, known: np.ndarray, places: np.ndarray) -> float:
+    """Robust standard deviation, in stops, of brightness against the mean of the nearest cameras'."""
+    stops, where = log_gains[known].mean(-1) / np.log(2), places[known]
+    near = min(_NEIGHBOURS, len(stops) - 1)
+    if near < 1:
+        return 0.0
+    away = np.linalg.norm(where[:, None] - where, axis=-1)
+    order = np.argsort(away, axis=1, kind="stable")[:, 1 : near + 1]
+    apart = stops - stops[order].mean(1)
+    return float(_MAD * np.median(np.abs(apart)) / np.sqrt(1 + 1 / near))
