@@ -29,7 +29,7 @@ class BalanceOut(NamedTuple):
     decisions: Metrics
 
 
-@node("stage1.balance", version="1", libraries=_LIBRARIES)
+@node("stage1.balance", version="1", libraries=(*_LIBRARIES, "OpenImageIO"))
 def balance(ctx: Context, views: Train, mesh: Mesh, *, p: BalanceParams) -> BalanceOut:
     """The photographs as one exposure and white balance would have taken them, where theirs wander.
 
