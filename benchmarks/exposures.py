@@ -5,9 +5,9 @@
     exmesh run graphs/quickstart.yaml --set scene=FOLDER                       # against --set balanced.exposure=off
 
 Training pictures are multiplied, in linear light, by 2 to the power of up to half a stop, red and blue by up to 0.15
-stops more, cut off at 1 and written as before; test pictures stay. `rough` is what `stage1.balance` decides by; `error`
-is the standard deviation of the exposures it finds from those that were put in, `beyond its own` after what it finds in
-the scene as it was: gloss and an approximate surface.
+stops more, cut off at 1 and written as before; test pictures stay. `rough`, and as part of the spread within a view, is
+what `stage1.balance` decides by; `error` is the standard deviation of the exposures it finds from those that were put
+in, `beyond its own` after what it finds in the scene as it was: gloss and an approximate surface.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def main() -> None:
     if args.out is not None:
         wander(args.scenes[0], args.out, args.seed)
         return
-    print("| scene | views | rough | rough, wandering | error, stops | beyond its own |")
+    print("| scene | views | rough; of spread | wandering | error, stops | beyond its own |")
     print("| --- | --- | --- | --- | --- | --- |")
     for folder in args.scenes:
         choosing(folder)
@@ -51,11 +51,9 @@ def row(folder: Path, seed: int) -> None:
     own = exposures(views, mesh)
     found = exposures(replace(exposed, images=np.minimum(np.asarray(exposed.images), 1)), mesh)
     error = found.stops - (stops - stops.mean(0))
-    print(
-        f"| `{folder.name}` | {len(views)} | {own.rough:.3f} | {found.rough:.3f} | {error.std():.3f} | "
-        f"{(error - own.stops).std():.3f} |",
-        flush=True,
-    )
+    decides = " | ".join(f"{one.rough:.3f}; {one.rough / one.spread:.2f}" for one in (own, found))
+    beyond = (error - own.stops).std()
+    print(f"| `{folder.name}` | {len(views)} | {decides} | {error.std():.3f} | {beyond:.3f} |", flush=True)
 
 
 def wander(folder: Path, out: Path, seed: int) -> None:

@@ -42,11 +42,14 @@ def balance(ctx: Context, views: Train, mesh: Mesh, *, p: BalanceParams) -> Bala
         return BalanceOut(views, Metrics({"decisions": []}))
     with sharing(p.threads):
         found = exposures(views, mesh)
-    takes = p.exposure == "on" or found.rough >= p.wander
-    reason = f"A view's brightness differs from its neighbours' by {found.rough:.2f} stops, {p.wander:g} are much."
+    much = max(p.wander, p.beyond_gloss * found.spread)
+    takes = p.exposure == "on" or found.rough >= much
+    reason = (
+        f"A view's brightness differs from its neighbours' by {found.rough:.2f} stops, here {much:.2f} would be much."
+    )
     stops = {name: [round(float(g), 3) for g in row] for name, row in zip(views.names, found.stops, strict=True)}
-    row = {"name": "exposure", "value": "balanced" if takes else "as it is", "reason": reason,
-           "evidence": {"rough_stops": found.rough, "known_views": int(found.known.sum())}}  # fmt: skip
+    evidence = {"rough_stops": found.rough, "spread_stops": found.spread, "known_views": int(found.known.sum())}
+    row = {"name": "exposure", "value": "balanced" if takes else "as it is", "reason": reason, "evidence": evidence}
     ctx.log(f"exposure: {row['value']}. {reason}")
     if takes and not found.known.all():
         lonely = [name for name, known in zip(views.names, found.known, strict=True) if not known]

@@ -658,11 +658,12 @@ class _Scene(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
 class _Stage1(Family):
-    def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> ViewsDecisionsNode:
+    def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, beyond_gloss: float | Parameter = 0.5, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> ViewsDecisionsNode:
         """The photographs as one exposure and white balance would have taken them, where theirs wander.
 
         exposure: Take exposure and white balance out of the views: where they wander, always, never.
-        wander: auto: from this robust deviation of a view's brightness from its neighbours' on. [stops, >= 0]
+        wander: auto: from this robust deviation of a view's brightness from its neighbours' on, [stops, >= 0]
+        beyond_gloss: and from this share of the deviation of parts of one view, which gloss and shadows have too. [>= 0]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
     def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:

@@ -39,11 +39,14 @@ class Exposures(NamedTuple):
     known      bool [N], whether a view shares enough patches with others; the factors of one that does not are 1
     rough      standard deviation in stops by which a view's brightness differs from those nearest to it, robust:
                exposure changes from picture to picture, gloss and light only slowly along the cameras' path
+    spread     standard deviation in stops of what patches of one view say about it, robust: gloss moves some of them,
+               exposure all
     """
 
     log_gains: np.ndarray
     known: np.ndarray
     rough: float
+    spread: float
 
     @property
     def stops(self) -> np.ndarray:
@@ -55,7 +58,8 @@ def exposures(views: Views, mesh: Mesh) -> Exposures:
     """The exposures of `views` by what each shows of the surface of `mesh`; a rough one is enough."""
     values = np.log(patch_colours(reduced(views, factor_for(views, _SIDE, 0)), mesh))
     log_gains, known = separate(values)
-    return Exposures(log_gains, known, _roughness(log_gains, known, views.camera_to_world[:, :3, 3]))
+    rough = _roughness(log_gains, known, views.camera_to_world[:, :3, 3])
+    return Exposures(log_gains, known, rough, _spread(values[known], log_gains[known]))
 
 
 def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
@@ -149,3 +153,11 @@ def _roughness(log_gains: np.ndarray, known: np.ndarray, places: np.ndarray) -> 
     order = np.argsort(away, axis=1, kind="stable")[:, 1 : near + 1]
     apart = stops - stops[order].mean(1)
     return float(_MAD * np.median(np.abs(apart)) / np.sqrt(1 + 1 / near))
+
+
+def _spread(values: np.ndarray, log_gains: np.ndarray) -> float:
+    """Robust standard deviation, in stops, of the patches' brightness [N, P] from surface and exposure."""
+    apart = (values.mean(-1) - log_gains.mean(-1)[:, None])[:, np.isfinite(values[..., 0]).sum(0) >= 2] / np.log(2)
+    if not apart.size:
+        return 0.0
+    return float(_MAD * np.nanmedian(np.abs(apart - np.nanmedian(apart, axis=0))))

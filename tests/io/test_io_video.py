@@ -63,7 +63,10 @@ def test_a_phone_held_upright_gives_upright_frames(video, tmp_path):
 
 
 def test_the_file_is_in_the_key_and_lies_anywhere(video):
-    assert dict(nodes._photo_files(nodes.PhotosParams(path=video))) == {"clip.mp4": video}
+    """And so is the version of what decodes it."""
+    files = dict(nodes._photo_files(nodes.PhotosParams(path=video)))
+    assert files.pop("av/METADATA").is_file()
+    assert files == {"clip.mp4": video}
 
 
 def test_what_is_no_video_is_refused_by_name(video, tmp_path, monkeypatch):
