@@ -31,6 +31,22 @@ def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshPa
     return MetricsOut(Metrics(score_mesh(mesh, truth, samples=p.samples, seed=ctx.seed)))
 
 
+@node("evaluate.capture", version="1", libraries=("torch", "warp-lang", "scipy"))
+def capture(ctx: Context, views: TrainViews, mesh: Mesh, *, p: Params) -> MetricsOut:
+    """What the photographs cover of the surface, and from where more of them would help most.
+
+    `advice` is for the photographer, and heads the report.
+    """
+    from exmesh_graph.evaluate.capture import capture_figures
+    from exmesh_graph.gpu.torch_setup import sharing
+
+    with sharing(0):
+        figures = capture_figures(views, mesh)
+    for row in figures["advice"]:
+        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+    return MetricsOut(Metrics(figures))
+
+
 class RegionOut(NamedTuple):
     region: Region
 

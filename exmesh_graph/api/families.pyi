@@ -321,6 +321,8 @@ class _Evaluate(Family):
         lpips: LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
+    def capture(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsNode:
+        """What the photographs cover of the surface, and from where more of them would help most."""
     def mesh(self, name: str = "", *, mesh: Wire[Mesh] | Node, truth: Wire[SceneTruth] | Node | None = None, samples: int | Parameter = 40000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsNode:
         """Chamfer distance to the true surface, whether the mesh is closed and manifold, its size.
 

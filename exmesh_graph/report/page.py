@@ -64,10 +64,18 @@ def render_page(report: Report) -> str:
         viewer=Markup(viewer_section(models)),
         galleries=list(reversed(galleries.items())),  # the finished asset before its stages
         comparison=lambda picture: Markup(comparison(picture)),
+        advice=advice_rows(report.data["metrics"]),
         decisions=decision_tables(report.data["metrics"]),
         tables={node: list(metric_rows(values)) for node, values in report.data["metrics"].items()},
         hits=sum(node["state"] == "hit" for node in nodes),
     )
+
+
+def advice_rows(metrics: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Rows {name, value, reason} of all figures that hold a list named `advice`."""
+    rows = [row for values in metrics.values() if isinstance(values.get("advice"), list) for row in values["advice"]]
+    told = [row for row in rows if isinstance(row, Mapping) and "name" in row]
+    return [{key: str(row.get(key) or "") for key in ("name", "value", "reason")} for row in told]
 
 
 def decision_tables(metrics: Mapping[str, Mapping[str, Any]]) -> dict[str, list[dict[str, str]]]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.adjacency import face_normals
+from exmesh_graph.geometry.patches import patches
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.io.picture_files import Files
 from exmesh_graph.io.train_size import factor_for, reduced
@@ -64,8 +64,8 @@ def exposures(views: Views, mesh: Mesh) -> Exposures:
 
 def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
     """float64 [N, P, 3]: mean linear colour of each patch in each view, NaN where a view does not show it in full light
-    on at least four pixels inside its mask. Patches: faces that lie in one cell of a grid and face the same way."""
-    patch = _patches(np.asarray(mesh.vertices, np.float64), mesh.faces)
+    on at least four pixels inside its mask."""
+    patch = patches(mesh.vertices, mesh.faces, _CELLS)
     count = int(patch.max()) + 1
     vertices, faces = (tensor_of(np.ascontiguousarray(part)) for part in (mesh.vertices, mesh.faces))
     colours = np.full((len(views), count, 3), np.nan)
@@ -81,16 +81,6 @@ def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
             total = np.bincount(shown, rgb[told][:, c], minlength=count)
             colours[i, enough, c] = total[enough] / pixels[enough]
     return colours
-
-
-def _patches(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """int [F]: the patch of each face."""
-    middle, normal = vertices[faces].mean(1), face_normals(vertices, faces)
-    low = middle.min(0)
-    cell = ((middle - low) / max(float(np.ptp(middle, axis=0).max()), 1e-30) * (_CELLS - 1e-6)).astype(np.int64)
-    axis = np.abs(normal).argmax(1)
-    way = 2 * axis + (np.take_along_axis(normal, axis[:, None], 1)[:, 0] > 0)
-    return np.unique(np.column_stack([cell, way]), axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def separate(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from exmesh_graph.report.page import decision_tables
+from exmesh_graph.report.page import advice_rows, decision_tables
 
 ROWS = [
     {
@@ -48,3 +48,11 @@ def test_bars_start_in_the_middle_and_tell_on_from_off() -> None:
 
 def test_lists_of_another_kind_are_left_alone() -> None:
     assert decision_tables({"p": {"decisions": []}, "q": {"decisions": [1, 2]}, "r": {"decisions": "none"}}) == {}
+
+
+def test_advice_of_all_nodes_is_one_table():
+    row = {"name": "more photographs", "value": "3 from 40 degrees below a.png", "reason": "12 % are unseen."}
+    found = advice_rows(
+        {"a.metrics": {"advice": [row]}, "b.metrics": {"advice": ["no row"], "x": 1}, "c": {"advice": 3}}
+    )
+    assert found == [row]
