@@ -118,10 +118,7 @@ def test_patches_have_no_gaps_and_hold_faces_of_one_way(cells):
     for patch in range(found.max() + 1):
         of = normal[found == patch]
         assert len({(int(abs(n).argmax()), bool(n[abs(n).argmax()] > 0)) for n in of}) == 1
-        assert (
-            np.ptp(corners[found == patch].mean(1), axis=0).max()
-            <= np.ptp(corners.mean(1), axis=0).max() / cells + 1e-6
-        )
+        assert np.ptp(middle[found == patch], axis=0).max() <= side / cells + 1e-6
 
 
 def test_the_lattice_is_even():

@@ -32,6 +32,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "usd.compose": {"scipy"},
     "gallery.blender": {"embreex", "scipy", "torch", "warp-lang"},
     "evaluate.round": {"pymeshlab", "open3d"},
+    "evaluate.capture": {"pymeshlab", "open3d"},
     "evaluate.mesh": {"pymeshlab", "open3d"},
     "evaluate.stage1": {"pymeshlab", "open3d"},
     "init.sphere": {"scipy"},
