@@ -56,7 +56,9 @@ def plain_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[di
     predicted, material = model.shade(buffer, prepared)
     terms = image_terms(settings, predicted, buffer)
     if settings.material_weight > 0:
-        terms["material"] = settings.material_weight * pair_variation(material.table, buffer.pairs)
+        counted = torch.ones_like(material.table[:1])
+        counted[:, 3:] = settings.gloss_weight
+        terms["material"] = settings.material_weight * pair_variation(counted * material.table, buffer.pairs)
     return terms | _sky_terms(settings, prepared.environment, step), predicted.detach()
 
 

@@ -42,6 +42,9 @@ class DecompositionSettings(Params):
         0.2, ge=0, doc="lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out."
     )
     material_weight: float = param(0.1, ge=0, doc="lambda_mat: screen-space total variation of the maps.")
+    gloss_weight: float = param(
+        1.0, ge=0, doc="How much the variation of roughness and metallic counts against that of base colour."
+    )
     environment_weight: float = param(0.1, ge=0, doc="lambda_env: total variation of the environment.")
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")

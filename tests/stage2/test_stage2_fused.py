@@ -105,6 +105,7 @@ def _agree(model, number=2, tolerance=2e-5, step=STEP):
         {"ssim_weight": 0.0, "material_weight": 0.0, "chroma_weight": 0.0},
         {"texture_size": 2, "environment_height": 8},
         {"log_weight": 0.0},
+        {"metallic": True, "gloss_weight": 7.0},
     ],
 )
 def test_terms_and_gradients_are_those_of_plain_operations_in_float64(carrier, train_views, transport, settings):

@@ -39,6 +39,7 @@ def _shade(
     stack: wp.array(dtype=float),
     table: wp.array(dtype=float),
     neighbours: wp.array(dtype=int),
+    gloss: float,
     image: wp.array(dtype=float),
     sums: wp.array(dtype=wp.float64),
 ): ...
@@ -73,6 +74,7 @@ def shade_view(
     stack: wp.array(dtype=float),
     table: wp.array(dtype=float),
     neighbours: wp.array(dtype=int),
+    gloss: float,
     image: wp.array(dtype=float),
     sums: wp.array(dtype=wp.float64),
 ):
@@ -80,7 +82,7 @@ def shade_view(
     _shade(
         first + wp.tid(), grain, count, channels, exposure, material, predicted, record, point,
         point_weight, suns, transfer, env_u, env_v, scale, target, clipped, coverage, box_pixel, levels,
-        knots, n_v, irradiance, flux, stack, table, neighbours, image, sums,
+        knots, n_v, irradiance, flux, stack, table, neighbours, gloss, image, sums,
     )  # fmt: skip
 
 

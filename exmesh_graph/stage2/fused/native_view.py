@@ -157,9 +157,10 @@ SHADE = (
                 way_m += step_m > 0.f ? 1.f : step_m < 0.f ? -1.f : 0.f;
                 far_m += step_m < 0.f ? -step_m : step_m;
             }
-            for (int c = 0; c < 4; ++c) kept[8 * (16 + c) + j] = way[c];
-            kept[8 * 20 + j] = way_m;
-            variation += far[0] + far[1] + far[2] + far[3] + far_m;
+            for (int c = 0; c < 3; ++c) kept[8 * (16 + c) + j] = way[c];
+            kept[8 * 19 + j] = gloss * way[3];
+            kept[8 * 20 + j] = gloss * way_m;
+            variation += far[0] + far[1] + far[2] + gloss * (far[3] + far_m);
         }
     }
     sums.data[2 * piece] = total(loss);

@@ -54,7 +54,7 @@ def view_terms(model: Decomposition, buffer: ViewBuffer, strength: float) -> Vie
     if light.suns is not None and arriving.flux is not None:
         flux, transfer = arriving.flux, light.suns.views[buffer.number]
     exposure = 1.0 if model.exposure is None else float(model.exposure.gain(buffer.number))
-    seen = SeenView(buffer, light.lookup, transfer, exposure, settings.ssim_weight > 0)
+    seen = SeenView(buffer, light.lookup, transfer, exposure, settings.ssim_weight > 0, settings.gloss_weight)
     terms = image_terms(material, arriving.irradiance, arriving.stack, flux, seen)
     return ViewTerms(*terms, radiance * model.factor.parameter.detach().exp())
 
