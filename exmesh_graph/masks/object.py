@@ -1,0 +1,176 @@
+"""The object among what depth maps show: fused, without what views look through, without its table, closed.
+
+Depth maps that were found without masks hold the object, the ground it stands on, pieces of the surroundings and lumps
+in the air. What is left of them is drawn into each view; the visual hull of these outlines, carved by the depth maps,
+is closed and rough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import binary_closing, label
+
+from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.adjacency import face_areas, without_unused
+from exmesh_graph.geometry.clean import largest_components
+from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.geometry.settings import TsdfSettings
+from exmesh_graph.geometry.tsdf import fuse
+from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.plane import Plane, find_plane
+from exmesh_graph.masks.settings import ObjectSettings
+from exmesh_graph.types import DepthMaps, Views
+
+_VOXELS = 1.5
+"""Half the thickness of a table, which stereo's noise gives it."""
+_TOLERANCE = 0.02
+_SHOWN = 0.8
+_HOLES = 0.002
+_CLOSED = 2
+
+
+@dataclass(frozen=True)
+class Found:
+    """What `object_of_depths` finds.
+
+    vertices, faces  float32 [V, 3], int32 [F, 3], closed, counter-clockwise from outside, normalised world
+    table            the plane that it stands on, None where there is none
+    removed          whether that was taken away
+    shares           of the fused surface's area: `lumps` that views look through, `table`, `beside` what few views show
+                     or lies in small parts, `object` what is left
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    table: Plane | None
+    removed: bool
+    shares: dict[str, float]
+
+
+def object_of_depths(
+    views: Views, depths: DepthMaps, settings: ObjectSettings | None = None, *, seed: int = 0
+) -> Found:
+    """The object that most of `views` show amidst them, by their depth maps.
+
+    Raises GeometryError where the depth maps give no surface, where nothing is left of it, and for table: remove
+    where no table was found.
+    """
+    settings = settings or ObjectSettings()
+    voxel = 2.0 / settings.resolution
+    fused = TsdfSettings(resolution=settings.resolution, masked=False, truncation=6, min_weight=2, radius=1)
+    vertices, faces = fuse(views, depths, fused)
+    whole = float(face_areas(vertices, faces).sum())
+    held, shares = ~looked_through(vertices, views, depths), {}
+    faces, shares["lumps"] = _less(vertices, faces, held[faces].all(axis=1), whole)
+    table = _table(vertices, faces, views, _VOXELS * voxel, seed)
+    if settings.table == "remove" and table is None:
+        raise GeometryError(
+            "no plane was found that the object stands on and the cameras look down on", where="init.object",
+            fix="set table: auto, or keep",
+        )  # fmt: skip
+    removed = table is not None and (settings.table == "remove" or (settings.table == "auto" and table.is_table))
+    if removed and table is not None:
+        above = table.height(vertices[faces].mean(axis=1)) > _VOXELS * voxel
+        faces, shares["table"] = _less(vertices, faces, above, whole)
+    seen = shown_by(vertices, views) >= _SHOWN
+    faces, shares["beside"] = _less(vertices, faces, seen[faces].all(axis=1), whole)
+    if len(faces) == 0:
+        raise GeometryError(
+            "nothing is left of the surface that the depth maps show: " + _said(shares), where="init.object",
+            expected="an object amidst the views, with paint on it",
+            fix="set table: keep, or give masks (mask.files)",
+        )  # fmt: skip
+    vertices, faces = _parts(*without_unused(vertices, faces), settings.least_part)
+    shares["object"] = float(face_areas(vertices, faces).sum()) / whole
+    shares["beside"] = 1 - sum(share for name, share in shares.items() if name != "beside")
+    return Found(*_closed(vertices, faces, views, table if removed else None, settings.least_part), table, removed, shares)
+
+
+def looked_through(points: np.ndarray, views: Views, depths: DepthMaps) -> np.ndarray:
+    """bool [P]: more views measure a depth behind the point [P, 3], in whose way it would be, than at it."""
+    through, at = np.zeros(len(points), int), np.zeros(len(points), int)
+    for view in range(len(views)):
+        row, column, z = _pixels(points, views, view)
+        there = row >= 0
+        depth = depths.depth[view][np.where(there, row, 0), np.where(there, column, 0)]
+        known = there & (depth > 0)
+        through += known & (z < (1 - _TOLERANCE) * depth)
+        at += known & (np.abs(z - depth) <= _TOLERANCE * depth)
+    return (through > at) & (through >= 2)
+
+
+def shown_by(points: np.ndarray, views: Views) -> np.ndarray:
+    """float64 [P], the share of the views in whose pictures the points [P, 3] lie, hidden or not."""
+    return np.mean([_pixels(points, views, view)[0] >= 0 for view in range(len(views))], axis=0)
+
+
+def _pixels(points: np.ndarray, views: Views, view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(row [P], column [P], depth [P]) of points [P, 3]; -1, -1 where they are not in the picture."""
+    matrix = views.intrinsics[view] @ views.world_to_camera[view][:3]
+    image = points @ matrix[:, :3].T + matrix[:, 3]
+    z = image[:, 2]
+    place = np.floor(image[:, :2] / np.maximum(z, 1e-6)[:, None])
+    there = (z > 1e-6) & (place >= 0).all(axis=1) & (place < (views.width, views.height)).all(axis=1)
+    column, row = np.where(there[:, None], place, -1).astype(int).T
+    return row, column, z
+
+
+def _less(vertices: np.ndarray, faces: np.ndarray, kept: np.ndarray, whole: float) -> tuple[np.ndarray, float]:
+    """(the faces that are kept, share of the others of the area `whole`)."""
+    return faces[kept], float(face_areas(vertices, faces[~kept]).sum()) / whole
+
+
+def _table(vertices: np.ndarray, faces: np.ndarray, views: Views, tolerance: float, seed: int) -> Plane | None:
+    corners = vertices[faces].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(across, axis=1)
+    good = length > 0
+    normals = across[good] / length[good, None]
+    cameras = views.camera_to_world[:, :3, 3]
+    return find_plane(corners[good].mean(axis=1), normals, length[good] / 2, cameras, tolerance, seed)
+
+
+def _parts(vertices: np.ndarray, faces: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    return largest_components(vertices, faces, 0, least)
+
+
+def _closed(
+    vertices: np.ndarray, faces: np.ndarray, views: Views, table: Plane | None, least: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The hull of the open surface's outlines, above the table, carved by the depth maps; largest part."""
+    outlines = np.stack([_filled(one) for one in drawn_outlines(vertices, faces, views)])
+    some = outlines.any(axis=(1, 2))
+    seen = views.subset(np.flatnonzero(some))
+    drawn = replace(seen, alpha=outlines[some].astype(np.float32), has_masks=True)
+    field = SilhouetteField.of_views(drawn)
+    if table is not None:
+        field = _Grounded(
+            field.distances, field.intrinsics, field.world_to_camera, field.wrong_masks, table.normal, table.offset
+        )
+    return largest_components(*visual_hull(field, resolution=0), 0, least)
+
+
+@dataclass(frozen=True)
+class _Grounded(SilhouetteField):
+    """The hull's field above a plane: normal [3] and offset as in Plane."""
+
+    normal: np.ndarray | None = None
+    offset: float = 0.0
+
+    def __call__(self, points: np.ndarray, floor: float = -np.inf) -> np.ndarray:
+        height = (points @ np.asarray(self.normal) - self.offset).astype(np.float32)
+        return np.minimum(super().__call__(points, floor), height)
+
+
+def _filled(outline: np.ndarray) -> np.ndarray:
+    """bool [H, W] without cracks of two pixels and without holes that are small beside the outline."""
+    reach = _CLOSED + 1
+    closed = binary_closing(np.pad(outline, reach), iterations=_CLOSED)[reach:-reach, reach:-reach] | outline
+    holes, _ = label(~closed)
+    return closed | (np.bincount(holes.ravel()) < _HOLES * closed.sum())[holes]
+
+
+def _said(shares: dict[str, float]) -> str:
+    return ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
