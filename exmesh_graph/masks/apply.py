@@ -51,6 +51,22 @@ def with_masks(views: Views, masks: Iterable[np.ndarray], where: str) -> Views:
     )
 
 
+def with_found_masks(views: Views, masks: np.ndarray, where: str) -> tuple[Views, list[str]]:
+    """(the views that have pixels in `masks` bool [N, H, W], with these; names of the others). Raises as `with_masks`.
+
+    DataError too where none has any.
+    """
+    seen = np.asarray(masks.any(axis=(1, 2)))
+    if not seen.any():
+        raise DataError(
+            "no view shows the surface", where=where, expected="a surface of these views, in their world",
+            fix="check that the surface comes from the same scene",
+        )  # fmt: skip
+    rows = np.flatnonzero(seen)
+    bare = [name for name, one in zip(views.names, seen, strict=True) if not one]
+    return with_masks(views.subset(rows), (soft(masks[row]) for row in rows), where), bare
+
+
 def soft(inside: np.ndarray) -> np.ndarray:
     """Coverage float32 [H, W] in 256 steps of a mask bool [H, W], its rim spread over the pixels beside it."""
     spread = gaussian_filter(inside.astype(np.float32), _RIM, mode="nearest")

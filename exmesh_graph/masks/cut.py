@@ -47,14 +47,14 @@ def moved_to_edges(picture: np.ndarray, drawn: np.ndarray, band: float, smoothne
         return drawn.copy()
     lab = rgb2lab(np.clip(picture, 0, 1)).astype(np.float32)
     unlike = _unlike(lab, sure_in, sure_out, band_of, band)
-    kept = least_cut(unlike, _contrast(lab, band_of) , band_of, sure_in, smoothness)
+    kept = least_cut(unlike, _contrast(lab, band_of), band_of, sure_in, smoothness)
     result = sure_in.copy()
     result[band_of] = kept
     return result
 
 
 def sides(drawn: np.ndarray, band: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(certainly inside, certainly outside, open) bool [H, W]: what lies between is within `band` pixels of the outline.
+    """(certainly inside, certainly outside, open) bool [H, W]: the open pixels are within `band` of the outline.
 
     Of a part, or a gap, thinner than twice the band the middle is certain: what is deeper than 0.6 of the deepest pixel
     nearby.
@@ -71,9 +71,7 @@ def _core(side: np.ndarray, band: float) -> np.ndarray:
     return side & (deep > np.minimum(band, _CORE * local))
 
 
-def _unlike(
-    lab: np.ndarray, sure_in: np.ndarray, sure_out: np.ndarray, band_of: np.ndarray, band: float
-) -> np.ndarray:
+def _unlike(lab: np.ndarray, sure_in: np.ndarray, sure_out: np.ndarray, band_of: np.ndarray, band: float) -> np.ndarray:
     """float64 [P] in [0, 1] for the open pixels: 0 where the colour is the inside's, 1 where it is the outside's."""
     near = distance_transform_edt(~band_of) <= 2 * band
     places = np.argwhere(band_of)

@@ -1,8 +1,7 @@
 """The object among what depth maps show: fused, without what views look through, without its table, closed.
 
 Depth maps that were found without masks hold the object, the ground it stands on, pieces of the surroundings and lumps
-in the air. What is left of them is drawn into each view; the visual hull of these outlines, carved by the depth maps,
-is closed and rough.
+in the air. What is left of them is drawn into each view; the visual hull of these outlines is closed and rough.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import binary_closing, label
+from scipy.ndimage import binary_closing, label, uniform_filter
 
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import face_areas, without_unused
@@ -18,9 +17,11 @@ from exmesh_graph.geometry.clean import largest_components
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
+from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.plane import Plane, find_plane
 from exmesh_graph.masks.settings import ObjectSettings
+from exmesh_graph.masks.wide import brought_back, widened
 from exmesh_graph.types import DepthMaps, Views
 
 _VOXELS = 1.5
@@ -29,17 +30,20 @@ _TOLERANCE = 0.02
 _SHOWN = 0.8
 _HOLES = 0.002
 _CLOSED = 2
+_WINDOW = 5
 
 
 @dataclass(frozen=True)
 class Found:
     """What `object_of_depths` finds.
 
-    vertices, faces  float32 [V, 3], int32 [F, 3], closed, counter-clockwise from outside, normalised world
+    vertices, faces  float32 [V, 3], int32 [F, 3], closed, counter-clockwise from outside, in the world of the views
     table            the plane that it stands on, None where there is none
     removed          whether that was taken away
-    shares           of the fused surface's area: `lumps` that views look through, `table`, `beside` what few views show
-                     or lies in small parts, `object` what is left
+    shares           of the fused surface's area: `lumps` that views look through, `table`, `beside` what most views'
+                     pictures do not hold, or small parts; `object` what is left
+    apart            of what there is without lumps, table and small parts, the share that most views' pictures hold: a
+                     surface that goes on beyond the pictures has little
     """
 
     vertices: np.ndarray
@@ -47,24 +51,27 @@ class Found:
     table: Plane | None
     removed: bool
     shares: dict[str, float]
+    apart: float
 
 
 def object_of_depths(
     views: Views, depths: DepthMaps, settings: ObjectSettings | None = None, *, seed: int = 0
 ) -> Found:
-    """The object that most of `views` show amidst them, by their depth maps.
+    """The object that stands amidst `views`, by their depth maps, inside the sphere of radius `settings.reach`.
 
     Raises GeometryError where the depth maps give no surface, where nothing is left of it, and for table: remove
     where no table was found.
     """
     settings = settings or ObjectSettings()
-    voxel = 2.0 / settings.resolution
+    reach, voxel = settings.reach, 2.0 / settings.resolution
+    wide = widened(views, reach)
+    maps = structured(wide, brought_back(depths, 1 / reach), settings.least_structure)
     fused = TsdfSettings(resolution=settings.resolution, masked=False, truncation=6, min_weight=2, radius=1)
-    vertices, faces = fuse(views, depths, fused)
-    whole = float(face_areas(vertices, faces).sum())
-    held, shares = ~looked_through(vertices, views, depths), {}
+    vertices, faces = fuse(wide, maps, fused)
+    whole, shares = float(face_areas(vertices, faces).sum()), {}
+    held = ~looked_through(vertices, wide, maps)
     faces, shares["lumps"] = _less(vertices, faces, held[faces].all(axis=1), whole)
-    table = _table(vertices, faces, views, _VOXELS * voxel, seed)
+    table = _table(vertices, faces, wide, _VOXELS * voxel, seed)
     if settings.table == "remove" and table is None:
         raise GeometryError(
             "no plane was found that the object stands on and the cameras look down on", where="init.object",
@@ -74,18 +81,33 @@ def object_of_depths(
     if removed and table is not None:
         above = table.height(vertices[faces].mean(axis=1)) > _VOXELS * voxel
         faces, shares["table"] = _less(vertices, faces, above, whole)
-    seen = shown_by(vertices, views) >= _SHOWN
-    faces, shares["beside"] = _less(vertices, faces, seen[faces].all(axis=1), whole)
+    held = (shown_by(vertices, wide) >= _SHOWN)[faces].all(axis=1)
+    faces, beside = _less(vertices, faces, held, whole)
     if len(faces) == 0:
         raise GeometryError(
-            "nothing is left of the surface that the depth maps show: " + _said(shares), where="init.object",
-            expected="an object amidst the views, with paint on it",
+            f"nothing is left of the surface that the depth maps show: {said({**shares, 'beside': beside})}",
+            where="init.object", expected="a painted object amidst the views",
             fix="set table: keep, or give masks (mask.files)",
         )  # fmt: skip
-    vertices, faces = _parts(*without_unused(vertices, faces), settings.least_part)
+    vertices, faces = largest_components(*without_unused(vertices, faces), 0, settings.least_part)
     shares["object"] = float(face_areas(vertices, faces).sum()) / whole
-    shares["beside"] = 1 - sum(share for name, share in shares.items() if name != "beside")
-    return Found(*_closed(vertices, faces, views, table if removed else None, settings.least_part), table, removed, shares)
+    shares["beside"] = 1 - sum(shares.values())
+    vertices, faces = _closed(vertices, faces, wide, table if removed else None, settings.least_part)
+    apart = shares["object"] / (shares["object"] + beside)
+    return Found(vertices * np.float32(reach), faces, table, removed, shares, apart)
+
+
+def structured(views: Views, depths: DepthMaps, least: float) -> DepthMaps:
+    """The depth maps without the pixels around which the picture is flat (deviation of 5 x 5 below `least`).
+
+    Windows of stereo carry the object's depth onto a flat background beside it.
+    """
+    kept = depths.depth.copy()
+    for view in range(len(views)):
+        grey = linear_to_srgb(np.clip(np.asarray(views.images[view]), 0, 1)).mean(axis=-1, dtype=np.float64)
+        mean, square = (uniform_filter(part, _WINDOW, mode="nearest") for part in (grey, grey**2))
+        kept[view][square - mean**2 < least**2] = 0
+    return replace(depths, depth=kept)
 
 
 def looked_through(points: np.ndarray, views: Views, depths: DepthMaps) -> np.ndarray:
@@ -132,14 +154,10 @@ def _table(vertices: np.ndarray, faces: np.ndarray, views: Views, tolerance: flo
     return find_plane(corners[good].mean(axis=1), normals, length[good] / 2, cameras, tolerance, seed)
 
 
-def _parts(vertices: np.ndarray, faces: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    return largest_components(vertices, faces, 0, least)
-
-
 def _closed(
     vertices: np.ndarray, faces: np.ndarray, views: Views, table: Plane | None, least: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The hull of the open surface's outlines, above the table, carved by the depth maps; largest part."""
+    """The hull of the open surface's outlines, above the table, without small parts."""
     outlines = np.stack([_filled(one) for one in drawn_outlines(vertices, faces, views)])
     some = outlines.any(axis=(1, 2))
     seen = views.subset(np.flatnonzero(some))
@@ -172,5 +190,6 @@ def _filled(outline: np.ndarray) -> np.ndarray:
     return closed | (np.bincount(holes.ravel()) < _HOLES * closed.sum())[holes]
 
 
-def _said(shares: dict[str, float]) -> str:
+def said(shares: dict[str, float]) -> str:
+    """Shares of the surface as text."""
     return ", ".join(f"{name} {share:.0%}" for name, share in shares.items())

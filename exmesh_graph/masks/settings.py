@@ -10,7 +10,9 @@ from exmesh_graph.params import Params, param
 class CutSettings(Params):
     """Of `outlines.masks_of_surface`."""
 
-    side: int = param(400, ge=32, unit="px", doc="Longer side of the pictures in which outlines are first moved, about.")
+    side: int = param(
+        400, ge=32, unit="px", doc="Longer side of the pictures in which outlines are first moved, about."
+    )
     band: float = param(
         8.0, ge=1, le=64, unit="px", doc="How far an outline may move to an edge of the picture, at that size."
     )
@@ -24,22 +26,35 @@ class ObjectSettings(Params):
 
     table: Literal["auto", "remove", "keep"] = param(
         "auto",
-        doc="A plane that the object stands on: auto takes it away where it goes on beside the object; keep it, or take "
-        "it away in any case (an error where there is none).",
+        doc="A plane that the object stands on: auto takes it away where it goes on beside the object; keep it, or "
+        "take it away in any case (an error where there is none).",
     )
-    resolution: int = param(128, ge=32, le=512, unit="voxels", doc="Along the unit sphere's diameter.")
-    least_part: float = param(
-        0.05, ge=0, le=1, doc="Parts apart from the largest stay from this share of its area on."
+    resolution: int = param(128, ge=32, le=512, unit="voxels", doc="Along the diameter of what is looked at.")
+    reach: float = param(
+        1.3, ge=1, le=4, doc="How far is looked, in radii of the world's sphere, which is a guess without masks."
+    )
+    least_part: float = param(0.05, ge=0, le=1, doc="Parts apart from the largest stay from this share of its area on.")
+    least_structure: float = param(
+        0.01,
+        ge=0,
+        le=1,
+        doc="Depth counts where display values vary by this deviation in 5 x 5 pixels: flat ones have a neighbour's.",
     )
 
 
 class AgreementSettings(Params):
-    """Of `agreement.agreement`: what masks that were found must pass."""
+    """Of `agreement.agree`: what masks that were found must pass."""
 
     least_overlap: float = param(
-        0.85, ge=0, le=1, doc="Median over the views of masks and their common shape, drawn back: intersection over union."
+        0.85,
+        ge=0,
+        le=1,
+        doc="Median over the views of masks and their common shape, drawn back: intersection over union.",
     )
-    least_whole: float = param(0.6, ge=0, le=1, doc="Share of the views that must show the object whole.")
+    least_apart: float = param(
+        0.8, ge=0, le=1, doc="Share of the surface amidst the views, less its table, that most of the views show."
+    )
+    least_seen: float = param(0.6, ge=0, le=1, doc="Share of the views that must show the object.")
     most_contradicted: float = param(
         0.2, ge=0, le=1, doc="Share of the views whose mask may be another than the common shape."
     )
