@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import binary_closing, label, uniform_filter
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import face_areas, without_unused
+from exmesh_graph.geometry.adjacency import boundary_edges, face_areas, without_unused
 from exmesh_graph.geometry.clean import largest_components
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
@@ -26,6 +26,7 @@ from exmesh_graph.types import DepthMaps, Views
 
 _VOXELS = 1.5
 """Half the thickness of a table, which stereo's noise gives it."""
+_SKIRT = 3.0
 _TOLERANCE = 0.02
 _SHOWN = 0.8
 _HOLES = 0.002
@@ -92,9 +93,31 @@ def object_of_depths(
     vertices, faces = largest_components(*without_unused(vertices, faces), 0, settings.least_part)
     shares["object"] = float(face_areas(vertices, faces).sum()) / whole
     shares["beside"] = 1 - sum(shares.values())
+    if removed and table is not None:
+        vertices, faces = down_to(table, vertices, faces, _SKIRT * voxel)
     vertices, faces = _closed(vertices, faces, wide, table if removed else None, settings.least_part)
     apart = shares["object"] / (shares["object"] + beside)
     return Found(vertices * np.float32(reach), faces, table, removed, shares, apart)
+
+
+def down_to(table: Plane, vertices: np.ndarray, faces: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """The open mesh with walls from its rim down to the plane, where the rim is at most so high above it.
+
+    Taking a table away takes the feet of what stands on it along.
+    """
+    rim = boundary_edges(faces)
+    low = (table.height(vertices) <= most)[rim].all(axis=1)
+    used, index = np.unique(rim[low], return_inverse=True)
+    if len(used) == 0:
+        return vertices, faces
+    feet = vertices[used] - table.height(vertices[used])[:, None] * table.normal
+    a, b = rim[low].T
+    c, d = (len(vertices) + index.reshape(-1, 2)).T
+    walls = np.concatenate([np.stack([b, a, c], axis=1), np.stack([b, c, d], axis=1)])
+    return (
+        np.concatenate([vertices, feet]).astype(np.float32),
+        np.concatenate([faces, walls]).astype(np.int32),
+    )
 
 
 def structured(views: Views, depths: DepthMaps, least: float) -> DepthMaps:

@@ -9,7 +9,7 @@ from exmesh_graph.masks.agreement import agreed_masks, common_shape, overlap
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
 
-CUTTING, CHECKS = CutSettings(band=4), AgreementSettings()
+CUTTING, CHECKS = CutSettings(band=4), AgreementSettings(least_overlap=0.85)
 
 
 @pytest.fixture(scope="module")

@@ -75,15 +75,25 @@ def test_nothing_moves_farther_than_the_band():
     assert not moved[~disc(34.5)].any()
 
 
+def test_cracks_are_open_to_their_middles():
+    cracked = np.ones((60, 60), bool)
+    cracked[:8] = False
+    cracked[30:34, 20:40] = False
+    assert not sides(cracked, 8)[1][25:40].any()
+    grey = np.random.default_rng(0).uniform(0.5, 0.6, (60, 60, 3)).astype(np.float32)
+    grey[:8] = 0.1
+    assert moved_to_edges(grey, cracked, 8)[10:].all()
+
+
 def test_thin_parts_and_gaps_keep_their_middles():
     thin = np.zeros((60, 60), bool)
     thin[10:50, 10:50] = True
-    thin[28:31, 14:46] = False
+    thin[27:33, 14:46] = False
     thin[20:22, 50:60] = True
     sure_in, sure_out, is_open = sides(thin, 8)
     assert (sure_in.astype(int) + sure_out + is_open == 1).all()
-    assert sure_out[29, 16:44].all()
-    assert not sure_out[28, 16:44].any()
+    assert sure_out[29:31, 18:42].all()
+    assert not sure_out[27, 16:44].any()
     assert sure_in[20:22, 54:58].any()
     assert not (sure_in & ~thin).any()
     assert not (sure_out & thin).any()

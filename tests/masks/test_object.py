@@ -9,7 +9,8 @@ from mask_scenes import GROUND, disc, overlap_of, scene
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.clean import inspect
 from exmesh_graph.masks.drawn import drawn_outlines
-from exmesh_graph.masks.object import looked_through, object_of_depths, shown_by, structured
+from exmesh_graph.masks.object import down_to, looked_through, object_of_depths, shown_by, structured
+from exmesh_graph.masks.plane import Plane
 from exmesh_graph.masks.settings import ObjectSettings
 from exmesh_graph.masks.wide import brought_back, widened, widened_points
 from exmesh_graph.types import PointCloud
@@ -100,3 +101,22 @@ def test_a_wider_world_has_the_same_pictures(ball):
     cloud = PointCloud(vertices, np.zeros_like(vertices))
     assert widened_points(cloud, 2.0).points == pytest.approx(vertices / 2)
     assert widened_points(None, 2.0) is None
+
+
+def test_feet_that_went_with_the_table_are_drawn_down_to_it():
+    """A tube that ends above the plane gets a wall down to it; one that ends high above does not."""
+    turn = 2 * np.pi * np.arange(12) / 12
+    ring = np.stack([0.2 * np.cos(turn), np.zeros(12), 0.2 * np.sin(turn)], axis=1)
+    k = np.arange(12)
+    walls = np.concatenate([np.stack([k, 12 + k, (k + 1) % 12], axis=1),
+                            np.stack([(k + 1) % 12, 12 + k, 12 + (k + 1) % 12], axis=1)]).astype(np.int32)  # fmt: skip
+    up = np.array([0.0, 1, 0])
+    tube = np.concatenate([ring + 0.05 * up, ring + 0.5 * up]).astype(np.float32)
+    plane = Plane(up, 0.0, 0.5)
+    vertices, faces = down_to(plane, tube, walls, 0.1)
+    assert len(vertices) == 36
+    assert vertices[24:, 1] == pytest.approx(0, abs=1e-6)
+    assert inspect(vertices, faces).turned_edges == 0
+    assert inspect(vertices, faces).open_edges == 24
+    same, as_before = down_to(plane, tube, walls, 0.01)
+    assert (len(same), len(as_before)) == (24, 24)

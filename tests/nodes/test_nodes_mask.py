@@ -49,7 +49,7 @@ def overlap(views, depths):
 
 def test_masks_from_files_are_what_a_loader_makes_of_them(tmp_path):
     """The sample as its loader reads it, from opaque pictures and masks beside them."""
-    masked = load_blender(SAMPLE, BlenderOptions(max_views=3)).train
+    masked = load_blender(SAMPLE, BlenderOptions(max_views=3, downscale=4)).train
     straight = np.where(masked.alpha[..., None] > 0, masked.images / np.maximum(masked.alpha, 1e-6)[..., None], 0.5)
     opaque = replace(masked, images=straight.astype(np.float32), alpha=np.ones_like(masked.alpha), has_masks=False)
     for name, alpha in zip(masked.names, masked.alpha, strict=True):
@@ -84,7 +84,9 @@ def test_the_object_of_depth_maps_is_closed(ball):
     out = mask.object_(context, views, None, depths, p=mask.ObjectParams(resolution=64))
     assert out.mesh.facets()["closed"]
     assert out.mesh.facets()["manifold"]
-    assert np.linalg.norm(out.mesh.vertices, axis=1) == pytest.approx(0.4, abs=0.12)
+    reach = np.linalg.norm(out.mesh.vertices, axis=1)
+    assert np.median(reach) == pytest.approx(0.4, abs=0.04)
+    assert reach.max() < 0.7  # the cones of a hull above and below a ring of cameras
     assert context.lines[-1].startswith("table: none. No plane was found")
 
 
