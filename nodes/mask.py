@@ -33,7 +33,7 @@ def _mask_files(p: FilesParams) -> Mapping[str, Path]:
     return mask_files(p.path)
 
 
-@node("mask.files", version="1", libraries=("OpenImageIO", "scipy"), sources=_mask_files)
+@node("mask.files", version="1", libraries=("OpenImageIO",), sources=_mask_files)
 def files(ctx: Context, views: Views, *, p: FilesParams) -> MaskedOut:
     """Masks from files, laid on views that have none: white on the object, as the views have the pictures."""
     from exmesh_graph.masks.apply import with_masks
@@ -124,7 +124,7 @@ class AutoOut(NamedTuple):
     decisions: Metrics
 
 
-@node("mask.auto", version="1", libraries=("OpenImageIO", *_STEREO))
+@node("mask.auto", version="1", libraries=_STEREO)
 def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: AutoParams) -> AutoOut:
     """Masks for photographs that have none, where an object stands apart: init.object, mask.from_surface, and a check.
 
