@@ -81,7 +81,7 @@ def common_shape(views: Views, masks: np.ndarray, near: np.ndarray) -> tuple[np.
     """
     wrong = min(max(1, round(_OUTVOTED * len(views))), len(views) - 1)
     cameras = views.intrinsics, views.world_to_camera
-    field = SilhouetteField.from_masks(masks.astype(np.float32), *cameras, wrong_masks=wrong, names=views.names)
+    field = SilhouetteField.from_masks(masks, *cameras, wrong_masks=wrong, names=views.names)
     low, high = near.min(axis=0).astype(float), near.max(axis=0).astype(float)
     room = _ROOM * (high - low).max()
     return visual_hull(field, resolution=0, low=low - room, high=high + room)

@@ -182,10 +182,8 @@ def _closed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The hull of the open surface's outlines, above the table, without small parts."""
     outlines = np.stack([_filled(one) for one in drawn_outlines(vertices, faces, views)])
-    some = outlines.any(axis=(1, 2))
-    seen = views.subset(np.flatnonzero(some))
-    drawn = replace(seen, alpha=outlines[some].astype(np.float32), has_masks=True)
-    field = SilhouetteField.of_views(drawn)
+    seen = outlines.any(axis=(1, 2))
+    field = SilhouetteField.from_masks(outlines[seen], views.intrinsics[seen], views.world_to_camera[seen])
     if table is not None:
         field = _Grounded(
             field.distances, field.intrinsics, field.world_to_camera, field.wrong_masks, table.normal, table.offset
