@@ -1,12 +1,16 @@
 """Masks found in photographs without masks (`mask.auto`) against the true ones: overlap, what was decided, seconds.
 
-python -m benchmarks.object_masks SCENE ... [--table] [--downscale N] [--set NAME=VALUE ...] [--picture FOLDER]
+python -m benchmarks.object_masks SCENE ... [--table] [--downscale N] [--set NAME=VALUE ...] [--start]
+    [--picture FOLDER]
 
 Scenes with masks lose them first: their pictures keep the background where it was photographed. Rendered ones have a
 black background; with --table they stand on a noisy one before a noisy wall instead, and cameras below it are left out.
 Scenes without masks are scored by masks/ in their folder where it is there. `IoU` is the median over the training views
 of intersection over union, `worst` the least; `apart` and `overlap` are what the checks rest on. Seconds are
 processor seconds, all threads together.
+
+--start makes init.auto's coarse start without and with these masks too, where there is a true mesh of the object alone:
+mean distances to and from it in thousandths of normalised units, and how much of it lies within 20 of the start.
 """
 
 from __future__ import annotations
@@ -17,16 +21,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from exmesh_nodes import mask
+from exmesh_nodes import auto, mask
 from scipy.ndimage import map_coordinates
 
 from benchmarks.coarse_work import load_case
 from benchmarks.register import choosing
+from exmesh_graph.geometry.remesh import nearest_of
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.color import linear_to_srgb, srgb_to_linear
 from exmesh_graph.io.idr import load_idr
 from exmesh_graph.io.images import read_mask, write_image
+from exmesh_graph.io.meshes import read_mesh
 from exmesh_graph.io.middlebury import load_middlebury
+from exmesh_graph.io.normalise import points_to_normalised
 from exmesh_graph.io.settings import BlenderOptions, IdrOptions, MiddleburyOptions
 from exmesh_graph.masks.agreement import overlap
 from exmesh_graph.testing import FakeContext
@@ -52,8 +59,11 @@ def main() -> None:
         print(line(scene.name + (", table" if options.table else ""), views, truth, out, seconds), flush=True)
         for said in context.warnings:
             print(f"    {said}")
+        if options.start:
+            for name, given in (("without", views), ("with", out.train)):
+                print(f"    start {name:8s} {started(scene, given)}", flush=True)
         if options.picture:
-            name = f"{scene.name}{'_table' if options.table else ''}.png"
+            name = f"{scene.name}{'_table' if options.table else ''}.jpg"
             write_image(options.picture / name, sheet(views, out.train))
 
 
@@ -65,6 +75,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--downscale", type=int, default=1, help="reduce the pictures by this factor")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="parameters of mask.auto")
+    parser.add_argument("--start", action="store_true", help="make the coarse start without and with the masks too")
     parser.add_argument("--picture", type=Path, help="write pictures of the masks into this folder")
     return parser.parse_args()
 
@@ -139,6 +150,27 @@ def line(name: str, views: Views, truth: np.ndarray | None, out: mask.AutoOut, s
     return (
         f"{name:22s} {len(views):5d} {f'{views.width}x{views.height}':>9s} {rows['masks']['value']:>6s} "
         f"{table['value']:>8s} {middle:>6s} {worst:>6s} {apart:6.2f} {agreed:7.2f} {seconds:5.0f}"
+    )
+
+
+def started(scene: Path, views: Views) -> str:
+    """The coarse start from these views against the object's true mesh: closed or open, distances."""
+    file = next(
+        (scene / f"mesh/{name}.obj" for name in ("object", "mesh") if (scene / f"mesh/{name}.obj").is_file()), None
+    )
+    if file is None:
+        return "no true mesh"
+    frame = load_blender(scene, BlenderOptions(max_views=0)).frame
+    vertices, faces = read_mesh(file)
+    vertices = points_to_normalised(vertices, frame)
+    made = auto.auto(FakeContext(), views, p=auto.AutoParams(faces=8000)).mesh
+    middles = vertices[faces].mean(axis=1)
+    there = np.linalg.norm(nearest_of(made.vertices, made.faces)(middles) - middles, axis=1)
+    own = made.vertices.astype(np.float64)
+    back = np.linalg.norm(nearest_of(vertices, faces)(own) - own, axis=1)
+    return (
+        f"{'closed' if made.facets()['closed'] else 'open':6s} {len(made.faces)} faces; truth to start "
+        f"{1e3 * there.mean():.1f}, within 20: {(there < 0.02).mean():.0%}; start to truth {1e3 * back.mean():.1f}"
     )
 
 

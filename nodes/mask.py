@@ -150,7 +150,7 @@ def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: Aut
 
 def _found(ctx: Context, views: Views, points: PointCloud | None, p: AutoParams) -> tuple[Views, list[dict]]:
     """(views with masks, or as they came; what was decided)."""
-    from exmesh_graph.errors import GeometryError
+    from exmesh_graph.errors import DataError, GeometryError
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.masks.agreement import agreed_masks
     from exmesh_graph.masks.decide import found_row, none_row, table_row
@@ -160,7 +160,7 @@ def _found(ctx: Context, views: Views, points: PointCloud | None, p: AutoParams)
     with sharing(p.threads):
         try:
             found = object_of_depths(views, depths, p, seed=ctx.seed)
-        except GeometryError as error:
+        except (DataError, GeometryError) as error:  # told below, with what to do; a fault of ours is neither
             return views, [none_row(str(error).splitlines()[0], {})]
         rows = [table_row(found)]
         if found.apart < p.least_apart:

@@ -187,6 +187,20 @@ def test_no_depth_at_all_is_told_and_views_go_on(ball, monkeypatch):
     assert len(context.warnings) == 1
 
 
+def test_outlines_without_a_common_part_are_told_and_views_go_on(ball, monkeypatch):
+    from exmesh_graph.masks import object as room
+
+    def nothing(*_, **__):
+        raise DataError("the silhouettes of 8 views have no common part")
+
+    views, depths, _ = ball
+    monkeypatch.setattr(mask, "_stereo", lambda *_: depths)
+    monkeypatch.setattr(room, "visual_hull", nothing)
+    train, row = decided(FakeContext(), views)
+    assert train is views
+    assert "no common part" in row["reason"]
+
+
 def test_found_masks_are_no_input_of_what_is_scored():
     """Held-out views, the region and the scores of photos.yaml come from the photographs as they were loaded."""
     from ruamel.yaml import YAML
