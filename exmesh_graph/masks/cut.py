@@ -21,6 +21,8 @@ _SCALE = 1000
 _LAB = 10.0
 """CIELAB units that weigh as much as `_REACH` band widths of distance."""
 _REACH = 2.0
+_SEEN = 3.0
+"""Band widths from the outline within which samples lie."""
 _NEAREST = 5
 _SAMPLES = 6000
 _CORE = 0.6
@@ -43,15 +45,29 @@ def moved_to_edges(picture: np.ndarray, drawn: np.ndarray, band: float, smoothne
             f"the picture has the shape {list(picture.shape)}, the outline {list(drawn.shape)}",
             where="masks.cut.moved_to_edges", expected="[H, W, 3] and [H, W] of the same size",
         )  # fmt: skip
+    result = drawn.copy()
+    if drawn.all() or not drawn.any():
+        return result
+    around = _around(drawn, int(np.ceil(_SEEN * band)) + 2)
+    picture, drawn = picture[around], drawn[around]
     sure_in, sure_out, band_of = sides(drawn, band)
     if not sure_in.any() or not sure_out.any() or not band_of.any():
-        return drawn.copy()
+        return result
     lab = rgb2lab(np.clip(picture, 0, 1)).astype(np.float32)
     unlike = _unlike(lab, sure_in, sure_out, band_of, band)
     kept = least_cut(unlike, _contrast(lab, band_of), band_of, sure_in, smoothness)
-    result = sure_in.copy()
-    result[band_of] = kept
+    result[around][band_of] = kept
     return result
+
+
+def _around(drawn: np.ndarray, margin: int) -> tuple[slice, slice]:
+    """The part of the picture that holds the whole outline and `margin` pixels more: nothing else has a say."""
+    edge = np.zeros_like(drawn)
+    edge[1:] |= drawn[1:] != drawn[:-1]
+    edge[:, 1:] |= drawn[:, 1:] != drawn[:, :-1]
+    lines = np.flatnonzero(edge.any(axis=1)), np.flatnonzero(edge.any(axis=0))
+    rows, columns = (slice(max(0, int(line[0]) - margin), int(line[-1]) + 1 + margin) for line in lines)
+    return rows, columns
 
 
 def sides(drawn: np.ndarray, band: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -74,7 +90,7 @@ def _core(side: np.ndarray, band: float, least: float) -> np.ndarray:
 
 def _unlike(lab: np.ndarray, sure_in: np.ndarray, sure_out: np.ndarray, band_of: np.ndarray, band: float) -> np.ndarray:
     """float64 [P] in [0, 1] for the open pixels: 0 where the colour is the inside's, 1 where it is the outside's."""
-    near = distance_transform_edt(~band_of) <= 2 * band
+    near = distance_transform_edt(~band_of) <= (_SEEN - 1) * band
     places = np.argwhere(band_of)
     features = _features(lab, places, band)
     far = []

@@ -75,6 +75,20 @@ def test_nothing_moves_farther_than_the_band():
     assert not moved[~disc(34.5)].any()
 
 
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 60), st.integers(0, 60), st.integers(0, 1000))
+def test_what_lies_far_from_the_outline_has_no_say(rows, columns, seed):
+    """The same cut in a larger picture of other colours, wherever the smaller one lies in it."""
+    truth, drawn = disc(9, 48, 24.0, 23.0), disc(11, 48, 24.0, 23.0)
+    picture = painted(truth, seed)  # 12 pixels from the outline to its rim, of which 11 count
+    alone = moved_to_edges(picture, drawn, 3)
+    large = np.random.default_rng(seed).random((48 + 60, 48 + 60, 3)).astype(np.float32)
+    where = np.s_[rows : rows + 48, columns : columns + 48]
+    large[where], whole = picture, np.zeros(large.shape[:2], bool)
+    whole[where] = drawn
+    assert (moved_to_edges(large, whole, 3)[where] == alone).all()
+
+
 def test_cracks_are_open_to_their_middles():
     cracked = np.ones((60, 60), bool)
     cracked[:8] = False
