@@ -71,7 +71,7 @@ def _masked(ctx: Context, views: Views, masks: np.ndarray) -> Views:
 
 class ObjectParams(CoreSettings, ObjectSettings):
     side: int = param(
-        400, ge=32, unit="px", doc="Longer side of the pictures for stereo, where no depths are wired in."
+        400, ge=32, unit="px", doc="Longer side of the pictures for stereo, and in which the object is sought."
     )
 
 
@@ -97,7 +97,7 @@ def object_(
 
     maps = depths if depths is not None else _stereo(ctx, views, points, p.reach, p.side, p.threads)
     with sharing(p.threads):
-        found = object_of_depths(views, maps, p, seed=ctx.seed)
+        found = object_of_depths(views, maps, p, side=p.side, seed=ctx.seed)
     row = table_row(found)
     ctx.log(f"table: {row['value']}. {row['reason']}")
     require_sound(found.vertices, found.faces, closed=True, where=ctx.node)
@@ -159,7 +159,7 @@ def _found(ctx: Context, views: Views, points: PointCloud | None, p: AutoParams)
     depths = _stereo(ctx, views, points, p.reach, p.side, p.threads)
     with sharing(p.threads):
         try:
-            found = object_of_depths(views, depths, p, seed=ctx.seed)
+            found = object_of_depths(views, depths, p, side=p.side, seed=ctx.seed)
         except (DataError, GeometryError) as error:  # told below, with what to do; a fault of ours is neither
             return views, [none_row(str(error).splitlines()[0], {})]
         rows = [table_row(found)]

@@ -6,6 +6,7 @@ in the air. What is left of them is drawn into each view; the visual hull of the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.plane import Plane, find_plane
 from exmesh_graph.masks.settings import ObjectSettings
@@ -56,17 +58,21 @@ class Found:
 
 
 def object_of_depths(
-    views: Views, depths: DepthMaps, settings: ObjectSettings | None = None, *, seed: int = 0
+    views: Views, depths: DepthMaps, settings: ObjectSettings | None = None, *, side: int = 400, seed: int = 0
 ) -> Found:
     """The object that stands amidst `views`, by their depth maps, inside the sphere of radius `settings.reach`.
 
-    Raises GeometryError where the depth maps give no surface, where nothing is left of it, and for table: remove
-    where no table was found.
+    Pictures and maps are looked at reduced to a longer side of at most `side` pixels, which the sizes of windows and
+    cracks here are meant for. Raises DataError where views and maps do not belong together or nothing left of the
+    surface is common to the views, GeometryError where the depth maps give no surface, where nothing is left of it, and
+    for table: remove where no table was found.
     """
     settings = settings or ObjectSettings()
     reach, voxel = settings.reach, 2.0 / settings.resolution
-    wide = widened(views, reach)
-    maps = structured(wide, brought_back(depths, 1 / reach), settings.least_structure)
+    depths.require_of(views, "init.object")
+    factor = max(1, math.ceil(max(views.width, views.height) / side))
+    wide = widened(reduced(views, factor), reach)
+    maps = structured(wide, brought_back(thinned(depths, wide, factor), 1 / reach), settings.least_structure)
     fused = TsdfSettings(resolution=settings.resolution, masked=False, truncation=6, min_weight=2, radius=1)
     vertices, faces = fuse(wide, maps, fused)
     whole, shares = float(face_areas(vertices, faces).sum()), {}
@@ -118,6 +124,12 @@ def down_to(table: Plane, vertices: np.ndarray, faces: np.ndarray, most: float) 
         np.concatenate([vertices, feet]).astype(np.float32),
         np.concatenate([faces, walls]).astype(np.int32),
     )
+
+
+def thinned(depths: DepthMaps, views: Views, factor: int) -> DepthMaps:
+    """Every `factor`-th pixel of the maps, of the middle of each square that became a pixel of the reduced `views`."""
+    rows, columns = (factor // 2 + factor * np.arange(count) for count in (views.height, views.width))
+    return replace(depths, depth=depths.depth[:, rows[:, None], columns])
 
 
 def structured(views: Views, depths: DepthMaps, least: float) -> DepthMaps:

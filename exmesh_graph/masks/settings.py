@@ -11,7 +11,7 @@ class CutSettings(Params):
     """Of `outlines.masks_of_surface`."""
 
     side: int = param(
-        400, ge=32, unit="px", doc="Longer side of the pictures in which outlines are first moved, about."
+        400, ge=32, unit="px", doc="Longer side of the pictures in which outlines are first moved; of stereo too."
     )
     band: float = param(
         8.0, ge=1, le=64, unit="px", doc="How far an outline may move to an edge of the picture, at that size."

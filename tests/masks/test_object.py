@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mask_scenes import GROUND, disc, overlap_of, scene
 
-from exmesh_graph.errors import GeometryError
+from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.clean import inspect
 from exmesh_graph.masks.drawn import drawn_outlines
-from exmesh_graph.masks.object import down_to, looked_through, object_of_depths, shown_by, structured
+from exmesh_graph.masks.object import down_to, looked_through, object_of_depths, shown_by, structured, thinned
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.masks.settings import ObjectSettings
 from exmesh_graph.masks.wide import brought_back, widened, widened_points
@@ -120,3 +120,18 @@ def test_feet_that_went_with_the_table_are_drawn_down_to_it():
     assert inspect(vertices, faces).open_edges == 24
     same, as_before = down_to(plane, tube, walls, 0.01)
     assert (len(same), len(as_before)) == (24, 24)
+
+
+def test_large_pictures_are_looked_at_reduced(ball):
+    """Twice as large and smooth: flat in 5 x 5 of their own pixels, not in the reduced ones."""
+    views, depths, *_ = ball
+    large = {name: np.repeat(np.repeat(getattr(views, name), 2, axis=1), 2, axis=2) for name in ("images", "alpha")}
+    k = views.intrinsics.copy()
+    k[:, :2] *= 2
+    twice = replace(views, **large, intrinsics=k)
+    maps = replace(depths, depth=np.repeat(np.repeat(depths.depth, 2, axis=1), 2, axis=2))
+    assert (thinned(maps, views, 2).depth == depths.depth).all()
+    here, there = object_of_depths(views, depths, COARSE), object_of_depths(twice, maps, COARSE, side=64)
+    assert there.vertices == pytest.approx(here.vertices, abs=1e-5)
+    with pytest.raises(DataError, match="not those of the views"):
+        object_of_depths(twice, depths, COARSE)
