@@ -35,10 +35,10 @@ class ObjectSettings(Params):
     )
     least_part: float = param(0.05, ge=0, le=1, doc="Parts apart from the largest stay from this share of its area on.")
     least_structure: float = param(
-        0.01,
+        0.006,
         ge=0,
         le=1,
-        doc="Depth counts where display values vary by this deviation in 5 x 5 pixels: flat ones have a neighbour's.",
+        doc="Depth counts where display values vary by this deviation in 3 x 3 pixels: flat ones have a neighbour's.",
     )
 
 
