@@ -73,6 +73,11 @@ class GaussiansNode(Node):
 class GaussiansHistoryNode(Node):
     gaussians: Wire[PlanarGaussians]
     history: Wire[Metrics]
+class TrainDecisionsNode(Node):
+    train: Wire[Views]
+    decisions: Wire[Metrics]
+class ViewsNode(Node):
+    views: Wire[Views]
 class StateNode(Node):
     state: Wire[Stage1State]
 class DepthsNode(Node):
@@ -453,6 +458,17 @@ class _Init(Family):
         path: OBJ or PLY file.
         units: The file's space: the normalised world, the Y-up scene, or the data set's own axes and units.
         """
+    def object(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, threads: int | Parameter = 0, side: int | Parameter = 400, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MeshNode:
+        """The object alone, closed and rough, from views without masks: what stereo shows of it, without its table.
+
+        table: A plane that the object stands on: auto takes it away where it goes on beside the object; keep it, or take it away in any case (an error where there is none).
+        resolution: Along the diameter of what is looked at. [voxels, >= 32, <= 512]
+        reach: How far is looked, in radii of the world's sphere, which is a guess without masks. [>= 1, <= 4]
+        least_part: Parts apart from the largest stay from this share of its area on. [>= 0, <= 1]
+        least_structure: Depth counts where display values vary by this deviation in 3 x 3 pixels: flat ones have a neighbour's. [>= 0, <= 1]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
+        side: Longer side of the pictures for stereo, and in which the object is sought. [px, >= 32]
+        """
     def pgsr(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, begin: Wire[PlanarGaussians] | Node | None = None, iterations: int | Parameter = 1500, start: Literal["auto", "points", "hull", "random"] | Parameter = "auto", count: int | Parameter = 20000, max_gaussians: int | Parameter = 40000, wrong_masks: int | Parameter = 0, degree: int | Parameter = 3, ssim_weight: float | Parameter = 0.2, mask_weight: float | Parameter = 0.2, flatten_weight: float | Parameter = 100.0, normal_weight: float | Parameter = 0.015, geometric_weight: float | Parameter = 0.03, photometric_weight: float | Parameter = 0.15, geometry_from: float | Parameter = 0.25, samples: int | Parameter = 4096, mean_rate: float | Parameter = 0.002, mean_decay: float | Parameter = 0.01, scale_rate: float | Parameter = 0.005, rotation_rate: float | Parameter = 0.002, opacity_rate: float | Parameter = 0.05, colour_rate: float | Parameter = 0.005, densify: float | Parameter = 0.0002, densify_absolute: float | Parameter = 0.0008, densify_from: float | Parameter = 0.08, densify_to: float | Parameter = 0.6, densify_rounds: int | Parameter = 15, min_opacity: float | Parameter = 0.01, reset_at: float | Parameter = 0.0, gains: bool | Parameter = False, downscale: int | Parameter = 1, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> GaussiansHistoryNode:
         """Fit planar Gaussians to the photographs (PGSR): a coarse surface that opens what no outline shows.
 
@@ -526,6 +542,38 @@ class _Init(Family):
         resolution: Voxels along the object's longest side; 0: as fine as pictures show it, 1.25 pixels, 64 to 192 voxels. [voxels, >= 0, <= 512]
         wrong_masks: Masks that may be wrong at a point; 1 for hand-made masks. [views, >= 0]
         smooth: Taubin smoothing steps (no shrinking) after marching cubes. [steps, >= 0, <= 200]
+        """
+class _Mask(Family):
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, least_overlap: float | Parameter = 0.94, least_apart: float | Parameter = 0.8, least_seen: float | Parameter = 0.6, most_contradicted: float | Parameter = 0.2, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, find: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainDecisionsNode:
+        """Masks for photographs that have none, where an object stands apart: init.object, mask.from_surface, and a check.
+
+        least_overlap: Median over the views of masks and their common shape, drawn back: intersection over union. [>= 0, <= 1]
+        least_apart: Share of the surface amidst the views, less its table, that most of the views show. [>= 0, <= 1]
+        least_seen: Share of the views that must show the object. [>= 0, <= 1]
+        most_contradicted: Share of the views whose mask may be another than the common shape. [>= 0, <= 1]
+        table: A plane that the object stands on: auto takes it away where it goes on beside the object; keep it, or take it away in any case (an error where there is none).
+        resolution: Along the diameter of what is looked at. [voxels, >= 32, <= 512]
+        reach: How far is looked, in radii of the world's sphere, which is a guess without masks. [>= 1, <= 4]
+        least_part: Parts apart from the largest stay from this share of its area on. [>= 0, <= 1]
+        least_structure: Depth counts where display values vary by this deviation in 3 x 3 pixels: flat ones have a neighbour's. [>= 0, <= 1]
+        side: Longer side of the pictures in which outlines are first moved; of stereo too. [px, >= 32]
+        band: How far an outline may move to an edge of the picture, at that size. [px, >= 1, <= 64]
+        smoothness: Cost of a pixel of outline where the picture is flat; that of a wrong pixel is 1. [>= 0, <= 100]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
+        find: Look for masks where there are none; false passes the views on as they are.
+        """
+    def files(self, name: str = "", *, views: Wire[Views] | Node, path: str | PathLike[str] | Parameter, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> ViewsNode:
+        """Masks from files, laid on views that have none: white on the object, as the views have the pictures.
+
+        path: Folder of masks, PNG, called as the views: NAME_mask.png, NAME.png or NAME.jpg.png.
+        """
+    def from_surface(self, name: str = "", *, views: Wire[Views] | Node, surface: Wire[Mesh] | Node, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> ViewsNode:
+        """Masks of what shows a surface: drawn into each view, and cut to the picture's edges around its outline.
+
+        side: Longer side of the pictures in which outlines are first moved; of stereo too. [px, >= 32]
+        band: How far an outline may move to an edge of the picture, at that size. [px, >= 1, <= 64]
+        smoothness: Cost of a pixel of outline where the picture is flat; that of a wrong pixel is 1. [>= 0, <= 100]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
 class _Mesh(Family):
     def flip(self, name: str = "", *, state: Wire[Stage1State] | Node, method: Literal["delaunay", "valence"] | Parameter = "delaunay", max_bend: float | Parameter = 0.5, max_shift: float | Parameter = 0.1, min_shape: float | Parameter = 0.1, max_rounds: int | Parameter = 8, relax: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:
@@ -835,6 +883,7 @@ class Families:
     export: _Export
     gallery: _Gallery
     init: _Init
+    mask: _Mask
     mesh: _Mesh
     prior: _Prior
     regulariser: _Regulariser

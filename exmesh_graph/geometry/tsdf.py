@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
@@ -51,8 +53,11 @@ def fuse(
         seen = (image, intrinsic, extrinsic)
         options = {"depth_scale": 1.0, "depth_max": _DEPTH_MAX, "trunc_voxel_multiplier": float(truncation)}
         grid.integrate(grid.compute_unique_block_coordinates(*seen, **options), *seen, **options)
-    # Extraction from a grid without a single block is an internal error of Open3D.
-    mesh = grid.extract_triangle_mesh(weight_threshold=settings.min_weight - 0.5) if grid.hashmap().size() else None
+    # Extraction from a grid without a single block, or of no face at all, is an internal error of Open3D.
+    mesh = None
+    if grid.hashmap().size():
+        with contextlib.suppress(RuntimeError):
+            mesh = grid.extract_triangle_mesh(weight_threshold=settings.min_weight - 0.5)
     if mesh is None or "indices" not in mesh.triangle or len(mesh.triangle.indices) == 0:
         raise GeometryError(
             "fusing the depth maps gave no surface", where="init.tsdf",

@@ -1,0 +1,1 @@
+"""Masks of the object for photographs that have none."""

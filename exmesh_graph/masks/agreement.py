@@ -1,0 +1,97 @@
+"""Whether masks that were found are those of one object: their common shape, drawn back, says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.outlines import masks_of_surface
+from exmesh_graph.masks.settings import AgreementSettings, CutSettings
+from exmesh_graph.types import Views
+
+_OUTVOTED = 0.05
+_OTHER = 0.7
+_SEEN = 0.001
+_ROOM = 0.2
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What `agreed_masks` gives.
+
+    masks    bool [N, H, W]; a view that does not show the object has no pixel
+    figures  overlap: median of intersection over union of the first masks and their common shape, drawn back; seen,
+             contradicted: shares of the views
+    fault    the first check that failed, a sentence; empty where all passed
+    """
+
+    masks: np.ndarray
+    figures: dict[str, float]
+    fault: str
+
+
+def agreed_masks(
+    views: Views,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    cutting: CutSettings,
+    settings: AgreementSettings,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> Agreement:
+    """Masks of the mesh (vertices [V, 3], faces [F, 3]) by two turns, and whether they have a common shape.
+
+    The first turn cuts the drawn mesh to the pictures' edges. Its masks' visual hull, in which one view of twenty is
+    outvoted, is drawn back: where it is another than the mask, that mask is contradicted. The second turn cuts the
+    hull, in half the band, so that views mend each other.
+    """
+    turns = 2 * len(views)
+    first = masks_of_surface(views, vertices, faces, cutting, progress=_part(progress, 0, turns))
+    seen = first.mean(axis=(1, 2)) >= _SEEN
+    figures = {"seen": float(seen.mean()), "overlap": 0.0, "contradicted": 0.0}
+    if seen.mean() < settings.least_seen or seen.sum() < 2:
+        return Agreement(first, figures, f"{seen.mean():.0%} of the views show it (least_seen {settings.least_seen:g})")
+    try:
+        hull = common_shape(views.subset(np.flatnonzero(seen)), first[seen], vertices)
+    except (DataError, GeometryError) as error:
+        return Agreement(first, figures, f"its masks have no common shape ({str(error).splitlines()[0]})")
+    overlaps = overlap(drawn_outlines(*hull, views)[seen], first[seen])
+    figures["overlap"], figures["contradicted"] = float(np.median(overlaps)), float((overlaps < _OTHER).mean())
+    if figures["overlap"] < settings.least_overlap:
+        fault = f"its masks and their common shape overlap by {figures['overlap']:.0%} (least_overlap"
+        return Agreement(first, figures, f"{fault} {settings.least_overlap:g})")
+    if figures["contradicted"] > settings.most_contradicted:
+        fault = f"{figures['contradicted']:.0%} of the masks are another than their common shape (most_contradicted"
+        return Agreement(first, figures, f"{fault} {settings.most_contradicted:g})")
+    finer = cutting.replaced(band=max(1.0, cutting.band / 2))
+    second = masks_of_surface(views, *hull, finer, progress=_part(progress, len(views), turns))
+    second[~seen] = False
+    return Agreement(second, figures, "")
+
+
+def common_shape(views: Views, masks: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The visual hull (vertices, faces) of bool [N, H, W], one view of twenty outvoted, around points `near` [P, 3].
+
+    Raises DataError where the masks have no common part there.
+    """
+    wrong = min(max(1, round(_OUTVOTED * len(views))), len(views) - 1)
+    cameras = views.intrinsics, views.world_to_camera
+    field = SilhouetteField.from_masks(masks, *cameras, wrong_masks=wrong, names=views.names)
+    low, high = near.min(axis=0).astype(float), near.max(axis=0).astype(float)
+    room = _ROOM * (high - low).max()
+    return visual_hull(field, resolution=0, low=low - room, high=high + room)
+
+
+def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """float64 [N], intersection over union of bool [N, H, W] and [N, H, W]; 1 where both are empty."""
+    both, any_ = (np.asarray(part).sum(axis=(1, 2)) for part in (first & second, first | second))
+    return np.where(any_ > 0, both / np.maximum(any_, 1), 1.0)
+
+
+def _part(progress: Callable[[int, int], None] | None, first: int, total: int) -> Callable[[int, int], None] | None:
+    return None if progress is None else lambda step, _: progress(first + step, total)

@@ -1,0 +1,62 @@
+"""Masks of a surface: drawn into the views, their outlines moved to the edges of the pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, zoom
+
+from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.io.reduce import downscale_area
+from exmesh_graph.masks.cut import moved_to_edges
+from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.settings import CutSettings
+from exmesh_graph.types import Views
+
+
+def masks_of_surface(
+    views: Views,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    settings: CutSettings | None = None,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> np.ndarray:
+    """bool [N, H, W]: what shows the mesh (vertices [V, 3], faces [F, 3]), cut to the edges of the pictures.
+
+    In pictures of about `settings.side` pixels first; brought to full size the outline may move by the width of a
+    reduced pixel once more. A view in which the mesh is not seen has no pixel.
+    """
+    settings = settings or CutSettings()
+    factor = max(1, math.ceil(max(views.width, views.height) / settings.side))
+    small = drawn_outlines(vertices, faces, views, factor)
+    masks = np.zeros((len(views), views.height, views.width), bool)
+    for view, outline in enumerate(small):
+        picture = np.asarray(views.images[view])
+        shown = _display(picture, factor)
+        found = moved_to_edges(shown, outline, settings.band, settings.smoothness)
+        if factor > 1:
+            found = moved_to_edges(
+                _display(picture, 1), _enlarged(found, factor, masks.shape[1:]), 1.5 * factor, settings.smoothness
+            )
+        masks[view] = found
+        if progress is not None:
+            progress(view + 1, len(views))
+    return masks
+
+
+def _display(picture: np.ndarray, factor: int) -> np.ndarray:
+    """float32 [h, w, 3], display colour of linear [H, W, 3] at 1 / `factor` of its size."""
+    height, width = (n // factor * factor for n in picture.shape[:2])
+    return linear_to_srgb(np.clip(downscale_area(picture[:height, :width], factor), 0, 1)).astype(np.float32)
+
+
+def _enlarged(inside: np.ndarray, factor: int, shape: tuple[int, ...]) -> np.ndarray:
+    """bool of `shape`: the outline at `factor` times its size, straight between the reduced pixels' middles."""
+    if inside.all() or not inside.any():
+        return np.full(shape, bool(inside.any()))
+    distance = distance_transform_edt(inside) - distance_transform_edt(~inside)
+    large = zoom(distance, factor, order=1, mode="nearest", grid_mode=True) > 0
+    return np.pad(large, [(0, full - part) for full, part in zip(shape, large.shape, strict=True)], mode="edge")

@@ -1,0 +1,97 @@
+"""The plane that an object stands on, found among the points of a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+_TRIALS = 500
+_SAMPLES = 8000
+_FACING = np.cos(np.radians(30))
+_CAMERAS = 0.95
+_LEAST = 0.03
+_BASE = 0.8
+_ABOVE = 3.0
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Points x with normal . x = offset; the cameras are on the side that the normal points to.
+
+    share  of the surface's area that lies in it
+    under  share of its own area below the object: near 1 it is the object's own base
+    """
+
+    normal: np.ndarray
+    offset: float
+    share: float
+    under: float = 1.0
+
+    def height(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance [P] of points [P, 3] above the plane."""
+        return points @ self.normal - self.offset
+
+    @property
+    def is_table(self) -> bool:
+        """Whether it goes on beside what stands on it."""
+        return self.under < _BASE
+
+
+def find_plane(
+    points: np.ndarray, normals: np.ndarray, areas: np.ndarray, cameras: np.ndarray, tolerance: float, seed: int = 0
+) -> Plane | None:
+    """The plane with the most area of a surface within `tolerance`, that 95 % of the cameras look down on.
+
+    points, normals, areas  [P, 3], unit [P, 3] and [P] of the surface's faces
+    cameras                 [N, 3] positions
+    By RANSAC (Fischler and Bolles 1981): a plane through a face's point along its normal is tried, faces turned by more
+    than 30 degrees from it have no say; then least squares over those that lie in it. None where no plane holds 3 % of
+    the area, or nothing stands on it.
+    """
+    if len(points) < 3:
+        return None
+    rng = np.random.default_rng(seed)
+    chosen = rng.choice(len(points), size=min(_SAMPLES, len(points)), p=areas / areas.sum())
+    points_, normals_ = points[chosen], normals[chosen]
+    best, most = None, 0
+    for k in rng.choice(len(chosen), size=min(_TRIALS, len(chosen)), replace=False):
+        normal, offset = normals_[k], float(normals_[k] @ points_[k])
+        if (cameras @ normal > offset).mean() < _CAMERAS:
+            continue
+        count = int(_in_plane(points_, normals_, normal, offset, tolerance).sum())
+        if count > most:
+            best, most = (normal, offset), count
+    if best is None or most < _LEAST * len(chosen):
+        return None
+    normal, offset = best
+    for _ in range(3):
+        inside = points_[_in_plane(points_, normals_, normal, offset, tolerance)]
+        middle = inside.mean(0)
+        fitted = np.linalg.svd(inside - middle, full_matrices=False)[2][2]
+        normal = fitted if fitted @ normal > 0 else -fitted
+        offset = float(normal @ middle)
+    if (cameras @ normal > offset).mean() < _CAMERAS:
+        return None
+    inside = _in_plane(points_, normals_, normal, offset, tolerance)
+    above = points_ @ normal - offset > _ABOVE * tolerance
+    if above.sum() < 10:
+        return None
+    return Plane(normal, offset, float(inside.mean()), _under(points_[inside], points_[above], normal))
+
+
+def _in_plane(
+    points: np.ndarray, normals: np.ndarray, normal: np.ndarray, offset: float, tolerance: float
+) -> np.ndarray:
+    return (np.abs(points @ normal - offset) < tolerance) & (normals @ normal > _FACING)
+
+
+def _under(plane: np.ndarray, above: np.ndarray, normal: np.ndarray) -> float:
+    """Share of the plane's points that lie in the convex outline of what is above it, seen along the normal."""
+    across = np.linalg.svd(normal[None])[2][1:]
+    try:
+        outline = ConvexHull(above @ across.T).equations
+    except QhullError:
+        return 0.0
+    return float(((plane @ across.T) @ outline[:, :2].T + outline[:, 2] <= 0).all(axis=1).mean())

@@ -1,0 +1,91 @@
+"""Masks of one ball agree; masks of different ones, of few views or of nothing in common do not."""
+
+import numpy as np
+import pytest
+from mask_scenes import overlap_of, scene
+
+from exmesh_graph.masks import agreement
+from exmesh_graph.masks.agreement import agreed_masks, common_shape, overlap
+from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.settings import AgreementSettings, CutSettings
+
+CUTTING, CHECKS = CutSettings(band=4), AgreementSettings(least_overlap=0.85)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return scene(size=48)
+
+
+def outcome(ball, masks, monkeypatch, settings=CHECKS):
+    """What is said of `masks`, in place of those that the first turn cuts."""
+    monkeypatch.setattr(agreement, "masks_of_surface", lambda *_, **__: masks.copy())
+    return agreed_masks(ball.views, *ball.ball, CUTTING, settings)
+
+
+def test_masks_of_one_ball_agree_and_come_out_at_its_edges(ball):
+    vertices, faces = ball.ball
+    steps = []
+    found = agreed_masks(ball.views, 1.1 * vertices, faces, CUTTING, CHECKS, progress=lambda *s: steps.append(s))
+    assert found.fault == ""
+    assert found.figures["overlap"] > 0.9
+    assert (found.figures["seen"], found.figures["contradicted"]) == (1.0, 0.0)
+    assert min(overlap_of(a, b) for a, b in zip(found.masks, ball.masks, strict=True)) > 0.93
+    assert steps == [(k, 16) for k in range(1, 17)]
+
+
+def test_few_views_that_show_it_are_a_fault(ball, monkeypatch):
+    masks = ball.masks.copy()
+    masks[3:] = False
+    found = outcome(ball, masks, monkeypatch)
+    assert "38% of the views show it (least_seen 0.6)" in found.fault
+    assert outcome(ball, masks, monkeypatch, CHECKS.replaced(least_seen=0.3)).figures["overlap"] > 0
+
+
+def test_masks_of_different_things_are_a_fault(ball, monkeypatch):
+    moved = np.stack([np.roll(mask, 6 * (-1) ** k, axis=1) for k, mask in enumerate(ball.masks)])
+    found = outcome(ball, moved, monkeypatch)
+    assert "least_overlap 0.85" in found.fault
+    apart = np.stack([np.roll(mask, 22 * (k % 3 - 1), axis=1) for k, mask in enumerate(ball.masks)])
+    assert "no common shape" in outcome(ball, apart, monkeypatch).fault
+
+
+def test_masks_that_many_others_contradict_are_a_fault(ball, monkeypatch):
+    masks = ball.masks.copy()
+    masks[[1, 5]] = True
+    found = outcome(ball, masks, monkeypatch)
+    assert found.figures["overlap"] > 0.85
+    assert "25% of the masks are another than their common shape (most_contradicted 0.2)" in found.fault
+    assert outcome(ball, masks, monkeypatch, CHECKS.replaced(most_contradicted=0.3)).fault == ""
+
+
+def test_one_view_is_outvoted_and_mended(ball, monkeypatch):
+    real, given = agreement.masks_of_surface, []
+
+    def first_is_wrong(*arguments, **named):
+        masks = real(*arguments, **named)
+        if not given:
+            masks[2] = False
+            masks[2, 5:12, 5:12] = True
+        given.append(masks)
+        return masks
+
+    monkeypatch.setattr(agreement, "masks_of_surface", first_is_wrong)
+    found = agreed_masks(ball.views, *ball.ball, CUTTING, CHECKS)
+    assert found.fault == ""
+    assert found.figures["contradicted"] == pytest.approx(1 / 8)
+    assert overlap_of(found.masks[2], ball.masks[2]) > 0.9
+
+
+def test_the_common_shape_is_found_wherever_the_world_puts_it(ball):
+    views, _, masks, (vertices, _) = ball
+    hull = common_shape(views, masks, vertices)
+    drawn = drawn_outlines(*hull, views)
+    assert np.median(overlap(drawn, masks)) > 0.9
+
+
+def test_overlap_written_out():
+    a, b = np.zeros((3, 4, 4), bool), np.zeros((3, 4, 4), bool)
+    a[0, :2], b[0, 1:3] = True, True
+    a[1, 0, 0] = True
+    assert overlap(a, b).tolist() == [pytest.approx(1 / 3), 0.0, 1.0]
