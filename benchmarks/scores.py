@@ -37,7 +37,7 @@ NO_MASKS = """\
 extends: {graph}
 name: {name}_no_masks
 nodes:
-{hull}  coarse: {{type: init.auto, views: "@views.train", faces: 8000, iterations: 0}}
+{hull}  coarse: {{type: init.auto, views: "@masked.train", faces: 8000, iterations: 0}}
   region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}   # for scoring only
   rounds:
     nodes:
