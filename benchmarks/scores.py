@@ -37,6 +37,7 @@ NO_MASKS = """\
 extends: {graph}
 name: {name}_no_masks
 nodes:
+  views: {{true_mesh: "{mesh}"}}    # what the masks mark, without the table
 {hull}  coarse: {{type: init.auto, views: "@masked.train", faces: 8000, iterations: 0}}
   region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}   # for scoring only
   rounds:
@@ -162,7 +163,8 @@ def _run(
         masks = folder.resolve() / "masks"
         hull = "  hull: null\n" if "hull" in load_merged(graph, Problems())["nodes"] else ""
         scored_by = masks if masks.is_dir() else "null"
-        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=scored_by, hull=hull)
+        mesh = "mesh/object.obj" if (folder / "mesh" / "object.obj").is_file() else ""
+        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=scored_by, hull=hull, mesh=mesh)
         graph = out / f"{graph.stem}_{scene.name}.yaml"
         graph.write_text(text, encoding="utf-8")
     row: dict[str, Any] = {"scene": scene.name, "role": scene.role, "kind": scene.kind}

@@ -169,7 +169,7 @@ class _Benchmark(Family):
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
 class _Data(Family):
-    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
+    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, true_mesh: str | Parameter = "", wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> TrainTestFrameTruthNode:
         """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes.
 
         path: Folder with transforms_train.json (or transforms.json).
@@ -184,6 +184,7 @@ class _Data(Family):
         min_test_views: Fewer test frames than this count as none (auto). [views, >= 1]
         up: The up axis of the files' world; auto: found from level cameras.
         truth: Read true mesh, maps, light and relit pictures where they are there.
+        true_mesh: The true mesh, a file below the folder, as of the object without its table; empty: mesh/mesh.obj.
         wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]

@@ -74,7 +74,9 @@ def load_blender(path: Path, options: BlenderOptions | None = None) -> Scene:
     if not options.truth:
         return scene
     hdr = test[0].image.suffix == ".exr"
-    truth, notes = load_truth(Path(path), test if own else [], scene.frame, options.downscale, hdr, options.up)
+    truth, notes = load_truth(
+        Path(path), test if own else [], scene.frame, options.downscale, hdr, options.up, options.true_mesh
+    )
     return replace(scene, truth=truth, notes=[*scene.notes, *notes])
 
 
@@ -85,7 +87,7 @@ def blender_files(path: Path, options: BlenderOptions) -> dict[str, Path]:
     files = [f for f in (folder / f"transforms{s}.json" for s in ("_train", "", "_test")) if f.is_file()]
     files += shot_files([*train, *test])
     if options.truth:
-        files += truth_files(folder, test if own else [], test[0].image.suffix == ".exr", options.up)
+        files += truth_files(folder, test if own else [], test[0].image.suffix == ".exr", options.up, options.true_mesh)
     return relative_names(folder, files)
 
 

@@ -54,6 +54,10 @@ class BlenderOptions(TrainSize):
     min_test_views: int = param(2, ge=1, unit="views", doc="Fewer test frames than this count as none (auto).")
     up: UpAxis = param("z", doc=_UP)
     truth: bool = param(True, doc="Read true mesh, maps, light and relit pictures where they are there.")
+    true_mesh: str = param(
+        "",
+        doc="The true mesh, a file below the folder, as of the object without its table; empty: mesh/mesh.obj.",
+    )
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)
     box: Box | None = param(None, doc=_BOX)
     metres_per_unit: float = param(0.0, ge=0, unit="m", doc=_METRES)

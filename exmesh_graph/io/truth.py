@@ -16,20 +16,21 @@ from exmesh_graph.io.normalise import points_to_normalised
 from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.io.settings import UpAxis
 from exmesh_graph.io.shots import Shot
-from exmesh_graph.io.truth_files import LIGHTS, MAP_FOLDERS, MESHES, first_of, relit_light, relit_pictures, test_maps
+from exmesh_graph.io.truth_files import LIGHTS, MAP_FOLDERS, first_of, mesh_file, relit_light, relit_pictures, test_maps
 from exmesh_graph.types import Frame, SceneTruth
 
 
 def load_truth(
-    folder: Path, test: Sequence[Shot], frame: Frame, downscale: int, hdr: bool, up: UpAxis
+    folder: Path, test: Sequence[Shot], frame: Frame, downscale: int, hdr: bool, up: UpAxis, true_mesh: str = ""
 ) -> tuple[SceneTruth, list[str]]:
     """What the folder knows beside its photographs, in the normalised world, and notes on what was left out.
 
     Albedo is kept linear and not multiplied by alpha; both maps are averaged over the covered part of a pixel.
     Environments are Blender's, which is defined for z up only: with another up axis they are left out with a note.
+    `true_mesh`, below the folder, in place of the usual ones; DataError where it is not there.
     """
     notes: list[str] = []
-    mesh = first_of(folder, MESHES)
+    mesh = mesh_file(folder, true_mesh)
     vertices, faces = read_mesh(mesh) if mesh else (None, None)
     if vertices is not None:
         vertices = points_to_normalised(vertices, frame).astype(np.float32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.io.settings import UpAxis
 from exmesh_graph.io.shots import Shot, all_or_none
 
@@ -13,9 +14,9 @@ LIGHTS = ("env_train.exr", "env_train.hdr")
 MAP_FOLDERS = ("envmaps", "../envmaps", "test_rli/envmaps")
 
 
-def truth_files(folder: Path, test: Sequence[Shot], hdr: bool, up: UpAxis) -> list[Path]:
+def truth_files(folder: Path, test: Sequence[Shot], hdr: bool, up: UpAxis, true_mesh: str = "") -> list[Path]:
     """Every file that `load_truth` reads."""
-    files = [f for f in (first_of(folder, MESHES), first_of(folder, LIGHTS) if up == "z" else None) if f]
+    files = [f for f in (mesh_file(folder, true_mesh), first_of(folder, LIGHTS) if up == "z" else None) if f]
     for ending in ("_albedo.png", "_rough.png"):
         files += test_maps(test, ending)
     for name, pictures in relit_pictures(folder, test, hdr).items():
@@ -23,6 +24,18 @@ def truth_files(folder: Path, test: Sequence[Shot], hdr: bool, up: UpAxis) -> li
         if light is not None and up == "z":
             files += [light, *pictures]
     return files
+
+
+def mesh_file(folder: Path, name: str = "") -> Path | None:
+    """The true mesh: `name` below the folder (DataError where it is not there), or one of the usual ones."""
+    if not name:
+        return first_of(folder, MESHES)
+    if not (folder / name).is_file():
+        raise DataError(
+            "there is no such true mesh", where=str(folder / name), expected="an OBJ or PLY file in the folder",
+            fix=f"true_mesh: one of {', '.join(MESHES)}, or leave it out",
+        )  # fmt: skip
+    return folder / name
 
 
 def first_of(folder: Path, names: Sequence[str]) -> Path | None:

@@ -448,3 +448,15 @@ def test_bounding_sphere():
     centre, radius = bounding_sphere(points)
     assert radius == pytest.approx(2, rel=0.02)
     assert np.linalg.norm(points - centre, axis=1).max() == pytest.approx(radius)
+
+
+def test_another_true_mesh_may_be_named(tmp_path: Path) -> None:
+    from exmesh_graph.io.truth_files import mesh_file
+
+    (tmp_path / "mesh").mkdir()
+    for name in ("mesh.obj", "object.obj"):
+        (tmp_path / "mesh" / name).write_text("")
+    assert mesh_file(tmp_path) == tmp_path / "mesh" / "mesh.obj"
+    assert mesh_file(tmp_path, "mesh/object.obj") == tmp_path / "mesh" / "object.obj"
+    with pytest.raises(DataError, match=r"true_mesh.*mesh/mesh\.obj|no such true mesh"):
+        mesh_file(tmp_path, "mesh/none.obj")
