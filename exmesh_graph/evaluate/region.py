@@ -1,8 +1,9 @@
 """What counts in held-out views that have no masks, found in the photographs and in nothing that is to be scored.
 
 A pixel counts where the held-out view's own multi-view depth (`priors.plane_sweep`, with the training views as its
-neighbours) lies inside the object's box, or where a mask that was given for scoring only says so. With it goes the
-interval of depths in which its surface lies, so that a sheet behind the object covers nothing.
+neighbours) lies inside the object's box, or where a mask that was given for scoring only says so. With the depth goes
+the interval in which the surface lies, so that a sheet behind the object covers nothing; with a mask goes the box's:
+what stands in the wrong place shows the wrong colour, as in views with masks.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
     if given is None and alone:
         raise DataError("one view alone has no parallax", where="evaluate.region", expected="two views or more",
                         fix="wire the training views to `train`, or give `masks`")  # fmt: skip
-    depth = np.zeros(views.alpha.shape, np.float32) if alone or views.has_masks else _own_depth(views, train, settings)
+    # where masks say what counts, stereo has no say: it puts what a glossy surface mirrors behind that surface
+    depth = np.zeros(views.alpha.shape, np.float32) if given is not None else _own_depth(views, train, settings)
     start, end = _box_depths(views, settings)
     known = (depth > start) & (depth < end)
     inside = np.stack([_tidied(one, settings.downscale) for one in known]) if given is None else given & (end > start)
