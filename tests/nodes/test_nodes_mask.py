@@ -202,15 +202,19 @@ def test_outlines_without_a_common_part_are_told_and_views_go_on(ball, monkeypat
 
 
 def test_found_masks_are_no_input_of_what_is_scored():
-    """Held-out views, the region and the scores of photos.yaml come from the photographs as they were loaded."""
+    """Held-out views, the region and the scores come from the photographs as they were loaded."""
+    from ruamel.yaml import YAML
+
     import exmesh_graph as ex
 
-    nodes = ex.check(ROOT / "graphs" / "photos.yaml").nodes
+    nodes = ex.check(ROOT / "graphs" / "quickstart.yaml").nodes
     assert nodes["masked"].definition.type == "mask.auto"
     assert str(nodes["coarse"].inputs["views"]) == "@masked.train"
-    for name in ("region", "look", "score"):
+    for name in ("look", "score"):
         assert [str(nodes[name].inputs[port]) for port in ("views", "train")] == ["@views.test", "@views.train"], name
     assert str(nodes["rounds[1].progress"].inputs["views"]) == "@views.test"
+    region = YAML(typ="safe").load((ROOT / "graphs" / "photos.yaml").read_text())["nodes"]["region"]
+    assert (region["views"], region["train"]) == ("@views.test", "@views.train")
 
 
 def test_masks_on_masks_are_refused(ball, tmp_path):
