@@ -33,7 +33,7 @@ class BalanceOut(NamedTuple):
 def balance(ctx: Context, views: Train, mesh: Mesh, *, p: BalanceParams) -> BalanceOut:
     """The photographs as one exposure and white balance would have taken them, where theirs wander.
 
-    What each shows of the faces of a rough mesh says by how much. `decisions` says why, for the report.
+    What each shows of the parts of a rough mesh says by how much. `decisions` says why, for the report.
     """
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.stage1.exposure import balanced, exposures

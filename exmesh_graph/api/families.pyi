@@ -713,8 +713,8 @@ class _Stage1(Family):
         """The photographs as one exposure and white balance would have taken them, where theirs wander.
 
         exposure: Take exposure and white balance out of the views: where they wander, always, never.
-        wander: auto: from this robust deviation of a view's brightness from its neighbours' on, [stops, >= 0]
-        beyond_gloss: and from this share of the deviation of parts of one view, which gloss and shadows have too. [>= 0]
+        wander: auto: least deviation of a view's brightness from its neighbours' that counts. [stops, >= 0]
+        beyond_gloss: auto: the same, as a share of how parts of one view differ by gloss and shadows. [>= 0]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
     def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> StateNode:

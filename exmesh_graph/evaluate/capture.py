@@ -10,12 +10,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 
 from exmesh_graph.geometry.adjacency import face_areas, face_normals
 from exmesh_graph.geometry.patches import patches
-from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster import shown_faces
 from exmesh_graph.types import Mesh, Views
 
 ENOUGH = 3
@@ -31,12 +29,11 @@ _BLOWN, _WHITE = 0.15, 0.98
 class Coverage(NamedTuple):
     """What N views see of P patches.
 
-    area    float64 [P]; normal float64 [P, 3], unit; of the faces of a patch together
+    area    float64 [P], of the faces of a patch together
     seen    bool [N, P]
     """
 
     area: np.ndarray
-    normal: np.ndarray
     seen: np.ndarray
 
 
@@ -58,7 +55,7 @@ def coverage(views: Views, mesh: Mesh) -> Coverage:
     surface = _Surface(mesh)
     shrink = np.diag([scale, scale, 1.0])
     seen = [surface.seen(shrink @ views.intrinsics[i], views.world_to_camera[i], *size) for i in range(len(views))]
-    return Coverage(surface.area, surface.normal, np.stack(seen))
+    return Coverage(surface.area, np.stack(seen))
 
 
 def places(views: Views, mesh: Mesh, found: Coverage) -> list[Place]:
@@ -134,9 +131,10 @@ def _angles(direction: np.ndarray) -> tuple[float, float]:
 
 def _blown(views: Views, mesh: Mesh) -> dict[str, float]:
     """Share of pure white among what a view shows of the surface, where it is large."""
-    shares, surface = {}, _Surface(mesh)
+    shares = {}
     for i, name in enumerate(views.names):
-        face = surface.drawn(views.intrinsics[i], views.world_to_camera[i], views.height, views.width)
+        where = views.intrinsics[i], views.world_to_camera[i]
+        face = shown_faces(mesh.vertices, mesh.faces, *where, views.height, views.width)
         inside = (face >= 0) & (np.asarray(views.alpha[i]) > 0.99)
         white = np.asarray(views.images[i])[inside].min(-1) >= _WHITE
         if white.size and white.mean() > _BLOWN:
@@ -154,20 +152,11 @@ class _Surface:
         self.face_area, self.face_normal = face_areas(corners, mesh.faces), face_normals(corners, mesh.faces)
         self.middle = corners[mesh.faces].mean(1)
         self.area = np.bincount(self.patch, self.face_area, self.count)
-        sums = [np.bincount(self.patch, self.face_area * self.face_normal[:, k], self.count) for k in range(3)]
-        whole = np.stack(sums, axis=1)
-        self.normal = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-30)
-        self.vertices = tensor_of(np.ascontiguousarray(mesh.vertices, np.float32))
-        self.faces = tensor_of(np.ascontiguousarray(mesh.faces, np.int32))
-
-    def drawn(self, camera: np.ndarray, pose: np.ndarray, height: int, width: int) -> np.ndarray:
-        """int [H, W]: the nearest face at each pixel, -1 where there is none."""
-        places = project(self.vertices, tensor_of(camera), tensor_of(pose))
-        return torch.as_tensor(rasterize_projected(places, self.faces, height, width).face_id).numpy()
+        self.mesh = mesh
 
     def seen(self, camera: np.ndarray, pose: np.ndarray, height: int, width: int) -> np.ndarray:
         """bool [P]: patches of which the camera shows at least half, by pixels against what their faces would cover."""
-        face = self.drawn(camera, pose, height, width)
+        face = shown_faces(self.mesh.vertices, self.mesh.faces, camera, pose, height, width)
         pixels = np.bincount(self.patch[face[face >= 0]], minlength=self.count)
         eye = -pose[:3, :3].T @ pose[:3, 3]
         ray = eye - self.middle

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from exmesh_graph.io.images import linear_of_codes
-from exmesh_graph.types.pictures import PictureFiles, integer_codes
+from exmesh_graph.types import Views
+from exmesh_graph.types.pictures import PictureFiles, integer_codes, too_large
+
+Picture = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+"""Linear colour times alpha float32 [H, W, 3], alpha float32 [H, W], and the file's codes where they are unchanged."""
 
 
 class Files(NamedTuple):
@@ -31,3 +37,14 @@ class Files(NamedTuple):
             codes = np.dstack([codes, coverage]) if same else None
         self.images.put(number, rgb, codes)
         self.alpha.put(number, alpha, coverage)
+
+
+def with_pictures(views: Views, pictures: Iterable[Picture], height: int, width: int) -> Views:
+    """The views with these pictures of `height` x `width`, one for each view in order; a large set goes into files."""
+    if too_large(len(views), height, width):
+        files = Files.of(len(views), height, width)
+        for number, picture in enumerate(pictures):
+            files.put(number, *picture)
+        return replace(views, images=files.images.stack(), alpha=files.alpha.stack())
+    made = list(pictures)
+    return replace(views, images=np.stack([rgb for rgb, _, _ in made]), alpha=np.stack([alpha for _, alpha, _ in made]))

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from exmesh_graph.io.cameras import scale_intrinsics
-from exmesh_graph.io.picture_files import Files
+from exmesh_graph.io.picture_files import with_pictures
 from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.types import Views
-from exmesh_graph.types.pictures import too_large
 
 
 def factor_for(views: Views, side: int, megapixels: float) -> int:
@@ -33,18 +32,10 @@ def reduced(views: Views, factor: int) -> Views:
     height, width = views.height // factor, views.width // factor
     if factor == 1:
         return views
-    files = Files.of(len(views), height, width) if too_large(len(views), height, width) else None
-    pictures = []
-    for number in range(len(views)):
-        whole = (np.asarray(part[number])[: height * factor, : width * factor] for part in (views.images, views.alpha))
-        rgb, alpha = (downscale_area(part, factor) for part in whole)
-        if files is None:
-            pictures.append((rgb, alpha))
-        else:
-            files.put(number, rgb, alpha, None)
-    return replace(
-        views,
-        images=np.stack([rgb for rgb, _ in pictures]) if files is None else files.images.stack(),
-        alpha=np.stack([alpha for _, alpha in pictures]) if files is None else files.alpha.stack(),
-        intrinsics=scale_intrinsics(views.intrinsics, factor),
-    )
+
+    def small(part: np.ndarray) -> np.ndarray:
+        return downscale_area(np.asarray(part)[: height * factor, : width * factor], factor)
+
+    pictures = ((small(views.images[i]), small(views.alpha[i]), None) for i in range(len(views)))
+    fewer = with_pictures(views, pictures, height, width)
+    return replace(fewer, intrinsics=scale_intrinsics(views.intrinsics, factor))

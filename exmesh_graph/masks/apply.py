@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.picture_files import Files
+from exmesh_graph.io.picture_files import Picture, with_pictures
 from exmesh_graph.types import Views
-from exmesh_graph.types.pictures import Pictures, too_large
+from exmesh_graph.types.pictures import Pictures
 
 _RIM = 0.6
 """Pixels: a cut knows no parts of pixels. The deviation of a pixel's box and of the half pixel it is placed to."""
@@ -28,27 +28,18 @@ def with_masks(views: Views, masks: Iterable[np.ndarray], where: str) -> Views:
             "the views have masks already, and colours beside a mask are gone", where=where,
             expected="views that were loaded without masks", fix="load them with masks: false (data.idr: masks: none)",
         )  # fmt: skip
-    size = len(views), views.height, views.width
-    files = Files.of(*size) if too_large(*size) else None
-    images, alphas = [], []
+    masked = with_pictures(views, _cut_out(views, masks, where), views.height, views.width)
+    return replace(masked, has_masks=True)
+
+
+def _cut_out(views: Views, masks: Iterable[np.ndarray], where: str) -> Iterator[Picture]:
     for number, mask in enumerate(masks):
         if not (mask >= 0.5).any():
             raise DataError(
                 "the mask is empty: no pixel has alpha >= 0.5", where=f"{where}, view {views.names[number]}",
                 expected="a silhouette of the object", fix="leave this view out, or mend its mask",
             )  # fmt: skip
-        rgb = np.asarray(views.images[number]) * mask[..., None]
-        if files is None:
-            images.append(rgb)
-            alphas.append(mask)
-        else:
-            files.put(number, rgb, mask, _codes(views.images, number))
-    return replace(
-        views,
-        images=np.stack(images) if files is None else files.images.stack(),
-        alpha=np.stack(alphas) if files is None else files.alpha.stack(),
-        has_masks=True,
-    )
+        yield views.images[number] * mask[..., None], mask, _codes(views.images, number)
 
 
 def with_found_masks(views: Views, masks: np.ndarray, where: str) -> tuple[Views, list[str]]:

@@ -6,19 +6,15 @@ means c [N, P, 3] of patch p in view n obey log c_np = s_p + g_n but for gloss a
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from exmesh_graph.geometry.patches import patches
-from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.io.picture_files import Files
+from exmesh_graph.io.picture_files import with_pictures
 from exmesh_graph.io.train_size import factor_for, reduced
-from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster import shown_faces
 from exmesh_graph.types import Mesh, Views
-from exmesh_graph.types.pictures import too_large
 
 _SIDE = 320
 """Pixels of the longer side at which patches are read: an exposure is a mean over hundreds of them."""
@@ -67,11 +63,10 @@ def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
     on at least four pixels inside its mask."""
     patch = patches(mesh.vertices, mesh.faces, _CELLS)
     count = int(patch.max()) + 1
-    vertices, faces = (tensor_of(np.ascontiguousarray(part)) for part in (mesh.vertices, mesh.faces))
     colours = np.full((len(views), count, 3), np.nan)
     for i in range(len(views)):
-        places = project(vertices.float(), tensor_of(views.intrinsics[i]), tensor_of(views.world_to_camera[i]))
-        face = torch.as_tensor(rasterize_projected(places, faces, views.height, views.width).face_id).numpy()
+        where = views.intrinsics[i], views.world_to_camera[i]
+        face = shown_faces(mesh.vertices, mesh.faces, *where, views.height, views.width)
         rgb = np.asarray(views.images[i])
         told = (face >= 0) & (views.alpha[i] > 0.99) & (rgb.max(-1) < _BRIGHT) & (rgb.min(-1) > _DARK)
         shown = patch[face[told]]
@@ -124,13 +119,8 @@ def _least_squares(value: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, n
 def balanced(views: Views, log_gains: np.ndarray) -> Views:
     """The views as one camera of fixed exposure and white balance sees them: linear light over the factors."""
     factors = np.exp(-log_gains).astype(np.float32)
-    shape = len(views), views.height, views.width
-    if not too_large(*shape):
-        return replace(views, images=np.asarray(views.images) * factors[:, None, None])
-    files = Files.of(*shape)
-    for number, factor in enumerate(factors):
-        files.put(number, np.asarray(views.images[number]) * factor, np.asarray(views.alpha[number]), None)
-    return replace(views, images=files.images.stack(), alpha=files.alpha.stack())
+    pictures = ((views.images[i] * factor, views.alpha[i], None) for i, factor in enumerate(factors))
+    return with_pictures(views, pictures, views.height, views.width)
 
 
 def _roughness(log_gains: np.ndarray, known: np.ndarray, places: np.ndarray) -> float:

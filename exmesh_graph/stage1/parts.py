@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.adjacency import face_areas, without_unused
 from exmesh_graph.geometry.clean import face_components
-from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster import shown_faces
 from exmesh_graph.types import Views
 
 _PIXELS = 4
@@ -46,7 +44,5 @@ def without_phantoms(
 
 def _seen(vertices: np.ndarray, faces: np.ndarray, views: Views, view: int) -> np.ndarray:
     """Index int32 [H, W] of the nearest of `faces`, -1 where there is none."""
-    k, pose = tensor_of(views.intrinsics[view]), tensor_of(views.world_to_camera[view])
-    places = project(tensor_of(np.ascontiguousarray(vertices, np.float32)), k, pose)
-    drawn = rasterize_projected(places, tensor_of(np.ascontiguousarray(faces, np.int32)), views.height, views.width)
-    return torch.as_tensor(drawn.face_id).numpy()
+    where = views.intrinsics[view], views.world_to_camera[view]
+    return shown_faces(vertices, faces, *where, views.height, views.width)

@@ -66,8 +66,10 @@ class BalanceSettings(Params):
         "auto", doc="Take exposure and white balance out of the views: where they wander, always, never."
     )
     wander: float = param(
-        0.07, ge=0, unit="stops", doc="auto: from this robust deviation of a view's brightness from its neighbours' on,"
+        0.07, ge=0, unit="stops", doc="auto: least deviation of a view's brightness from its neighbours' that counts."
     )
     beyond_gloss: float = param(
-        0.5, ge=0, doc="and from this share of the deviation of parts of one view, which gloss and shadows have too."
+        0.5,
+        ge=0,
+        doc="auto: the same, as a share of how parts of one view differ by gloss and shadows.",
     )

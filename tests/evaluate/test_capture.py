@@ -55,8 +55,9 @@ def test_a_patch_is_seen_by_the_views_it_faces():
     which = patches(mesh.vertices, mesh.faces, 40)
     middle = np.stack([np.bincount(which, mesh.vertices[mesh.faces].mean(1)[:, k]) for k in range(3)], 1)
     middle /= np.bincount(which)[:, None]
+    normal = middle / np.linalg.norm(middle, axis=1, keepdims=True)
     ray = views.camera_to_world[:, None, :3, 3] - middle
-    cosine = np.einsum("npi,pi->np", ray / np.linalg.norm(ray, axis=-1, keepdims=True), found.normal)
+    cosine = np.einsum("npi,pi->np", ray / np.linalg.norm(ray, axis=-1, keepdims=True), normal)
     clear = np.abs(cosine - 0.3) > 0.15
     assert (found.seen == (cosine > 0.3))[clear].mean() > 0.97
 

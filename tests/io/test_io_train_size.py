@@ -44,7 +44,7 @@ def test_a_loader_reduces_training_pictures_alone(blender_scene):
 
 
 def test_a_large_set_goes_into_files(monkeypatch, tmp_path):
-    monkeypatch.setattr("exmesh_graph.io.train_size.too_large", lambda *_: True)
+    monkeypatch.setattr("exmesh_graph.io.picture_files.too_large", lambda *_: True)
     views = testing.views(count=3, size=32)
     kept, filed = (reduced(replace(views), 2), reduced(views, 2))
     assert isinstance(filed.images, Pictures)

@@ -142,7 +142,7 @@ def test_a_large_set_is_balanced_file_by_file(scene, tmp_path, monkeypatch):
     few = views.subset([0, 1, 2, 3])
     gains = np.linspace(-0.3, 0.4, 12).reshape(4, 3)
     whole = balanced(few, gains)
-    monkeypatch.setattr(exposure, "too_large", lambda *_: True)
+    monkeypatch.setattr("exmesh_graph.io.picture_files.too_large", lambda *_: True)
     with kept_in(tmp_path):
         by_file = balanced(few, gains)
         np.testing.assert_allclose(np.asarray(by_file.images), whole.images, atol=1e-6)
