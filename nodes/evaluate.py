@@ -11,6 +11,7 @@ from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, Region, SceneTruth, ScoredViews, Views
 
 _DRAWN = ("torch", "warp-lang", "scipy", "OpenImageIO")
+_FOUND = (*_DRAWN, "open3d")  # where no region is wired in, what evaluate.region finds
 TestViews = Annotated[Views, facets(split="test")]
 TrainViews = Annotated[Views, facets(split="train")]
 
@@ -57,7 +58,7 @@ def _mask_files(p: RegionSettings) -> Mapping[str, Path]:
     return mask_files(p.masks)
 
 
-@node("evaluate.region", version="1", libraries=_DRAWN, sources=_mask_files)
+@node("evaluate.region", version="1", libraries=_FOUND, sources=_mask_files)
 def region(ctx: Context, views: TestViews, train: TrainViews | None = None, *, p: RegionSettings) -> RegionOut:
     """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
 
@@ -89,7 +90,7 @@ class ScoredOut(NamedTuple):
     scored: ScoredViews
 
 
-@node("evaluate.stage1", version="1", libraries=_DRAWN, sources=lpips_weights, resources=ON_DEVICE)
+@node("evaluate.stage1", version="1", libraries=_FOUND, sources=lpips_weights, resources=ON_DEVICE)
 def stage1(
     ctx: Context,
     carrier: Carrier,
@@ -138,7 +139,7 @@ def round_(
     return MetricsOut(Metrics(values))
 
 
-@node("evaluate.asset", version="1", libraries=(*_DRAWN, "embreex"), sources=lpips_weights, resources=ON_DEVICE)
+@node("evaluate.asset", version="1", libraries=(*_FOUND, "embreex"), sources=lpips_weights, resources=ON_DEVICE)
 def asset(
     ctx: Context,
     asset: Asset,

@@ -334,11 +334,12 @@ class _Evaluate(Family):
 
         samples: Points on each surface for the Chamfer distance. [>= 100]
         """
-    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, window: int | Parameter = 7, downscale: int | Parameter = 2, neighbours: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> RegionNode:
+    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, table: Literal["auto", "keep"] | Parameter = "auto", tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, window: int | Parameter = 7, downscale: int | Parameter = 2, neighbours: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> RegionNode:
         """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
 
         box: Two corners, normalised units: only surface inside counts. Default: the sphere around the object.
         masks: Folder of masks for scoring only, named as the held-out views; white counts. Never used by a fit.
+        table: Auto: a plane that the object stands on, and that goes on beside it, does not count; keep: it does.
         tolerance: How far from the photographs' depth surface may lie and cover a pixel; 1: the radius. [> 0, <= 1]
         incidence: Depth seen at a more grazing angle is left out. [degrees, > 0, <= 90]
         window: Side of the compared windows, in reduced pictures; odd. [pixels, >= 3, <= 31]

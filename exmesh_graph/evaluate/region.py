@@ -1,9 +1,10 @@
 """What counts in held-out views that have no masks, found in the photographs and in nothing that is to be scored.
 
 A pixel counts where the held-out view's own multi-view depth (`priors.plane_sweep`, with the training views as its
-neighbours) lies inside the object's box, or where a mask that was given for scoring only says so. With the depth goes
-the interval in which the surface lies, so that a sheet behind the object covers nothing; with a mask goes the box's:
-what stands in the wrong place shows the wrong colour, as in views with masks.
+neighbours) lies inside the object's box and above the table that it stands on, or where a mask that was given for
+scoring only says so. With the depth goes the interval in which the surface lies, so that a sheet behind the object
+covers nothing; with a mask goes the box's: what stands in the wrong place shows the wrong colour, as in views with
+masks.
 """
 
 from __future__ import annotations
@@ -16,16 +17,19 @@ import numpy as np
 import torch
 from scipy.ndimage import binary_closing, binary_erosion, distance_transform_edt, label
 
-from exmesh_graph.errors import DataError
+from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.evaluate.settings import RegionSettings
+from exmesh_graph.geometry.settings import TsdfSettings
+from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.images import read_image
 from exmesh_graph.io.train_size import reduced
+from exmesh_graph.masks.plane import plane_below
 from exmesh_graph.priors.depth_filter import agreed, neighbours, normals_of_depth
 from exmesh_graph.priors.plane_sweep import search_depths
 from exmesh_graph.priors.settings import SweepSettings
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.targets import Targets, prepare_targets
-from exmesh_graph.types import Region, Views
+from exmesh_graph.types import DepthMaps, Region, Views
 from exmesh_graph.types.pictures import Pictures
 
 _FLAT = 0.003  # deviation [display units] of 3 x 3 pixels that hold nothing of their own: their depth is a neighbour's
@@ -33,6 +37,8 @@ _CLOSED = 3  # reduced pixels: holes that are closed, which the flat parts of a 
 _HOLE = 30  # reduced pixels: larger holes stay open
 _PARED = 2  # reduced pixels taken off the rim, where windows carry the object's depth onto the background
 _SLOPE = 2.0  # a surface's steepest change of depth, in pixels' widths a pixel, where depth is carried over holes
+_VOXELS = 128  # along the sphere's diameter, of the surface in which the table is looked for
+_THICK = 1.5 * 2 / _VOXELS  # half the thickness of the table, which stereo's noise gives it
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
@@ -40,7 +46,8 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
     """The region of held-out `views` without masks; `train` are other photographs of the same scene.
 
     Without `settings.masks`, a pixel counts whose depth two neighbouring views confirm, that has structure of its own,
-    is not seen at a grazing angle and lies inside the unit sphere (the object, as the loader found it) and the box.
+    is not seen at a grazing angle and lies inside the unit sphere (the object, as the loader found it) and the box, and
+    not in or below the plane that the object stands on, where there is one that goes on beside it (`settings.table`).
     Small holes are closed, a rim of a few pixels is pared. With masks, of the settings or the views' own, their white
     pixels count. Raises DataError for no two views, for masks that are missing or of another size, and where no pixel
     counts.
@@ -57,6 +64,8 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
     depth = np.zeros(views.alpha.shape, np.float32) if given is not None else _own_depth(views, train, settings)
     start, end = _box_depths(views, settings)
     known = (depth > start) & (depth < end)
+    if given is None and settings.table == "auto":
+        known &= ~_table(np.where(known, depth, 0), views, settings.downscale)
     inside = np.stack([_tidied(one, settings.downscale) for one in known]) if given is None else given & (end > start)
     near, far = np.zeros_like(depth), np.zeros_like(depth)
     for i in range(len(views)):
@@ -128,6 +137,34 @@ def _own_depth(views: Views, train: Views | None, settings: RegionSettings) -> n
     return out
 
 
+def _table(depth: np.ndarray, views: Views, factor: int) -> np.ndarray:
+    """bool [N, H, W], where the depth (0: none) is that of the table that the object stands on, or of what is below.
+
+    The plane is that of the surface which the depth of all views gives, as for masks of the object (masks.object).
+    """
+    below = np.zeros(depth.shape, bool)
+    small = reduced(views, factor)
+    maps = np.ascontiguousarray(depth[:, ::factor, ::factor][:, : small.height, : small.width])
+    voxels = TsdfSettings(resolution=_VOXELS, masked=False, truncation=6, min_weight=1, radius=1)
+    try:
+        surface = fuse(small, DepthMaps(views.names, maps), voxels)
+    except GeometryError:  # too little depth for a surface
+        return below
+    plane = plane_below(*surface, views.camera_to_world[:, :3, 3], _THICK)
+    if plane is None or not plane.is_table:
+        return below
+    for i, seen in enumerate(depth):
+        points = views.camera_to_world[i][:3, 3] + seen[..., None] * _rays(views, i)
+        below[i] = (seen > 0) & (plane.height(points) < _THICK)
+    return below
+
+
+def _rays(views: Views, view: int) -> np.ndarray:
+    """float64 [H, W, 3] in the world, of depth 1."""
+    k, like = torch.from_numpy(views.intrinsics[view]), torch.zeros(1, dtype=torch.float64)
+    return pixel_rays(k, views.height, views.width, like).numpy() @ views.camera_to_world[view][:3, :3].T
+
+
 def _joined(views: Views, train: Views | None) -> Views:
     """Held-out views first; names are not used."""
     if train is None:
@@ -189,10 +226,8 @@ def _box_depths(views: Views, settings: RegionSettings) -> tuple[np.ndarray, np.
     """Depths [N, H, W] at which each pixel's ray enters and leaves the unit sphere and the box; 0, 0 beside them."""
     shape = (len(views), views.height, views.width)
     start, end = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    for i, (k, pose) in enumerate(zip(views.intrinsics, views.camera_to_world, strict=True)):
-        like = torch.zeros(1, dtype=torch.float64)
-        rays = pixel_rays(torch.from_numpy(k), views.height, views.width, like).numpy() @ pose[:3, :3].T
-        place = pose[:3, 3]
+    for i, pose in enumerate(views.camera_to_world):
+        rays, place = _rays(views, i), pose[:3, 3]
         square, half = (rays * rays).sum(-1), (rays * place).sum(-1)
         inner = half**2 - square * (place @ place - 1)
         root = np.sqrt(np.maximum(inner, 0))

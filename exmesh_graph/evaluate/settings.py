@@ -34,6 +34,10 @@ class RegionSettings(Params):
     masks: Path | None = param(
         None, doc="Folder of masks for scoring only, named as the held-out views; white counts. Never used by a fit."
     )
+    table: Literal["auto", "keep"] = param(
+        "auto",
+        doc="Auto: a plane that the object stands on, and that goes on beside it, does not count; keep: it does.",
+    )
     tolerance: float = param(
         0.1, gt=0, le=1, doc="How far from the photographs' depth surface may lie and cover a pixel; 1: the radius."
     )

@@ -21,7 +21,7 @@ from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.drawn import drawn_outlines
-from exmesh_graph.masks.plane import Plane, find_plane
+from exmesh_graph.masks.plane import Plane, plane_below
 from exmesh_graph.masks.settings import ObjectSettings
 from exmesh_graph.masks.wide import brought_back, widened
 from exmesh_graph.types import DepthMaps, Views
@@ -78,7 +78,7 @@ def object_of_depths(
     whole, shares = float(face_areas(vertices, faces).sum()), {}
     held = ~looked_through(vertices, wide, maps)
     faces, shares["lumps"] = _less(vertices, faces, held[faces].all(axis=1), whole)
-    table = _table(vertices, faces, wide, _VOXELS * voxel, seed)
+    table = plane_below(vertices, faces, wide.camera_to_world[:, :3, 3], _VOXELS * voxel, seed)
     if settings.table == "remove" and table is None:
         raise GeometryError(
             "no plane was found that the object stands on and the cameras look down on", where="init.object",
@@ -177,16 +177,6 @@ def _pixels(points: np.ndarray, views: Views, view: int) -> tuple[np.ndarray, np
 def _less(vertices: np.ndarray, faces: np.ndarray, kept: np.ndarray, whole: float) -> tuple[np.ndarray, float]:
     """(the faces that are kept, share of the others of the area `whole`)."""
     return faces[kept], float(face_areas(vertices, faces[~kept]).sum()) / whole
-
-
-def _table(vertices: np.ndarray, faces: np.ndarray, views: Views, tolerance: float, seed: int) -> Plane | None:
-    corners = vertices[faces].astype(np.float64)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(across, axis=1)
-    good = length > 0
-    normals = across[good] / length[good, None]
-    cameras = views.camera_to_world[:, :3, 3]
-    return find_plane(corners[good].mean(axis=1), normals, length[good] / 2, cameras, tolerance, seed)
 
 
 def _closed(

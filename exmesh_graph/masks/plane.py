@@ -39,6 +39,18 @@ class Plane:
         return self.under < _BASE
 
 
+def plane_below(
+    vertices: np.ndarray, faces: np.ndarray, cameras: np.ndarray, tolerance: float, seed: int = 0
+) -> Plane | None:
+    """`find_plane` of a mesh, [V, 3] and [F, 3], under cameras at [N, 3]."""
+    corners = vertices[faces].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(across, axis=1)
+    good = length > 0
+    normals = across[good] / length[good, None]
+    return find_plane(corners[good].mean(axis=1), normals, length[good] / 2, cameras, tolerance, seed)
+
+
 def find_plane(
     points: np.ndarray, normals: np.ndarray, areas: np.ndarray, cameras: np.ndarray, tolerance: float, seed: int = 0
 ) -> Plane | None:

@@ -44,3 +44,49 @@ def test_other_sizes_are_refused(photographs):
     odd = replace(train, images=train.images[:, :12, :11], alpha=train.alpha[:, :12, :11])
     with pytest.raises(DataError, match="the training views have 11 x 12 pixels"):
         region._own_depth(held, odd, SETTINGS)
+
+
+def _ball_on_a_disc(views, radius: float = 0.9):
+    """True depth [N, H, W] of a ball of radius 0.4 that stands on a disc, and which pixels are the ball's."""
+    depth, ball = np.zeros(views.alpha.shape, np.float32), np.zeros(views.alpha.shape, bool)
+    for i, pose in enumerate(views.camera_to_world):
+        rays, place = region._rays(views, i), pose[:3, 3]
+        square, half = (rays**2).sum(-1), rays @ place
+        inner = half**2 - square * (place @ place - 0.16)
+        near = np.where(inner > 0, (-half - np.sqrt(np.maximum(inner, 0))) / square, np.inf)
+        flat = (-0.4 - place[2]) / rays[..., 2]
+        spot = place + flat[..., None] * rays
+        flat = np.where((flat > 0) & (np.linalg.norm(spot[..., :2], axis=-1) < radius), flat, np.inf)
+        depth[i] = np.where(np.isfinite(np.minimum(near, flat)), np.minimum(near, flat), 0)
+        ball[i] = np.isfinite(near) & (near < flat)
+    return depth, ball
+
+
+def _from_above(views):
+    """The views without masks whose cameras look down on the plane z = -0.4."""
+    above = [i for i, pose in enumerate(views.camera_to_world) if pose[2, 3] > 0.2]
+    chosen = views.subset(above)
+    return replace(chosen, has_masks=False, alpha=np.ones_like(chosen.alpha))
+
+
+def test_the_table_that_the_object_stands_on_does_not_count(monkeypatch):
+    views = _from_above(testing.views(count=24, size=96))
+    depth, ball = _ball_on_a_disc(views)
+    monkeypatch.setattr(region, "_own_depth", lambda *_: depth)
+    kept = region.find_region(views, None, RegionSettings(table="keep", downscale=1))
+    found = region.find_region(views, None, RegionSettings(downscale=1))
+    table = (depth > 0) & ~ball
+    assert kept.inside[table].mean() > 0.8
+    assert found.inside[table].mean() < 0.03
+    assert found.inside[ball].mean() > 0.8
+    assert (found.inside & ~kept.inside).sum() == 0
+
+
+def test_the_base_of_an_object_is_no_table(monkeypatch):
+    views = _from_above(testing.views(count=24, size=96))
+    depth, _ = _ball_on_a_disc(views, radius=0.3)
+    monkeypatch.setattr(region, "_own_depth", lambda *_: depth)
+    found = region.find_region(views, None, RegionSettings(downscale=1))
+    np.testing.assert_array_equal(
+        found.inside, region.find_region(views, None, RegionSettings(table="keep", downscale=1)).inside
+    )
