@@ -22,7 +22,9 @@ class AutoParams(DeviceSettings):
     )
     seconds: float = param(300.0, gt=0, unit="s", doc="Processor time the start may take, by a fixed estimate.")
     iterations: int = param(
-        0, ge=0, doc="Of planar Gaussians, instead of stereo; 0: where they are needed 500 to 1500, by `seconds`."
+        0,
+        ge=0,
+        doc="Of planar Gaussians (beside stereo with masks, else alone); 0: 500 to 1500 if needed, by `seconds`.",
     )
     side: int = param(
         400, ge=16, unit="px", doc="Longer side of the pictures for stereo, and to which Gaussians are fitted, about."
@@ -46,7 +48,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="3",
+    version="4",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -57,14 +59,14 @@ def auto(
     """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
     Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them. Only what is chosen
-    runs. Where a hull was carved, the photographs say which surface is kept.
+    runs. Where a hull was carved, the photographs say which surface is kept: hull, stereo's, or that of the Gaussians.
     `decisions` says why, for the report.
     """
-    from exmesh_nodes import init, prior
+    from exmesh_nodes import init
 
     from exmesh_graph.errors import DataError
     from exmesh_graph.evaluate.metrics.rephotography import compared
-    from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction, surface_row
+    from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, SURFACES, Known, choose, reduction, surface_row
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.stage1.parts import without_phantoms
 
@@ -94,32 +96,19 @@ def auto(
     elif method == "sphere":
         mesh = init.sphere(ctx, p=init.SphereParams(faces=p.faces)).mesh
     else:
-        if method == "pgsr":
-            depths = _fitted_depths(ctx, views, points, iterations, factor, p)
-        elif method == "stereo":
-            seen = prior.PatchMatchParams(side=p.side, threads=p.threads)
-            depths = prior.patch_match(ctx, views, points, p=seen).depths
-            if not masks and not (depths.depth > 0).any():
-                raise DataError(
-                    f"no two of the {len(views)} views agree on any depth, and there are no masks", where=ctx.node,
-                    expected="painted surfaces, seen from several views some 15 degrees apart",
-                    fix="set iterations: 500 (planar Gaussians), add masks or views, or raise side",
-                )  # fmt: skip
-        assert depths is not None
-        rough = {"clear": 2.0, "blur": 1.0} if method == "stereo" else {}
-        whole = init.TsdfParams(
-            resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks, **rough
-        )
-        bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
-        mesh = init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
-        if p.method == "auto" and method in ("pgsr", "stereo") and masks and len(views) >= ENOUGH_VIEWS:
-            hull = init.visual_hull(ctx, views, p=outline).mesh
-            with sharing(p.threads):
-                gain = compared((hull.vertices, hull.faces), (mesh.vertices, mesh.faces), views)
-            row = surface_row(*gain, "gaussians" if method == "pgsr" else "stereo")
-            rows.append(row)
-            ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
-            mesh = hull if row["value"] == "hull" else mesh
+        judged = p.method == "auto" and method in ("pgsr", "stereo") and masks and len(views) >= ENOUGH_VIEWS
+        # where Gaussians are asked for and the photographs decide, stereo is little beside them and often better
+        tried = ["stereo", "pgsr"] if judged and method == "pgsr" else [str(method)]
+        found = {name: _fused(ctx, views, points, depths, name, iterations, factor, p) for name in tried}
+        mesh = found[tried[-1]]
+        if judged:
+            best, mesh = "hull", init.visual_hull(ctx, views, p=outline).mesh
+            for name, other in found.items():
+                with sharing(p.threads):
+                    gain = compared((mesh.vertices, mesh.faces), (other.vertices, other.faces), views)
+                rows.append(row := surface_row(*gain, SURFACES[name], best))
+                ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+                best, mesh = str(row["value"]), other if gain[0] > 0 else mesh
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
         with sharing(p.threads):
             mesh = Mesh(*without_phantoms(mesh.vertices, mesh.faces, views, _LEAST_PART))
@@ -127,6 +116,36 @@ def auto(
     else:
         cleaning = CleanSettings(faces=p.faces, close_holes=p.close_holes)
     return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))
+
+
+def _fused(
+    ctx: Context, views: Views, points: PointCloud | None, depths: DepthMaps | None, method: str, iterations: int,
+    factor: int, p: AutoParams,
+) -> Mesh:  # fmt: skip
+    """The surface of depth maps: those wired in, of stereo or of Gaussians; carved out of the hull where masks are."""
+    from exmesh_nodes import init, prior
+
+    from exmesh_graph.errors import DataError
+
+    masks = bool(views.masked.all())
+    if method == "pgsr":
+        depths = _fitted_depths(ctx, views, points, iterations, factor, p)
+    elif method == "stereo":
+        seen = prior.PatchMatchParams(side=p.side, threads=p.threads)
+        depths = prior.patch_match(ctx, views, points, p=seen).depths
+        if not masks and not (depths.depth > 0).any():
+            raise DataError(
+                f"no two of the {len(views)} views agree on any depth, and there are no masks", where=ctx.node,
+                expected="painted surfaces, seen from several views some 15 degrees apart",
+                fix="set iterations: 500 (planar Gaussians), add masks or views, or raise side",
+            )  # fmt: skip
+    assert depths is not None
+    rough = {"clear": 2.0, "blur": 1.0} if method == "stereo" else {}
+    whole = init.TsdfParams(
+        resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks, **rough
+    )
+    bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
+    return init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
 
 
 def _fitted_depths(

@@ -428,7 +428,7 @@ class _Init(Family):
         device: Where to compute; auto takes a CUDA device if there is one.
         method: auto: by what there is and `seconds`; else init.visual_hull, init.tsdf (of depths, or of prior.patch_match: stereo), init.pgsr, init.sphere.
         seconds: Processor time the start may take, by a fixed estimate. [s, > 0]
-        iterations: Of planar Gaussians, instead of stereo; 0: where they are needed 500 to 1500, by `seconds`. [>= 0]
+        iterations: Of planar Gaussians (beside stereo with masks, else alone); 0: 500 to 1500 if needed, by `seconds`. [>= 0]
         side: Longer side of the pictures for stereo, and to which Gaussians are fitted, about. [px, >= 16]
         count: Gaussians at the start where no points are wired in. [>= 1]
         resolution: Of the hull or the fusion; 0: as fine as masks show it, without masks 128. [voxels, >= 0, <= 512]

@@ -59,16 +59,25 @@ def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
     return start, count
 
 
-def surface_row(gain: float, error: float, found: str) -> dict[str, Any]:
-    """The decision between the hull and what `found` ("gaussians", "stereo") carved out of it, as a row for the report.
+#: What a method of init.auto makes its surface of.
+SURFACES = {"stereo": "stereo", "pgsr": "gaussians"}
+_TOLD = {
+    "hull": "the hull",
+    "stereo": "the surface that stereo carved",
+    "gaussians": "the surface of the Gaussians",
+}
+
+
+def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> dict[str, Any]:
+    """The decision between the surface `kept` so far and what `found` ("gaussians", "stereo") carved out of the hull,
+    as a row for the report.
 
     gain, error  by how many dB photographs that were left out are foretold better over the carved surface, and its
                  standard error (exmesh_graph.evaluate.metrics.rephotography.compared)
     """
-    value = found if gain > 0 else "hull"
-    better = "the surface of the Gaussians" if found == "gaussians" else "the surface that stereo carved"
+    value, other = (found, kept) if gain > 0 else (kept, found)
     reason = (
-        f"Left-out photographs are foretold better over {better if gain > 0 else 'the hull'}, "
+        f"Left-out photographs are foretold better over {_TOLD[value]} than over {_TOLD[other]}, "
         f"by {abs(gain):.2f} +- {error:.2f} dB."
     )
     return {"name": "surface", "value": value, "gain": gain, "error": error, "reason": reason}

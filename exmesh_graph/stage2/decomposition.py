@@ -89,7 +89,7 @@ class Decomposition:
     def prepare(self, strength: float, step: int) -> Prepared:
         """The current maps and light of a step, with lambda_ind = `strength`; differentiable.
 
-        The sky's regularisers (`Prepared.environment`) have no say in the common factor.
+        The sky's regularisers (`Prepared.environment`) have no say in the common factor, but for its tint.
         """
         radiance = envmap.radiance_of(self.environment)
         values, environment = self.factor.share(self.maps.values(), radiance)

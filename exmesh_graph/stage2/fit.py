@@ -131,5 +131,6 @@ def _optimise(
         if checkpoint is not None:
             changed = {"optimiser": optimiser.state(), "generator": generator.get_state(), **model.state()}
             checkpoint(step + 1, {**changed, "guard": guard.state(), "curves": curves, "order": order})
+    guard.finish()
     model.settle_factor()
     return curves

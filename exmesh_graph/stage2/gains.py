@@ -43,6 +43,11 @@ class CommonFactor:
         gain = self.parameter.exp()
         return torch.cat([values[:, :3] / gain, values[:, 3:]], dim=1), environment * gain
 
+    def tint(self) -> torch.Tensor:
+        """Ones [3] that change as the factor's channels part from their mean: what the sky's colour says to it."""
+        part = self.parameter - self.parameter.mean()
+        return (part - part.detach()).exp()
+
     @torch.no_grad()
     def bound(self, maps: torch.Tensor) -> None:
         """Keep the factor from brightening base colours, logits `maps` [T, C], past 1.

@@ -3,7 +3,8 @@
 Every step's terms and gradients are looked at before the optimiser moves. What the guard does about a bad one depends
 on whether it stays bad at the last good state: then the view is to blame and is left out from there on; otherwise the
 fit goes back to that state with half the rates. A fit also goes back when its image term, averaged over a pass of the
-views, is half as large again as its best and a quarter above the start's. After a few returns it gives up.
+views, is half as large again as its best and a quarter above the start's. After a few returns it gives up on what is
+not finite; a fit that ends far above its best ends with its last good state.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ Terms = dict[str, torch.Tensor]
 RETURNS = 5
 #: A gradient beyond this would overflow Adam's second moment.
 LARGEST_GRADIENT = 1e18
+#: The image term over its best that tells a fit which runs away.
+FAR = 1.5
 #: Views that tell how large the image term is before the first step.
 STARTING_VIEWS = 12
 #: Terms that no view has a part in.
@@ -50,7 +53,7 @@ class Guard:
         self.messages: list[str] = []
         self.window = max(len(model.buffers), 20)
         self.total, self.count = 0.0, 0
-        self.first = self.best = math.inf
+        self.first = self.best = self.last = math.inf
         self.good: Mapping[str, Any] = {}
 
     def start(self) -> None:
@@ -64,7 +67,7 @@ class Guard:
         with torch.no_grad():
             terms = [float(self.evaluate(self.model.buffers[k], 0)["image"]) for k in chosen]
         known = [term for term in terms if math.isfinite(term)]
-        self.first = self.best = sum(known) / len(known) if known else math.inf
+        self.first = self.best = self.last = sum(known) / len(known) if known else math.inf
 
     def passes(self, terms: Terms, buffer: ViewBuffer, step: int) -> bool:
         """Whether the step may be taken: its terms and (after backward) its gradients are finite.
@@ -91,6 +94,13 @@ class Guard:
         self._return(f"{where}: {what} of the {name} term")
         return False
 
+    def finish(self) -> None:
+        """After the last step: a fit far above its best goes back to its last good state."""
+        if math.isfinite(self.best) and self.last > FAR * self.best:
+            self._restore(self.good)
+            ends = f"the image term ends at {self.last:.4g}, at its best it was {self.best:.4g}"
+            self._say(f"{ends}: the last good state is kept")
+
     def state(self) -> dict[str, Any]:
         """All that the guard knows, for a checkpoint."""
         plain = {name: getattr(self, name) for name in PLAIN}
@@ -112,7 +122,8 @@ class Guard:
         if self.count < self.window:
             return
         mean, self.total, self.count = self.total / self.count, 0.0, 0
-        if mean > max(1.5 * self.best, 1.25 * self.first):
+        self.last = mean
+        if mean > max(FAR * self.best, 1.25 * self.first) and self.returns < RETURNS:
             self._return(f"step {step}: the image term rose to {mean:.4g} on average, from {self.best:.4g} at its best")
             return
         if mean <= 1.25 * self.best:
@@ -132,6 +143,7 @@ class Guard:
         self._restore(self.good)
         self._clear()
         self.total, self.count = 0.0, 0
+        self.last = self.best
         self._say(f"{cause}: back to the last good state, rates times {self.scale:g}")
 
     def _culprit(self, terms: Terms, buffer: ViewBuffer, step: int) -> tuple[str, str]:
@@ -189,7 +201,7 @@ class Guard:
             self.warn(message)
 
 
-PLAIN = ("scale", "returns", "messages", "total", "count", "first", "best")
+PLAIN = ("scale", "returns", "messages", "total", "count", "first", "best", "last")
 
 
 def _finite(value: torch.Tensor) -> bool:

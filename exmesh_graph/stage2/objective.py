@@ -43,7 +43,7 @@ def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple
         terms["ssim"] = settings.ssim_weight * found.d_ssim
     if settings.material_weight > 0:
         terms["material"] = settings.material_weight * found.variation
-    return terms | _sky_terms(settings, found.environment, step), found.predicted
+    return terms | _sky_terms(model, found.environment, step), found.predicted
 
 
 def plain_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
@@ -59,7 +59,7 @@ def plain_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[di
         counted = torch.ones_like(material.table[:1])
         counted[:, 3:] = settings.gloss_weight
         terms["material"] = settings.material_weight * pair_variation(counted * material.table, buffer.pairs)
-    return terms | _sky_terms(settings, prepared.environment, step), predicted.detach()
+    return terms | _sky_terms(model, prepared.environment, step), predicted.detach()
 
 
 def image_terms(
@@ -76,12 +76,14 @@ def image_terms(
     return terms
 
 
-def _sky_terms(settings: DecompositionSettings, environment: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
+def _sky_terms(model: Decomposition, environment: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
+    settings = model.settings
     terms: dict[str, torch.Tensor] = {}
     if not environment.requires_grad:  # a known light
         return terms
     if settings.environment_weight > 0:
         terms["environment"] = settings.environment_weight * envmap.total_variation(environment)
     if settings.chroma_weight > 0:
-        terms["chroma"] = chroma_strength(settings, step) * envmap.chroma(environment)
+        # left out of the common factor, which then undoes what the term does to the sky, the two would run away
+        terms["chroma"] = chroma_strength(settings, step) * envmap.chroma(environment * model.factor.tint())
     return terms

@@ -97,7 +97,7 @@ def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foret
     else:
         assert not kept
         assert (row["value"], row["gain"], row["error"]) == ("stereo", 0.8, 0.2)
-        assert "stereo carved, by 0.80 +- 0.20 dB" in row["reason"]
+        assert "stereo carved than over the hull, by 0.80 +- 0.20 dB" in row["reason"]
     assert row["reason"] in context.lines[1]
     assert [r["name"] for r in decision_tables({"d": out.decisions.values})["d"]] == ["start", "surface"]
 
@@ -108,6 +108,31 @@ def test_iterations_ask_for_gaussians(views, monkeypatch):
     out = auto.auto(FakeContext(), views, p=auto.AutoParams(iterations=700, resolution=24, faces=200, tolerance=0))
     assert [row["value"] for row in out.decisions.values["decisions"]] == ["pgsr", 700]
     assert "asks for" in out.decisions.values["decisions"][0]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("gains", "kept"), [((1, 1), "pgsr"), ((1, -1), "stereo"), ((-1, 1), "pgsr"), ((-1, -1), "hull")]
+)
+def test_where_gaussians_are_asked_for_stereo_is_tried_beside_them(gains, kept, monkeypatch):
+    views = load_blender(SAMPLE, BlenderOptions(downscale=8, max_views=16)).train
+    distance = np.linalg.norm(views.camera_to_world[:, :3, 3], axis=1).astype(np.float32)
+    inside = views.alpha > 0.5
+
+    def depths(radius):
+        return DepthMaps(views.names, np.where(inside, (distance - np.float32(radius))[:, None, None], np.float32(0)))
+
+    radii = {"stereo": 0.5, "pgsr": 0.3}
+    monkeypatch.setattr(prior, "patch_match", lambda *_, **__: prior.DepthOut(depths(radii["stereo"])))
+    monkeypatch.setattr(auto, "_fitted_depths", lambda *_: depths(radii["pgsr"]))
+    left = [float(gain) for gain in gains]
+    monkeypatch.setattr(rephotography, "compared", lambda *_: (left.pop(0), 0.1))
+    p = auto.AutoParams(iterations=10, resolution=24, faces=200)
+    out = auto.auto(FakeContext(), views, p=p)
+    alone = auto.auto(FakeContext(), views, p=p.model_copy(update={"method": kept})).mesh
+    np.testing.assert_array_equal(out.mesh.vertices, alone.vertices)
+    rows = [row["value"] for row in out.decisions.values["decisions"] if row["name"] == "surface"]
+    assert len(rows) == 2
+    assert rows[-1] == {"pgsr": "gaussians"}.get(kept, kept)
 
 
 def test_stereo_carves_and_fuses(views):

@@ -76,6 +76,39 @@ def test_a_step_with_the_factor_is_a_step_with_it_folded_in(carrier, train_views
     torch.testing.assert_close(model.prepare(1.0, 50).environment, sky, rtol=1e-4, atol=1e-6)
 
 
+def test_the_tint_passes_on_what_eq_24_says_of_the_colour_and_nothing_of_the_level():
+    factor = CommonFactor()
+    factor.parameter.data = torch.tensor([0.3, -0.1, 0.05], dtype=torch.float64)
+    sky = torch.rand(8, 16, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64) + torch.tensor(
+        [1, 0, 0]
+    )
+    seen = sky * factor.parameter.detach().exp()
+    assert torch.equal(factor.tint(), torch.ones(3, dtype=torch.float64))
+    (found,) = torch.autograd.grad(envmap.chroma(seen * factor.tint()), factor.parameter)
+    assert abs(float(found.sum())) < 1e-12
+    step = torch.tensor([1.0, -1.0, 0.0], dtype=torch.float64) * 1e-6  # redder, as bright on the whole
+    rise = envmap.chroma(sky * (factor.parameter.detach() + step).exp()) - envmap.chroma(
+        sky * (factor.parameter.detach() - step).exp()
+    )
+    assert float(found[0] - found[1]) == pytest.approx(float(rise / 2e-6), rel=1e-6)
+
+
+def test_the_factor_does_not_undo_what_the_chroma_term_does_to_the_sky(carrier, train_views, transport):
+    """Left out of it, it ran away: sky less red, factor redder, and so on (image term 0.045 here in place of 0.027)."""
+    slow = QUICK.replaced(
+        chroma_weight=5.0,
+        factor_rate=0.03,
+        iterations=600,
+        material_rate=2.5e-3,
+        environment_rate=1.5e-2,
+        corrections=4,
+    )
+    warned: list[str] = []
+    _, curves = fit(carrier, train_views, transport, slow, seed=3, warn=warned.append)
+    assert not warned
+    assert np.mean(curves["image"][-10:]) < 0.033
+
+
 @pytest.mark.parametrize(
     ("wrong", "rate", "low", "high"), [(0.8, 0.06, 0.98, 1.13), (0.8, 0.0, 1.15, 1.3), (1.2, 0.06, 0.75, 0.92)]
 )
