@@ -14,6 +14,9 @@ class _Budget(Params):
     max_faces: int = param(200_000, ge=4, unit="faces", doc="Never exceeded (Table 1).")
     target_faces: int = param(0, ge=0, unit="faces", doc="Split up to this many faces; 0: use growth.")
     growth: float = param(1.5, ge=1.0, le=16.0, doc="Faces after over faces before, when target_faces is 0.")
+    min_edge: float = param(
+        0.0, ge=0, le=64, unit="px", doc="Mean edge below which no split goes, in the photographs of `views`; 0: any."
+    )
 
 
 class SplitParams(SplitSettings, _Budget):
@@ -35,23 +38,48 @@ class StateOut(NamedTuple):
 
 
 @node("mesh.split", version="1", libraries=("scipy",))
-def split(ctx: Context, state: Stage1State, *, p: SplitParams) -> StateOut:
-    """Split faces that are large, curved or far from their images; UVs, moments and gradients follow."""
+def split(
+    ctx: Context, state: Stage1State, views: Annotated[Views | None, facets(split="train")] = None, *, p: SplitParams
+) -> StateOut:
+    """Split faces that are large, curved or far from their images; UVs, moments and gradients follow.
+
+    With `min_edge` the photographs of `views` bound the faces: smaller ones than they show hold noise.
+    """
     from exmesh_graph.geometry.split import split as split_mesh
 
     before = len(state.faces)
-    uniform = p.method == "uniform"
-    target = p.max_faces if uniform else min(p.target_faces or int(before * p.growth), p.max_faces)
+    uniform, limit = p.method == "uniform", p.max_faces
+    if p.min_edge:
+        limit = min(limit, _shown_faces(ctx, state, views, p.min_edge))
+    target = limit if uniform else min(p.target_faces or int(before * p.growth), limit)
+    if target <= before and limit < p.max_faces:
+        ctx.log(f"{before} faces are left as they are: edges of {p.min_edge:g} pixels are reached")
+        return StateOut(state)
     done = split_mesh(
         state.vertices, state.faces, state.uvs, state.uv_faces, state.gradient_ema, target, p, seed=ctx.seed
     )
     if uniform and not done.count:
-        ctx.warn(f"{before} faces are left as they are: four times as many exceed max_faces = {p.max_faces}")
+        bound = f"max_faces = {p.max_faces}" if limit == p.max_faces else f"the {limit} of min_edge = {p.min_edge:g}"
+        ctx.warn(f"{before} faces are left as they are: four times as many exceed {bound}")
         return StateOut(state)
     if not uniform and len(done.faces) < 0.9 * target:
         ctx.warn(f"only {len(done.faces)} of {target} faces were reached: no further face can be split")
     ctx.log(f"{before} -> {len(done.faces)} faces, {len(done.vertices)} vertices, {len(done.uvs)} UVs")
     return StateOut(state.carried(done))
+
+
+def _shown_faces(ctx: Context, state: Stage1State, views: Views | None, edge: float) -> int:
+    """Faces of the state's surface whose mean edge spans `edge` pixels of the views."""
+    from exmesh_graph.errors import DataError
+    from exmesh_graph.geometry.pixels import faces_at, pixel_width
+
+    if views is None:
+        raise DataError(
+            "min_edge is measured in pixels of the photographs, and none are wired in", where=ctx.node,
+            fix='wire `views: "@<loader>.train"`, or set min_edge: 0',
+        )  # fmt: skip
+    width = pixel_width(views.intrinsics, views.world_to_camera, state.vertices.mean(axis=0))
+    return faces_at(state.vertices, state.faces, edge * width)
 
 
 @node("mesh.merge", version="1", libraries=("torch", "warp-lang", "scipy"))

@@ -56,10 +56,11 @@ def test_topology_every_500_and_a_new_atlas_at_2_4_and_6_thousand() -> None:
     assert not any(node.definition.type == "mesh.flip" for node in checked.nodes.values())
 
 
-def test_exmeshpp_has_the_same_length() -> None:
+def test_exmeshpp_has_the_same_length_and_less_in_stage_2() -> None:
     paper, ours = (_parameters(ex.check(GRAPHS / f"{name}.yaml")) for name in ("paper", "exmeshpp"))
-    for node in (*(f"rounds[{k}].refine" for k in range(1, 12)), "settle", "pbr"):
+    for node in (*(f"rounds[{k}].refine" for k in range(1, 12)), "settle"):
         assert ours[node]["iterations"] == paper[node]["iterations"], node
+    assert ours["pbr"]["iterations"] < paper["pbr"]["iterations"]
 
 
 def test_all_departures_turned_back_are_the_paper() -> None:

@@ -65,6 +65,16 @@ def fit(
     return finished_asset(carrier, model), curves
 
 
+def learning_rates(settings: DecompositionSettings) -> list[float]:
+    """First learning rates of maps, environment and common factor.
+
+    Every texel moves by the sign of a noisy gradient, so that high rates wander the farther the longer they last: as
+    the square root of the number of steps. The factor has one valley to follow, however many steps there are.
+    """
+    share = min(1.0, settings.rates_for / settings.iterations) if settings.rates_for else 1.0
+    return [settings.material_rate * share**0.5, settings.environment_rate * share**0.5, settings.factor_rate * share]
+
+
 def _optimise(
     model: Decomposition,
     seed: int,
@@ -76,10 +86,7 @@ def _optimise(
     """All steps; the common factor ends folded into maps and environment. Returns the curves."""
     settings = model.settings
     generator = torch.Generator().manual_seed(seed)
-    optimiser = Adam(
-        [model.maps.parameter, model.environment, model.factor.parameter],
-        [settings.material_rate, settings.environment_rate, settings.factor_rate],
-    )
+    optimiser = Adam([model.maps.parameter, model.environment, model.factor.parameter], learning_rates(settings))
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
     curves: dict[str, list[float]] = {"iteration": [], "loss": [], "image": [], "psnr": []}
     order: list[int] = []

@@ -37,6 +37,13 @@ class DecompositionSettings(Params):
         doc="Learning rate of the common factor of base colour and light (logarithm); 0 = left to the texels.",
     )
     rate_decay: float = param(0.1, gt=0, le=1, doc="Last learning rate over the first; exponential in between.")
+    rates_for: int = param(
+        0,
+        ge=0,
+        unit="iterations",
+        doc="Length the rates suit: a longer fit takes them times the root of this over its own length, the factor's "
+        "times this over it; 0: as they are.",
+    )
     log_weight: float = param(1.0, ge=0, doc="lambda_log of eq. 21.")
     ssim_weight: float = param(
         0.2, ge=0, doc="lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out."

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from exmesh_nodes import topology
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Stage1State
@@ -47,15 +48,40 @@ def test_split_says_when_it_cannot_grow(state):
     assert any("max_faces" in text for text in ctx.warnings)
 
 
-def test_merge_removes_faces_that_no_view_shows(state):
+def test_split_stops_at_the_edges_that_photographs_show(state):
+    """A sphere of area a, pixels 1 / 20 wide at its middle: a / (sqrt(3) / 4 (2 / 20)^2) faces have edges of two."""
+    views = _view_from(2.0)
+    corners = state.vertices[state.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    expected = area / (3**0.5 / 4 * (2 / 20) ** 2)
+    assert len(state.faces) < expected < 4 * len(state.faces)
+    params = topology.SplitParams(min_edge=2, growth=4)
+    new, _ = run(topology.split, state, params, views)
+    assert len(new.faces) == pytest.approx(expected, abs=3)
+    again, ctx = run(topology.split, new, topology.SplitParams(min_edge=2.1), views)
+    assert again is new
+    assert any("edges of 2.1 pixels are reached" in line for line in ctx.lines)
+    coarser, _ = run(topology.split, state, topology.SplitParams(min_edge=2, growth=4, max_faces=350), views)
+    assert len(coarser.faces) == 350
+    _, ctx = run(topology.split, state, topology.SplitParams(method="uniform", min_edge=2), views)
+    assert any("min_edge = 2" in text for text in ctx.warnings)
+    with pytest.raises(DataError, match=r"(?s)none are wired in.*views"):
+        run(topology.split, state, params)
+
+
+def _view_from(distance):
     from exmesh_graph.types import Views
 
     pose = np.eye(4)
-    pose[2, 3] = -2.0  # one camera, in front: half of the sphere is unseen
-    views = Views(
+    pose[2, 3] = -distance  # one camera, in front: half of the sphere is unseen
+    return Views(
         ("a",), np.zeros((1, 32, 32, 3), np.float32), np.ones((1, 32, 32), np.float32),
         np.array([[[40, 0, 16], [0, 40, 16], [0, 0, 1.0]]]), pose[None], "train",
     )  # fmt: skip
+
+
+def test_merge_removes_faces_that_no_view_shows(state):
+    views = _view_from(2.0)
     params = topology.MergeParams(area_quantile=1.0, min_faces=20)
     new, _ = run(topology.merge, state, params, views)
     gone = len(state.faces) - len(new.faces)
