@@ -10,7 +10,7 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.losses import d_ssim, log_l1, pair_variation
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.fit import fit, learning_rates
 from exmesh_graph.stage2.init import initial_base_color, neutral_asset, resize_texture
 from exmesh_graph.stage2.objective import image_terms
 from exmesh_graph.stage2.pictures import encode_srgb
@@ -255,3 +255,10 @@ def test_d_ssim_weighs_against_log_l1_as_in_stage_one(carrier, train_views, tran
 
     whole = float(d_ssim(picture(predicted), picture(buffer.target)))  # the mean that Stage I takes
     assert found == pytest.approx(whole * height * width / len(buffer.pixel), rel=0.02)
+
+
+def test_longer_fits_than_the_rates_suit_take_smaller_ones():
+    rates = DecompositionSettings(material_rate=0.3, environment_rate=0.6, factor_rate=0.03, iterations=1600)
+    assert learning_rates(rates) == [0.3, 0.6, 0.03]
+    assert learning_rates(rates.replaced(rates_for=400)) == pytest.approx([0.15, 0.3, 0.0075])
+    assert learning_rates(rates.replaced(rates_for=400, iterations=100)) == [0.3, 0.6, 0.03]
