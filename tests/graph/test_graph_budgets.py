@@ -44,7 +44,7 @@ def test_without_a_budget_the_schedule_is_the_samples(packs: Any) -> None:
     assert "rounds[5].refine" not in nodes
     assert (nodes["settle"]["iterations"], nodes["settle"]["total_iterations"]) == (1400, 3000)
     assert nodes["settle"]["share"] == nodes["settle"]["seconds"] == nodes["views"]["train_side"] == 0
-    assert (nodes["coarse"]["seconds"], nodes["pbr"]["iterations"], nodes["pbr"]["corrections"]) == (10_000, 400, 2)
+    assert (nodes["coarse"]["seconds"], nodes["pbr"]["iterations"], nodes["pbr"]["corrections"]) == (10_000, 800, 3)
     assert (nodes["score"]["max_views"], nodes["score"]["supersampling"], nodes["look"]["max_views"]) == (0, 2, 0)
 
 
