@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.report.contents import Curve, GalleryItem, Report, ReportFigure, fields_of, stage_costs
+from exmesh_graph.types.results import figure_faults
 
 SCHEMA = "exmesh.report.v1"
 _LIBRARIES = ("torch", "numpy", "warp-lang", "embreex", "xatlas", "open3d", "usd-core", "OpenImageIO")
@@ -82,6 +83,8 @@ def _node(entry: Mapping[str, Any]) -> dict[str, Any]:
 def _figures(entries: Any, node: str, after: float) -> Iterator[ReportFigure]:
     """Entries {label, value, unit?, floor?, goal?, better?, series?, over?} of a headline or of stages."""
     for entry in entries or ():
+        if any(figure_faults({"headline": [entry]})):  # of a store from before such were refused
+            continue
         given: dict[str, Any] = {name: str(entry.get(name) or "") for name in ("label", "unit", "better", "series")}
         given |= {name: number_of(entry.get(name)) for name in ("floor", "goal")}
         over = {str(name): float(x) for name, x in (entry.get("over") or {}).items()}

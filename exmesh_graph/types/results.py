@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.types.artifact import Artifact, load_arrays, save_arrays
 
 if TYPE_CHECKING:
@@ -17,18 +18,52 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Metrics(Artifact):
-    """Named figures. `values` is JSON-like: numbers, strings, lists and nested dicts; no NaN."""
+    """Named figures. `values` is JSON-like: numbers, strings, lists and nested dicts; no NaN.
+
+    `headline` and `stages`, where given, are what the report draws (docs/report.md). `save` raises DataError where an
+    entry of theirs is malformed: the node that made it fails, not the report after all nodes.
+    """
 
     type_name: ClassVar[str] = "Metrics"
     values: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
+        for fault in figure_faults(self.values):
+            expected = "a list of {label, value, unit?, floor?, goal?, better?, series?, over?}"
+            raise DataError(fault, where="Metrics", expected=expected, fix="docs/report.md says what each holds")
         text = json.dumps(self.values, sort_keys=True, indent=1, allow_nan=False)
         (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path) -> Self:
         return cls(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+
+
+def figure_faults(values: Mapping[str, Any]) -> Iterator[str]:
+    """What is wrong with the entries of `headline` and `stages`, one sentence each."""
+    for group in ("headline", "stages"):
+        entries = values.get(group)
+        if entries is None:
+            continue
+        if not isinstance(entries, list | tuple):
+            yield f"{group} is {type(entries).__name__}, no list"
+            continue
+        for number, entry in enumerate(entries):
+            name = f"{group}[{number}]"
+            if not isinstance(entry, Mapping):
+                yield f"{name} is {type(entry).__name__}, no mapping"
+            elif not isinstance(entry.get("label"), str) or not entry["label"]:
+                yield f"{name} has no label"
+            elif not isinstance(entry.get("value"), bool | int | float | str):
+                yield f"{name} ({entry['label']}) has the value {entry.get('value')!r}: no number, text or bool"
+            elif not _are_numbers([entry[key] for key in ("floor", "goal") if entry.get(key) is not None]):
+                yield f"{name} ({entry['label']}) has a floor or a goal that is no number"
+            elif not isinstance(over := entry.get("over") or {}, Mapping) or not _are_numbers(over.values()):
+                yield f"{name} ({entry['label']}) has an `over` that does not map names to numbers"
+
+
+def _are_numbers(values: Iterable[Any]) -> bool:
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
 @dataclass(frozen=True, eq=False)

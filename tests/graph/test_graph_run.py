@@ -6,17 +6,22 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.graph.run.memory import frozen
+from exmesh_graph.graph.run.memory import frozen, mark_of
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.runner import NodeFailed
+from exmesh_graph.types import Artifact
 
 LOOP = """
 name: loop
@@ -198,6 +203,75 @@ nodes:
     frozen(series)
     with pytest.raises(ValueError, match="read-only"):
         series.data[0] = 1
+
+
+@pytest.mark.reliability(
+    "a node changes its input in place: array, dict, list, attribute", "it fails by name; nothing recorded"
+)
+def test_changed_dicts_of_inputs_are_noticed(bench: Any) -> None:
+    text = """
+nodes:
+  a: {type: toy.const, value: 5}
+  m: {type: toy.metrics, number: "@a.number"}
+  x: {type: toy.meddle, metrics: "@m.metrics"}
+"""
+    with pytest.raises(NodeFailed, match=r"toy\.meddle changed its input metrics in place"):
+        bench.run(text)
+    record = bench.run(text, targets={"a", "m"})
+    assert bench.value(record, "m", "metrics").values == {"value": 5.0}
+
+
+class Odd(Artifact):
+    """A wire type that is no dataclass."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = [{"a": 1.0, "b": (2, "x", None)}, {3, 4}, np.arange(3.0), np.float32(0.5)]
+        self.tensor = torch.zeros(3)
+        self.itself = self
+
+    @cached_property
+    def late(self) -> int:
+        return len(self.rows)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda odd: odd.rows.append(1), lambda odd: odd.rows[0].update(a=1), lambda odd: odd.rows[0].update(c=None),
+        lambda odd: odd.rows[0].update(b=(2, "y", None)), lambda odd: odd.rows[1].add(5),
+        lambda odd: odd.rows.reverse(), lambda odd: odd.rows[2].__setitem__(1, -0.0),
+        lambda odd: odd.tensor.add_(1), lambda odd: setattr(odd, "more", 1),
+        lambda odd: odd.rows.__setitem__(3, np.float32(0.25)), lambda odd: odd.rows[0].pop("b"),
+    ],
+)  # fmt: skip
+def test_marks_see_plain_values_lists_sets_tensors_and_attributes(change: Callable[[Odd], Any]) -> None:
+    odd = Odd()
+    before = mark_of(odd)
+    assert odd.late == 4  # what it caches is no change
+    assert mark_of(odd) == before
+    change(odd)
+    assert mark_of(odd) != before
+
+
+@pytest.mark.parametrize(
+    ("headline", "words"),
+    [
+        ("5", "headline is int, no list"),
+        ("[5]", r"headline\[0\] is int, no mapping"),
+        ("[{value: 1}]", r"headline\[0\] has no label"),
+        ("[{label: A, value: 1}, {label: B, value: [1]}]", r"headline\[1\] \(B\) has the value \[1\]"),
+        ("[{label: A, value: 1, floor: low}]", "a floor or a goal that is no number"),
+        ("[{label: A, value: 1, over: [1]}]", "an `over` that does not map names to numbers"),
+    ],
+)
+@pytest.mark.reliability(
+    "Metrics with a malformed headline", "the node that made them fails by name, not the report at the end"
+)
+def test_a_malformed_headline_fails_its_node(bench: Any, headline: str, words: str) -> None:
+    with pytest.raises(NodeFailed, match=words) as caught:
+        bench.run(f"nodes: {{h: {{type: toy.headline, headline: {headline}}}}}")
+    assert caught.value.node == "h"
+    assert list(bench.store.verify()) == []
 
 
 def test_published_outputs_do_not_overwrite_each_other(bench: Any) -> None:

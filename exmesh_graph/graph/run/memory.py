@@ -5,6 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from inspect import getattr_static
 from typing import Any
 
 from exmesh_graph.graph.files import walk_files
@@ -59,9 +62,10 @@ def frozen(value: Any) -> Any:
 
 
 def mark_of(value: Artifact) -> int:
-    """A fingerprint at memory speed, to notice what is changed behind numpy's back: all bytes of the arrays count.
+    """A fingerprint at memory speed, to notice what is changed in place, behind numpy's back as well.
 
-    Of the files of an artifact of type Files it sees inodes, sizes and times.
+    All bytes of the arrays count, and all plain values in dicts, lists, sets and fields. Of the files of an artifact of
+    type Files it sees inodes, sizes and times.
     """
     stamps: list[Any] = []
     if isinstance(value, Files):
@@ -69,23 +73,67 @@ def mark_of(value: Artifact) -> int:
             for name, path in walk_files(value.root):
                 status = path.stat()
                 stamps.append((name, status.st_ino, status.st_size, status.st_mtime_ns))
-    return hash((*stamps, *(_summed(array) for array in _arrays(value))))
+    return hash((*stamps, *(_summed(item) if _is_array(item) else item for item in _contents(value))))
 
 
 def _arrays(value: Any) -> list[Any]:
-    arrays: list[Any] = []
-    todo = [value]
+    return [item for item in _contents(value) if _is_array(item)]
+
+
+def _contents(value: Any) -> Iterator[Any]:
+    """Arrays as they are, plain values as something that can be hashed, in the order in which they lie.
+
+    Of objects that are no dataclasses the type counts (pictures that are read when they are asked for, say); of an
+    artifact that is none its attributes do.
+    """
+    todo: list[Any] = [value]
+    seen: dict[int, Any] = {}  # an artifact may hold itself
     while todo:
         item = todo.pop()
-        if hasattr(item, "flags") and hasattr(item, "tobytes"):
-            arrays.append(item)
-        elif isinstance(item, list | tuple):
-            todo += item
-        elif isinstance(item, dict):
-            todo += item.values()
-        elif dataclasses.is_dataclass(item) and not isinstance(item, type):
-            todo += [getattr(item, field.name) for field in dataclasses.fields(item)]
-    return arrays
+        if (
+            item is None
+            or isinstance(item, str | bytes | bool | int | float | complex)
+            or _is_numpys(item, array=False)
+        ):
+            yield repr(item)  # 1, 1.0 and True differ; nan is nan
+        elif isinstance(item, set | frozenset):
+            yield tuple(sorted(map(repr, item)))
+        elif id(item) in seen:
+            yield "seen"
+        elif _is_array(item):
+            yield item
+        else:
+            seen[id(item)] = item
+            inside = _inside(item, item is value)
+            yield type(item).__qualname__, len(inside)
+            todo += reversed(inside)
+
+
+def _inside(item: Any, top: bool) -> list[Any]:
+    """What an object of Python holds; of no dataclass only where it is the artifact itself, without what it caches."""
+    if hasattr(item, "detach") and hasattr(item, "data_ptr"):
+        return [item.detach().cpu().numpy()]
+    if _is_numpys(item):  # of objects
+        return list(item.tolist())
+    if isinstance(item, list | tuple):
+        return list(item)
+    if isinstance(item, Mapping):
+        return [part for pair in item.items() for part in pair]
+    if dataclasses.is_dataclass(item) and not isinstance(item, type):
+        return [getattr(item, field.name) for field in dataclasses.fields(item) if field.compare]
+    if not top or not hasattr(item, "__dict__"):
+        return []
+    kept = {n: v for n, v in vars(item).items() if not isinstance(getattr_static(type(item), n, None), cached_property)}
+    return [kept]
+
+
+def _is_array(item: Any) -> bool:
+    return _is_numpys(item) and not item.dtype.hasobject
+
+
+def _is_numpys(item: Any, array: bool = True) -> bool:
+    """An array of numpy, or one of its numbers; told by what they offer, since this room does without numpy."""
+    return hasattr(item, "__array_interface__") and hasattr(item, "__setitem__") is array
 
 
 def _summed(array: Any) -> bytes:

@@ -98,6 +98,11 @@ class Runner:
             self._loop()
             if self.failures:
                 raise NodeFailed(self.failures, self.cause) from self.cause
+            missing = [name for name in self.nodes if self.rows[name]["state"] not in (DONE, HIT)]
+            if missing:
+                raise ExmeshError(
+                    f"the run ended without {', '.join(missing)}", fix="a fault of the framework: tell us"
+                )
             state = DONE
         except KeyboardInterrupt:
             state = INTERRUPTED
@@ -264,8 +269,11 @@ class Runner:
         if outcome.state == DONE:
             self.store.share(self.rows[name]["key"])
             self._settle(name, DONE, outcome.outputs, outcome.info, time.perf_counter() - started)
-        elif outcome.state == STOPPED or self.stopping:
+        elif self.stopping:
             self.rows[name]["state"] = INTERRUPTED
+        elif outcome.state == STOPPED:
+            what = "was interrupted, though nobody stopped the run: by KeyboardInterrupt in its code, or a signal"
+            self._fail(name, failure(name, ExmeshError(what, fix="run it again")), job, time.perf_counter() - started)
         elif outcome.state == BROKEN:
             self._make_again(name, outcome)
         else:

@@ -154,6 +154,25 @@ nodes:
     assert list((bench.store.root / "work").iterdir()) == []
 
 
+@pytest.mark.parametrize("how", ["interrupt", "signal"])
+@pytest.mark.reliability(
+    "a node raises KeyboardInterrupt; its worker gets a SIGINT", "one failed node; the run is not done"
+)
+def test_an_interrupt_that_nobody_asked_for_is_a_failed_node(bench: Any, states: Any, how: str) -> None:
+    text = f"""
+nodes:
+  a: {{type: toy.const}}
+  x: {{type: toy.crash, number: "@a.number", how: {how}}}
+  c: {{type: toy.add, a: "@x.number"}}
+"""
+    with pytest.raises(NodeFailed, match="interrupted, though nobody stopped the run"):
+        run(bench, text, workers=1, keep_going=True)
+    record = json.loads((folder(bench) / "run.json").read_text())
+    assert (record["state"], states(record)) == ("failed", {"a": "done", "x": "failed", "c": "blocked"})
+    assert list(bench.store.verify()) == []
+    assert states(bench.run(text, "x.how=nothing")) == {"a": "hit", "x": "done", "c": "done"}
+
+
 def test_without_keep_going_the_rest_stops(bench: Any, states: Any) -> None:
     text = """
 nodes:

@@ -264,6 +264,23 @@ def scribble(ctx: Context, series: Series, *, p: NoParams) -> SeriesOut:
     return SeriesOut(Series(series.data.copy()))
 
 
+@node("toy.meddle", version="1")
+def meddle(ctx: Context, metrics: Metrics, *, p: NoParams) -> MetricsOut:
+    """Writes into a dict of its input, where numpy protects nothing."""
+    metrics.values["value"] = 1506.0
+    return MetricsOut(Metrics(dict(metrics.values)))
+
+
+class HeadlineParams(Params):
+    headline: Any = param(doc="Of the metrics, sound or not.")
+
+
+@node("toy.headline", version="1")
+def headline(ctx: Context, *, p: HeadlineParams) -> MetricsOut:
+    """Metrics with a headline of any shape."""
+    return MetricsOut(Metrics({"headline": p.headline}))
+
+
 @node("toy.test_number", version="1")
 def test_number(ctx: Context, *, p: NoParams) -> NumberOut:
     """A number of the test split, not promised as such."""

@@ -14,7 +14,7 @@ from toy_pack.nodes import NoParams, Number, NumberOut, Series, SeriesOut
 
 
 class CrashParams(Params):
-    how: str = param("segfault", doc="segfault, kill, exit, abort or nothing.")
+    how: str = param("segfault", doc="segfault, kill, exit, abort, leave, interrupt, signal or nothing.")
 
 
 class PathParams(Params):
@@ -51,6 +51,11 @@ def crash(ctx: Context, number: Number, *, p: CrashParams) -> NumberOut:
         os._exit(7)
     elif p.how == "leave":
         raise SystemExit(3)
+    elif p.how == "interrupt":
+        raise KeyboardInterrupt
+    elif p.how == "signal":
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(5)
     return NumberOut(Number(number.value))
 
 
