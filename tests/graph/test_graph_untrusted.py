@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph.graph.language import wires
 from exmesh_graph.graph.language.yamlfile import MAX_BYTES, load_yaml, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors
 
@@ -60,6 +61,8 @@ def refused(bench: Any, text: str, *, traced: bool = True) -> str:
         ("%YAML 1.1\n---\nnodes: {x: {type: toy.const, label: no}}", "no directives"),
         ("# hello\n\n%TAG ! tag:x,2000:\n---\nnodes: {}", "no directives"),
         ("a: " + "9" * 6000, "cannot read the number"),
+        ("nodes: {a: {type: toy.const, value: 0x" + "9" * 9000 + "}}", "needs more than 64 bits"),
+        ('params: {n: {type: int, default: 1, doc: "\\e]0;title\\a"}}\nnodes: {}', "control characters"),
     ],
     ids=lambda value: value[:18],
 )  # fmt: skip
@@ -69,6 +72,21 @@ def refused(bench: Any, text: str, *, traced: bool = True) -> str:
 )
 def test_bombs(bench: Any, text: str, words: str) -> None:
     assert words in refused(bench, text)
+
+
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files",
+    "refused at once, with a message",
+)
+def test_only_the_first_dangling_links_are_compared_with_all_nodes(bench: Any, monkeypatch: Any) -> None:
+    compared = []
+    monkeypatch.setattr(wires, "nearest", lambda name, names: compared.extend(names := list(names)) or names[:1])
+    text = "\n".join(f'  n{k}: {{type: toy.step, state: "@m{k}.number", amount: 1}}' for k in range(400))
+    problems = bench.problems(f"nodes:\n{text}\n")
+    assert len(problems) == 400
+    assert problems[0].nearest
+    assert not problems[-1].nearest
+    assert len(compared) <= 50 * 400
 
 
 @pytest.mark.reliability(

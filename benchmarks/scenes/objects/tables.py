@@ -8,7 +8,20 @@ from benchmarks.scenes.kinds import Recipe
 from benchmarks.scenes.objects.mixed import ring
 from benchmarks.scenes.objects.thin import curve
 from benchmarks.scenes.paint import mix, noise, step, wood
-from benchmarks.scenes.shapes import Solid, ball, box, rod, smooth, tube, turn, turned
+from benchmarks.scenes.shapes import (
+    Solid,
+    ball,
+    blend,
+    box,
+    capsule,
+    ellipsoid,
+    level_set,
+    rod,
+    smooth,
+    tube,
+    turn,
+    turned,
+)
 
 
 def table(radius: float) -> Solid:
@@ -59,12 +72,18 @@ def desk() -> list[Solid]:
     return found
 
 
-def paint_desk(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
+def planks(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Colours [N, 3] of a table top of planks, and their grain [N]."""
     x, y, z = p.T
     plank = np.floor(x * 4 + 0.5)
     grain = wood(np.column_stack([x - plank * 0.25 + 0.37 * plank, y, z]), 13, axis=1, scale=1.3)
     top = mix((0.24, 0.13, 0.07), (0.46, 0.28, 0.15), np.clip(grain + 0.25 * np.sin(5 * plank), 0, 1))
-    top = mix(top, (0.08, 0.05, 0.03), step(np.abs(np.mod(x * 4 + 0.5, 1) - 0.5), 0.485, 0.01))
+    return mix(top, (0.08, 0.05, 0.03), step(np.abs(np.mod(x * 4 + 0.5, 1) - 0.5), 0.485, 0.01)), grain
+
+
+def paint_desk(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
+    x, y, z = p.T
+    top, grain = planks(p)
     fine = wood(p, 17, axis=0, scale=2.2)
     colours = {
         "frame": ((0.45, 0.30, 0.16), (0.60, 0.42, 0.24)), "boiler": ((0.05, 0.24, 0.30), (0.07, 0.32, 0.38)),
@@ -90,6 +109,53 @@ def paint_desk(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
         dark = spokes & (far < 0.78 * r) & (far > 0.3 * r) & (np.cos(8 * angle) < 0.3)
         colour = np.where(dark[:, None], (0.20, 0.06, 0.04), colour)
     return colour, rough, np.zeros(len(p))
+
+
+def duck() -> list[Solid]:
+    """A painted decoy on a wooden table."""
+
+    def distance(p: np.ndarray) -> np.ndarray:
+        body = ellipsoid(p, (0, 0, 0.30), (0.62, 0.36, 0.33))
+        body = blend(body, capsule(p, (-0.46, 0, 0.40), (-0.74, 0, 0.58), 0.07), 0.16)
+        for side in (-1, 1):
+            body = blend(body, ellipsoid(p, (-0.08, 0.31 * side, 0.38), (0.40, 0.10, 0.19)), 0.03)
+        neck = capsule(p, (0.40, 0, 0.42), (0.46, 0, 0.82), 0.15)
+        head = blend(ellipsoid(p, (0.48, 0, 0.92), (0.24, 0.19, 0.20)), neck, 0.08)
+        bill = ellipsoid(p, (0.74, 0, 0.86), (0.16, 0.10, 0.045))
+        return np.maximum(blend(blend(body, head, 0.10), bill, 0.04), -p[..., 2] - 0.02)
+
+    return [table(1.15), level_set("duck", distance, 1.25, cells=170, faces=24000)]
+
+
+def paint_duck(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
+    x, y, z = p.T
+    top, grain = planks(p)
+    feather = 0.5 + 0.5 * np.sin(70 * x + 9 * noise(p, 5, 3, 2)) * np.sin(55 * z + 6 * noise(p, 6, 4, 2))
+    colour = mix((0.34, 0.33, 0.31), (0.62, 0.60, 0.56), feather)
+    wing = (((x + 0.08) / 0.42) ** 2 + ((z - 0.38) / 0.20) ** 2 < 1) & (np.abs(y) > 0.27)
+    rows = step(np.sin(46 * z + 14 * x), 0, 0.4) * step(np.sin(60 * x), -0.6, 0.3)
+    colour = np.where(wing[:, None], mix((0.20, 0.13, 0.08), (0.42, 0.30, 0.18), rows), colour)
+    mirror = wing & (np.abs(z - 0.33 - 0.1 * x) < 0.045) & (x < 0.0)
+    colour = np.where(mirror[:, None], (0.07, 0.12, 0.42), colour)
+    breast = step(x + 0.6 * (z - 0.35), 0.36, 0.06)
+    speckle = step(noise(p, 30, 8, 2), 0.1, 0.2)
+    colour = mix(colour, mix((0.26, 0.11, 0.06), (0.40, 0.20, 0.11), speckle), breast)
+    tail = step(-x, 0.52, 0.05)
+    colour = mix(colour, mix((0.72, 0.69, 0.62), (0.16, 0.14, 0.12), step(np.sin(45 * y + 20 * z), 0.2, 0.2)), tail)
+    head = (z > 0.60) & (x > 0.2)
+    green = mix((0.02, 0.16, 0.08), (0.05, 0.28, 0.16), 0.5 + 0.5 * noise(p, 12, 9, 3))
+    colour = np.where(head[:, None], green, colour)
+    ring_ = (np.abs(z - 0.62 + 0.015 * np.sin(9 * np.arctan2(y, x - 0.43))) < 0.028) & (x > 0.2)
+    colour = np.where(ring_[:, None], (0.80, 0.78, 0.72), colour)
+    bill = (x > 0.655) & (z > 0.7)
+    colour = np.where(
+        bill[:, None], mix((0.55, 0.42, 0.06), (0.70, 0.58, 0.12), 0.5 + 0.5 * noise(p, 16, 2, 2)), colour
+    )
+    eye = np.hypot(x - 0.56, z - 0.97) < 0.03
+    colour = np.where((eye & head)[:, None], (0.02, 0.02, 0.02), colour)
+    mine = part == "duck"
+    rough = np.where(head & ~bill, 0.25, np.where(wing, 0.45, 0.6))
+    return np.where(mine[:, None], colour, top), np.where(mine, rough, 0.35 + 0.2 * grain), np.zeros(len(p))
 
 
 def still() -> list[Solid]:
@@ -178,6 +244,7 @@ def paint_jug(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
 
 SCENES = {
     "desk": Recipe(desk, paint_desk, ("courtyard", 120), 130, heights=(0.18, 0.85), ground=("table",), level=5.0),
+    "duck": Recipe(duck, paint_duck, ("courtyard", 60), 140, heights=(0.15, 0.85), ground=("table",), level=5.0),
     "still": Recipe(still, paint_still, ("city", 400), 250, heights=(0.18, 0.85), ground=("table",)),
     "jug": Recipe(jug, paint_jug, ("day", 91), 260, heights=(-0.3, 0.9), wander=True),
 }

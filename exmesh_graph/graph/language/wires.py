@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import heapq
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
@@ -19,6 +19,8 @@ from exmesh_graph.graph.declare.ports import Port, Signature, signature
 from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.problems import Problem, Problems, Where, nearest
+
+_HINTS = 50  # problems that get hints
 
 
 class Wiring:
@@ -73,7 +75,7 @@ class Wiring:
             self.problems.add(code, where, what, **{"wire": wire, "expected": str(port or ""), **more})
 
         if link.node not in self.graph.nodes:
-            names = [str(replace(link, node=near)) for near in nearest(link.node, self.graph.nodes)]
+            names = [str(replace(link, node=near)) for near in nearest(link.node, self.hinted())]
             what = f"{link}: there is no node {link.node!r}"
             refuse("unknown-node", what, nearest=names or self.suitable(port, user))
             return None
@@ -121,7 +123,7 @@ class Wiring:
         prefix = user.rpartition(".")[0]
         if port is None:
             return []
-        for name, kind in self.signatures.items():
+        for name, kind in self.signatures.items() if self.hinted() else ():
             far = not name.startswith(prefix)
             if name != user and kind.component is not None and issubclass(kind.component, port.types):
                 fits[f"@{name}"] = (False, far)
@@ -129,6 +131,10 @@ class Wiring:
                 if port.takes(output):
                     fits[f"@{name}.{output.name}"] = (not port.facets.keys() <= output.promises.keys(), far)
         return sorted(fits, key=fits.__getitem__)[:3]
+
+    def hinted(self) -> Iterable[str]:
+        """The nodes that hints are taken from; none once there are many problems: each hint looks at all nodes."""
+        return self.graph.nodes if len(self.problems.noted) < _HINTS else ()
 
     def order(self, sources: Mapping[str, set[str]]) -> list[str]:
         """Topological order of the nodes in `sources`, ties by the order of the file; what is in and behind a cycle,

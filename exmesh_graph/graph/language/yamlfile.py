@@ -188,6 +188,9 @@ def parse_yaml(text: str, file: Path | None) -> Any:
     return None if root is None else _Builder(file, loader.constructor).build(root)
 
 
+_CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+
+
 class _Builder:
     def __init__(self, file: Path | None, plain: Any) -> None:
         self.file, self.plain = file, plain
@@ -248,10 +251,15 @@ class _Builder:
         read = {"bool": self.plain.construct_yaml_bool, "int": self.plain.construct_yaml_int,
                 "float": self.plain.construct_yaml_float}.get(tag)  # fmt: skip
         try:
-            if read is not None or tag == "null":
-                return read and read(node)
+            value = read and read(node)
         except ValueError:
             fail("yaml", self.where(node), f"cannot read the number {node.value[:40]!r}")
+        if isinstance(value, int) and value.bit_length() > 64:
+            fail("yaml", self.where(node), f"the number {node.value[:40]!r} needs more than 64 bits")
+        if read is not None or tag == "null":
+            return value
+        if _CONTROL.search(node.value):  # they would reach the terminal of whoever is shown a text
+            fail("yaml", self.where(node), f"control characters in the text {node.value[:40]!r}", fix="remove them")
         if tag not in ("str", "timestamp", "value"):
             fail("yaml", self.where(node), f"tag {node.tag!s} is not allowed in a graph file")
         return node.value

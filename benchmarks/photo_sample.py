@@ -1,0 +1,83 @@
+"""The sample of photographs (graphs/samples/photos) against its truth: cameras and surface.
+
+    exmesh run graphs/photos.yaml && python -m benchmarks.photo_sample [--run runs/latest]
+
+Cameras and surface are found up to a similarity, which is fitted from the cameras' places (Umeyama, PAMI 1991, eq. 40
+to 42). The surface counts where photographs can show it: higher than a fiftieth of the object's radius above the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import exmesh_graph as ex
+from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
+from exmesh_graph.evaluate.metrics.mesh import bounding_radius
+from exmesh_graph.native import import_open3d
+
+SAMPLE = Path(__file__).parent.parent / "graphs" / "samples" / "photos"
+ABOVE = 0.02  # of the radius
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", type=Path, default=Path("runs/latest"))
+    for name, value in against_truth(ex.open_run(parser.parse_args().run)).items():
+        print(f"{name:22} {value:.3g}")
+
+
+def against_truth(run: ex.Run, sample: Path = SAMPLE) -> dict[str, float]:
+    """Figures of a run of graphs/photos.yaml on the sample, in thousandths of the object's radius and in degrees."""
+    views, mesh = run["views"]["train"], run["settle"]["state"]
+    truth = json.loads((sample / "truth" / "cameras.json").read_text(encoding="utf-8"))["camera_to_world"]
+    cameras = np.array([truth[Path(name).name] for name in views.names]) @ np.diag([1.0, -1, -1, 1])
+    scale, rotation, offset = similarity(views.camera_to_world[:, :3, 3], cameras[:, :3, 3])
+    found = scale * views.camera_to_world[:, :3, 3] @ rotation.T + offset
+    turned = np.einsum("ij,njk,nlk->nil", rotation, views.camera_to_world[:, :3, :3], cameras[:, :3, :3])
+    angles = np.degrees(np.arccos(np.clip((np.trace(turned, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+    o3d = import_open3d()
+    true = o3d.io.read_triangle_mesh(str(sample / "truth" / "object.ply"))
+    true_points, true_faces = np.asarray(true.vertices), np.asarray(true.triangles)
+    radius = bounding_radius(true_points)
+    floor = true_points[:, 2].min() + ABOVE * radius
+    points = scale * np.asarray(mesh.vertices, np.float64) @ rotation.T + offset
+    ours = _seen(points, mesh.faces, floor, 0)
+    theirs = _seen(true_points, true_faces, floor, 1)
+    accuracy, completeness = (
+        distance_to_mesh(ours, true_points, true_faces),
+        distance_to_mesh(theirs, points, mesh.faces),
+    )
+    return {
+        "photographs": len(views),
+        "camera places": 1000 / radius * float(np.sqrt(((found - cameras[:, :3, 3]) ** 2).sum(1).mean())),
+        "camera angles, degrees": float(angles.mean()),
+        "accuracy": 1000 / radius * float(accuracy.mean()),
+        "completeness": 1000 / radius * float(completeness.mean()),
+        "chamfer": 1000 / radius * float(accuracy.mean() + completeness.mean()) / 2,
+    }
+
+
+def similarity(points: np.ndarray, targets: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """s, R [3, 3], t [3] that bring points [N, 3] nearest to targets by s R x + t."""
+    middle, aim = points.mean(0), targets.mean(0)
+    left, values, right = np.linalg.svd((targets - aim).T @ (points - middle))
+    signs = np.array([1, 1, np.linalg.det(left) * np.linalg.det(right)])
+    rotation = left * signs @ right
+    scale = float((values * signs).sum() / ((points - middle) ** 2).sum())
+    return scale, rotation, aim - scale * rotation @ middle
+
+
+def _seen(points: np.ndarray, faces: Sequence | np.ndarray, floor: float, seed: int) -> np.ndarray:
+    from exmesh_graph.geometry.surface import sample_surface
+
+    on, _, _ = sample_surface(points, np.asarray(faces), 20_000, seed)
+    return on[on[:, 2] > floor]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""The sample of photographs: its lens, its truth, and (slow, with the extra `photos`) photos.yaml on it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageOps
+from scipy.spatial.transform import Rotation
+
+import exmesh_graph as ex
+from benchmarks.photo_sample import SAMPLE, against_truth, similarity
+from benchmarks.scenes import photographs as shots
+from benchmarks.scenes.cameras import FIELD
+
+GRAPH = Path(__file__).parent.parent.parent / "graphs" / "photos.yaml"
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.2, 0.1), (-0.25, 0.2), (0.28, -0.19)])
+def test_the_lens_bends_as_its_formula_says(place):
+    """A bright spot at x = X / Z is found at x (1 + k1 r^2 + k2 r^4)."""
+    side, half = shots.side(), math.tan(FIELD / 2)
+    grid = (np.arange(side) + 0.5) / side * 2 * half - half
+    x, y = np.meshgrid(grid, grid)
+    spot = np.exp(-((x - place[0]) ** 2 + (y - place[1]) ** 2) / (2 * 0.004**2))
+    seen = shots.photographed(np.repeat(spot[..., None], 3, 2), np.zeros((shots.HEIGHT, shots.WIDTH, 3)))[..., 0]
+    weight = np.where(seen > 0.1, seen, 0)
+    rows, columns = np.indices(weight.shape)
+    found = [(weight * axis).sum() / weight.sum() + 0.5 for axis in (columns, rows)]
+    r2 = place[0] ** 2 + place[1] ** 2
+    bend = 1 + shots.LENS[0] * r2 + shots.LENS[1] * r2**2
+    middle = (shots.WIDTH / 2, shots.HEIGHT / 2)
+    expected = [shots.focal() * p * bend + m for p, m in zip(place, middle, strict=True)]
+    assert found == pytest.approx(expected, abs=0.1)
+
+
+def test_a_similarity_is_found():
+    rng = np.random.default_rng(3)
+    points, rotation = rng.normal(size=(9, 3)), Rotation.random(random_state=4).as_matrix()
+    scale, found, offset = similarity(points, 2.5 * points @ rotation.T + [1, 2, 3])
+    assert scale == pytest.approx(2.5)
+    assert found == pytest.approx(rotation)
+    assert offset == pytest.approx([1, 2, 3])
+
+
+def test_the_sample_is_small_and_as_a_camera_gives_it():
+    assert sum(file.stat().st_size for file in SAMPLE.rglob("*") if file.is_file()) < 5e6
+    pictures = sorted((SAMPLE / "pictures").glob("*.jpg"))
+    truth = json.loads((SAMPLE / "truth" / "cameras.json").read_text())
+    assert [path.name for path in pictures] == sorted(truth["camera_to_world"])
+    sizes = [ImageOps.exif_transpose(Image.open(path)).size for path in pictures]
+    assert set(sizes) == {(720, 540), (540, 720)}, "some are held upright, and say so in EXIF"
+
+
+@pytest.mark.slow
+def test_photographs_alone_become_an_asset(tmp_path):
+    """From a plain folder to USD: cameras, masks, surface near the truth, materials, without a hand."""
+    pytest.importorskip("pycolmap", reason="the extra `photos`")
+    run = ex.run(GRAPH, store=tmp_path / "store", runs=tmp_path / "runs")
+    assert (run.folder / "asset.usdz").is_file()
+    found = against_truth(run)
+    assert found["photographs"] >= 26
+    assert found["camera angles, degrees"] < 0.3
+    assert found["accuracy"] < 10
+    assert found["completeness"] < 10
