@@ -15,7 +15,6 @@ import json
 import shutil
 import tempfile
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
@@ -26,7 +25,7 @@ from exmesh_graph.io.idr import list_idr
 from exmesh_graph.io.mapping import Way
 from exmesh_graph.io.middlebury import list_middlebury
 from exmesh_graph.io.motion import Motion, find_motion
-from exmesh_graph.io.settings import IdrOptions, MiddleburyOptions, MotionSettings
+from exmesh_graph.io.settings import IdrOptions, Matching, MiddleburyOptions, MotionSettings
 from exmesh_graph.io.shots import Shot
 
 
@@ -36,6 +35,7 @@ def main() -> None:
     parser.add_argument("--idr", type=Path, action="append", default=[], help="a folder in IDR's layout")
     parser.add_argument("--lens", nargs="+", default=["radial"], choices=["pinhole", "radial", "opencv"])
     parser.add_argument("--mapping", nargs="+", default=["auto"], choices=get_args(Way))
+    parser.add_argument("--matching", nargs="+", default=["auto"], choices=get_args(Matching))
     parser.add_argument("--focal", action="store_true", help="also with the stated focal length given")
     parser.add_argument("--twice", action="store_true", help="run each a second time: are the bytes the same?")
     parser.add_argument("--threads", type=int, default=1)
@@ -57,11 +57,13 @@ def main() -> None:
         shots = sorted([*train, *test], key=lambda shot: shot.image.name)
         shots = shots[: len(shots) // 4] if args.quick else shots
         parts = {f"first {n}": shots[:n] for n in (8, 12, 20)} | {f"every {n}": shots[::n] for n in (2, 3, 4)}
-        cases = itertools.product(parts.items() if args.few else [("all", shots)], args.lens, args.mapping)
-        for (part, taken), lens, way in cases:
+        cases = itertools.product(
+            parts.items() if args.few else [("all", shots)], args.lens, args.mapping, args.matching
+        )
+        for (part, taken), lens, way, matching in cases:
             for given in (False, True) if args.focal else (False,):
                 try:
-                    found = measure(taken, lens, given, way, args.threads, args.twice)
+                    found = measure(taken, lens, given, way, matching, args.threads, args.twice)
                 except DataError as error:
                     rows.append({"scene": name, "part": part, "how": way, "error": error.what})
                     print(f"{name:14} {part:9}{lens:8} {error.what.split(';')[0]}  {way}", flush=True)
@@ -72,17 +74,17 @@ def main() -> None:
                     f"{name:14} {part:9}{lens:8} {'given' if given else 'found':6} {row['found']:3}/{row['of']:<3}"
                     f" {row['degrees_median']:9.3f}/{row['degrees_max']:<9.3f}{row['place_median']:8.2f}/"
                     f"{row['place_max']:<8.2f}{row['focal_off']:8.2f}{row['error']:6.2f}{row['seconds']:8.0f}"
-                    f"  {row['how']}"
+                    f"  {row['how']}, {row['taken']}"
                     + (f"  same bytes: {row['same']}" if args.twice else ""), flush=True,
                 )  # fmt: skip
     if args.json:
         args.json.write_text(json.dumps(rows, indent=1) + "\n")
 
 
-def measure(shots: list[Shot], lens: str, given: bool, way: Way, threads: int, twice: bool) -> dict:
+def measure(shots: list[Shot], lens: str, given: bool, way: Way, matching: Matching, threads: int, twice: bool) -> dict:
     """One row of the table."""
     focal = float(np.mean([shot.intrinsics[0, 0] for shot in shots])) if given else 0.0
-    settings = MotionSettings(lens=lens, focal=focal, threads=threads, registered=0.01, mapping=way)
+    settings = MotionSettings(lens=lens, focal=focal, threads=threads, registered=0.01, mapping=way, matching=matching)
     begin = time.process_time()
     motion = run(shots, settings)
     seconds = time.process_time() - begin
@@ -92,11 +94,12 @@ def measure(shots: list[Shot], lens: str, given: bool, way: Way, threads: int, t
     degrees, place = differences(found, true)
     stated = np.mean([shot.intrinsics[0, 0] for shot in known])
     return {
-        **asdict(settings), "found": len(known), "of": len(shots), "seconds": seconds, "error": motion.error,
+        **settings.model_dump(), "found": len(known), "of": len(shots), "seconds": seconds, "error": motion.error,
         "degrees_median": float(np.median(degrees)), "degrees_max": float(degrees.max()),
         "place_median": float(np.median(place)), "place_max": float(place.max()),
         "focal_off": 100 * float(motion.lenses[0].calibration_matrix()[0, 0] / stated - 1),
-        "points": len(motion.points), "how": motion.how, "same": same(motion, run(shots, settings)) if twice else None,
+        "points": len(motion.points), "how": motion.how, "taken": motion.matching,
+        "same": same(motion, run(shots, settings)) if twice else None,
     }  # fmt: skip
 
 

@@ -44,7 +44,7 @@ class Scene(BaseModel):
     made: str = Field(description="the command, or where it comes from")
     licence: str
     masks: bool = Field(True, description="whether the pictures have masks")
-    layout: Literal["blender", "idr", "middlebury"] = "blender"
+    layout: Literal["blender", "idr", "middlebury", "photos"] = "blender"
     where: str = Field("", description="folder in the repository, where it is part of it")
     aliases: tuple[str, ...] = Field((), description="other names of the same object")
     pixels: tuple[int, int] = Field(description="width and height of the pictures")

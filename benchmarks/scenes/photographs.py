@@ -2,7 +2,7 @@
 
     python -m benchmarks.scenes.photographs duck --out graphs/samples/photos --worlds bpy-5.0.1-[...].whl
 
-`pictures/*.jpg` are what data.photos takes; `truth/` holds the object's mesh and the cameras for tests. CC0.
+`images/*.jpg` are what data.photos takes; `truth/` holds the object's mesh and the cameras for tests. CC0.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ QUALITY, SAMPLES, TEXELS, TRUE_FACES = 88, 36, 2048, 8000
 def main() -> None:
     options = arguments()
     recipe, out = RECIPES[options.scene], options.out
-    for place in ("pictures", "truth"):
+    for place in ("images", "truth"):
         (out / place).mkdir(parents=True, exist_ok=True)
     model = assemble(list(recipe.solids()), recipe.paint, TEXELS, recipe.ground)
     world = lights.world(recipe.light[0], options.worlds, recipe.light[1], 2 * lights.HEIGHT)
@@ -45,7 +45,7 @@ def main() -> None:
         cameras[f"IMG_{1001 + k}.jpg"] = pose.tolist()
         gain = 2 ** np.clip(rng.normal(0, STOPS), -2 * STOPS, 2 * STOPS)
         noise = rng.normal(size=(HEIGHT, WIDTH, 3))
-        path = out / "pictures" / f"IMG_{1001 + k}.jpg"
+        path = out / "images" / f"IMG_{1001 + k}.jpg"
         if not path.is_file():
             held = pose @ rolled() if upright else pose  # a camera that is held upright is turned by a quarter
             seen = stage.picture(stage.lit("train", light), held, side(), SAMPLES, recipe.seed * 10_000 + k)[..., :3]

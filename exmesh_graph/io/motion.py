@@ -2,6 +2,9 @@
 
 pycolmap (BSD) is optional: `pip install 'exmesh-graph[photos]'`. SIFT features, all pairs, and what the matches support
 best of three mappings (`mapping`). Pixel centres lie at +0.5 in COLMAP as they do here.
+
+Pictures far apart leave few points. Then it is done again with patches of affine shape and with matches that are looked
+for along epipolar lines (both COLMAP's), which find more points, a little less precisely.
 """
 
 from __future__ import annotations
@@ -20,6 +23,8 @@ from exmesh_graph.io.normalise import some
 from exmesh_graph.io.settings import MotionSettings
 from exmesh_graph.native import import_pycolmap
 
+#: Sightings of points a picture, below which pictures are matched again, and the growth that makes the new ones count.
+FEW, GROWTH = 150, 1.3
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
 
 
@@ -43,6 +48,7 @@ class Motion:
     error            mean reprojection error in pixels
     focal_known      whether a focal length was given or stood in the EXIF data
     how              which mapping they are from
+    matching         plain or wide
     dropped          names of pictures that were left out before cameras were looked for, by reason
     """
 
@@ -56,7 +62,13 @@ class Motion:
     error: float
     focal_known: bool
     how: str
+    matching: str = "plain"
     dropped: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def sightings(self) -> float:
+        """Of the points, a picture."""
+        return float(self.tracks.sum()) / max(len(self.camera_to_world), 1)
 
     def figures(self) -> dict[str, Any]:
         """For the report: counts, names of what was left out, error, and the (mean) lens."""
@@ -67,6 +79,7 @@ class Motion:
             "left_out": list(self.left_out),
             **{reason: list(names) for reason, names in self.dropped.items()},
             "mapping": self.how,
+            "matching": self.matching,
             "points": len(self.points),
             "reprojection_error_px": self.error,
             "lenses": len(self.lenses),
@@ -106,26 +119,53 @@ def find_motion(
     """
     colmap = import_pycolmap()
     names = [image.name for image in images]
+    lenses = {name: Through(None) for name in names} if through is None else through
+    files = _mask_files(masks, work)
     level, colmap.logging.minloglevel = colmap.logging.minloglevel, 3
     try:
-        colmap.set_random_seed(seed)
-        database = work / "database.db"
-        lenses = {name: Through(None) for name in names} if through is None else through
-        _features(colmap, database, images[0].parent, names, _mask_files(masks, work), settings, lenses)
-        matching = colmap.FeatureMatchingOptions()
-        matching.num_threads = settings.threads
-        verify = colmap.TwoViewGeometryOptions()
-        verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
-        colmap.match_exhaustive(
-            database, matching_options=matching, verification_options=verify, device=colmap.Device.cpu
-        )
-        mapped = map_cameras(colmap, database, images[0].parent, work, seed, settings.mapping)
+
+        def found(matching: str) -> Motion:
+            (work / matching).mkdir()
+            return _found(colmap, images[0].parent, names, files, settings, lenses, work / matching, seed, matching)
+
+        if settings.matching != "auto":
+            motion = found(settings.matching)
+        else:
+            motion = found("plain")
+            if len(names) > 2 and (motion.left_out or motion.sightings < FEW):
+                wide = found("wide")
+                more = wide.sightings >= GROWTH * motion.sightings
+                if len(wide.left_out) < len(motion.left_out) or (more and len(wide.left_out) == len(motion.left_out)):
+                    motion = wide
     finally:
         colmap.logging.minloglevel = level
+    _check_enough(names, motion.left_out, settings, images[0].parent)
+    return motion
+
+
+def _found(
+    colmap: Any,
+    folder: Path,
+    names: list[str],
+    masks: Path | None,
+    settings: MotionSettings,
+    through: Mapping[str, Through],
+    work: Path,
+    seed: int,
+    matching: str,
+) -> Motion:
+    """Features, matches and cameras in one way, in an empty folder; without cameras where there are none."""
+    colmap.set_random_seed(seed)
+    database = work / "database.db"
+    _features(colmap, database, folder, names, masks, settings, through, affine=matching == "wide")
+    options = colmap.FeatureMatchingOptions()
+    options.num_threads, options.guided_matching = settings.threads, matching == "wide"
+    verify = colmap.TwoViewGeometryOptions()
+    verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
+    colmap.match_exhaustive(database, matching_options=options, verification_options=verify, device=colmap.Device.cpu)
+    mapped = map_cameras(colmap, database, folder, work, seed, settings.mapping)
     left_out = tuple(name for name in names if mapped is None or name not in mapped.names)
-    _check_enough(names, left_out, settings, images[0].parent)
-    assert mapped is not None
-    return _motion(mapped, left_out)
+    return _motion(mapped, left_out, matching)
 
 
 def _mask_files(masks: Mapping[str, np.ndarray], work: Path) -> Path | None:
@@ -146,12 +186,14 @@ def _features(
     masks: Path | None,
     settings: MotionSettings,
     through: Mapping[str, Through],
+    *,
+    affine: bool,
 ) -> None:
     """Pictures, lens after lens, their cameras and features into a new database."""
     mode = colmap.CameraMode.SINGLE if settings.one_camera else colmap.CameraMode.PER_IMAGE
     options = colmap.FeatureExtractionOptions()
     options.num_threads, options.max_image_size = settings.threads, settings.feature_size
-    options.sift.max_num_features = settings.features
+    options.sift.max_num_features, options.sift.estimate_affine_shape = settings.features, affine
     colmap.Database.open(database).close()
     for group in _groups(names, through):
         reader = colmap.ImageReaderOptions()
@@ -193,7 +235,10 @@ def _check_enough(names: list[str], left_out: tuple[str, ...], settings: MotionS
     )  # fmt: skip
 
 
-def _motion(mapped: Mapped, left_out: tuple[str, ...]) -> Motion:
+def _motion(mapped: Mapped | None, left_out: tuple[str, ...], matching: str) -> Motion:
+    if mapped is None:
+        nothing = np.zeros((0, 3))
+        return Motion({}, {}, (), nothing, nothing, np.zeros(0, np.int64), left_out, 0.0, False, "", matching)
     model = mapped.model
     kept = {number: image for number, image in model.images.items() if image.has_pose and image.name in mapped.names}
     used = sorted({image.camera_id for image in kept.values()})
@@ -220,4 +265,5 @@ def _motion(mapped: Mapped, left_out: tuple[str, ...]) -> Motion:
         error=float(model.compute_mean_reprojection_error()),
         focal_known=any(lens.has_prior_focal_length for lens in lenses),
         how=mapped.how,
+        matching=matching,
     )

@@ -137,6 +137,9 @@ class OrbOptions(Params):
     checks: Checks = param("error", doc=_CHECKS)
 
 
+Matching = Literal["auto", "plain", "wide"]
+
+
 class MotionSettings(Params):
     """How cameras are found from the photographs alone (`io.motion`)."""
 
@@ -157,6 +160,11 @@ class MotionSettings(Params):
     registered: float = param(0.5, gt=0, le=1, doc="Share of the pictures that must get a camera.")
     mapping: Way = param(
         "auto", doc="Which of COLMAP's: incremental, with easier thresholds, global; or what most matches agree with."
+    )
+    matching: Matching = param(
+        "auto",
+        doc="plain: upright patches, precise; wide: affine patches and matches along epipolar lines, which bear larger "
+        "turns of the camera; auto: wide where plain leaves pictures with few points.",
     )
     threads: int = param(1, ge=1, tuning=True, doc="For features and matching; mapping runs on one.")
 

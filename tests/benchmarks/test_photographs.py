@@ -48,7 +48,7 @@ def test_a_similarity_is_found():
 
 def test_the_sample_is_small_and_as_a_camera_gives_it():
     assert sum(file.stat().st_size for file in SAMPLE.rglob("*") if file.is_file()) < 5e6
-    pictures = sorted((SAMPLE / "pictures").glob("*.jpg"))
+    pictures = sorted((SAMPLE / "images").glob("*.jpg"))
     truth = json.loads((SAMPLE / "truth" / "cameras.json").read_text())
     assert [path.name for path in pictures] == sorted(truth["camera_to_world"])
     sizes = [ImageOps.exif_transpose(Image.open(path)).size for path in pictures]
@@ -62,7 +62,7 @@ def test_photographs_alone_become_an_asset(tmp_path):
     run = ex.run(GRAPH, store=tmp_path / "store", runs=tmp_path / "runs")
     assert (run.folder / "asset.usdz").is_file()
     found = against_truth(run)
-    assert found["photographs"] >= 26
-    assert found["camera angles, degrees"] < 0.3
-    assert found["accuracy"] < 10
-    assert found["completeness"] < 10
+    assert found["photographs"] >= 24
+    assert found["direction, median"] < 0.3
+    assert found["accuracy"] < 8
+    assert found["completeness"] < 8

@@ -1,6 +1,7 @@
 """A plain folder of photographs: cameras found from the pictures, the lens undone, clear errors."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from benchmarks.photos import differences
 from exmesh_graph.errors import DataError, MissingLibraryError
+from exmesh_graph.io import motion
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import Photo, write_image
+from exmesh_graph.io.motion import Motion, find_motion
 from exmesh_graph.io.photos import list_photos, load_photos, object_sphere
-from exmesh_graph.io.settings import PhotosOptions
+from exmesh_graph.io.settings import MotionSettings, PhotosOptions
 from exmesh_graph.io.undistort import pinhole, resampled
 from exmesh_graph.io.working import upright
 from exmesh_graph.testing import FakeContext
@@ -259,3 +262,35 @@ def test_the_sphere_without_masks_holds_what_the_cameras_look_at():
     assert 0.4 < radius < 0.5
     with pytest.raises(DataError, match="too few to locate"):
         object_sphere(wall, np.full(400, 4), around)
+
+
+@pytest.mark.parametrize(
+    ("plain", "wide", "taken"),
+    [
+        ((300, 0), None, "plain"),  # enough: not done again
+        ((90, 0), (200, 0), "wide"),
+        ((90, 0), (100, 0), "plain"),  # hardly more: the precise ones
+        ((300, 2), (280, 0), "wide"),  # more pictures
+        ((90, 1), (300, 3), "plain"),  # fewer pictures
+    ],
+)
+def test_few_points_are_looked_for_in_the_wide_way(monkeypatch, tmp_path, plain, wide, taken):
+    """(sightings a picture, pictures without a camera) of either way; which is taken."""
+    given = {"plain": plain, "wide": wide}
+
+    def found(colmap, folder, names, masks, settings, through, work, seed, matching):
+        assert work.is_dir()
+        sightings, without = given[matching]
+        kept = names[: len(names) - without]
+        poses, camera = {name: np.eye(4) for name in kept}, dict.fromkeys(kept, 0)
+        nothing, tracks = np.zeros((0, 3)), np.full(len(kept), sightings)
+        return Motion(poses, camera, (), nothing, nothing, tracks, tuple(names[len(kept) :]), 0.0, True, "", matching)
+
+    monkeypatch.setattr(motion, "import_pycolmap", lambda: SimpleNamespace(logging=SimpleNamespace(minloglevel=0)))
+    monkeypatch.setattr(motion, "_found", found)
+    images = [tmp_path / f"{k}.png" for k in range(12)]
+    for way in ("auto", "plain") + (("wide",) if wide else ()):
+        work = tmp_path / way
+        work.mkdir()
+        settings = MotionSettings(matching=way)
+        assert find_motion(images, {}, settings, work).matching == (taken if way == "auto" else way)
