@@ -19,6 +19,7 @@ from exmesh_graph.graph.declare.ports import Port, artifact_types
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.run.checkpoint import Checkpoints
+from exmesh_graph.graph.run.hermetic import apart
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
 from exmesh_graph.graph.run.memory import Memory, mark_of
 from exmesh_graph.resources import peak_memory, reset_peak_memory
@@ -119,7 +120,7 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         context = NodeContext(job, attempt / "scratch", checkpoints, emit)
         reset_peak_memory()
         started, began = time.time(), time.perf_counter()
-        with _stoppable(context, bound.definition.resumable):
+        with _stoppable(context, bound.definition.resumable), apart(job.seed):
             result = _call(bound, context, inputs)
         seconds, peak = time.perf_counter() - began, peak_memory()
         check_untouched(bound, inputs, marks)

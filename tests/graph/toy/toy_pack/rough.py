@@ -10,7 +10,8 @@ from pathlib import Path
 from exmesh_graph.errors import DataError
 from exmesh_graph.graph import Context, Params, node, param
 from exmesh_graph.resources import usable_cores
-from toy_pack.nodes import NoParams, Number, NumberOut, Series, SeriesOut
+from exmesh_graph.types import Metrics
+from toy_pack.nodes import MetricsOut, NoParams, Number, NumberOut, Series, SeriesOut
 
 
 class CrashParams(Params):
@@ -167,3 +168,41 @@ def hang(ctx: Context, number: Number, *, p: PathParams) -> NumberOut:
 def dice(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
     """Another number each time."""
     return NumberOut(Number(float(int.from_bytes(os.urandom(6)))))
+
+
+class UntidyParams(Params):
+    folder: str = param(tuning=True, doc="To change into.")
+
+
+@node("toy.untidy", version="1")
+def untidy(ctx: Context, number: Number, *, p: UntidyParams) -> NumberOut:
+    """Leaves the process other than it was."""
+    import random
+
+    import numpy as np
+    import torch
+
+    os.environ["EXMESH_TOY"] = "left behind"
+    os.environ.pop("HOME", None)
+    os.chdir(p.folder)
+    random.seed(1)
+    np.random.seed(1)  # noqa: NPY002
+    np.seterr(all="raise")
+    torch.manual_seed(1)
+    torch.set_default_dtype(torch.float64)
+    return NumberOut(Number(number.value))
+
+
+@node("toy.found", version="1")
+def found(ctx: Context, number: Number, *, p: NoParams) -> MetricsOut:
+    """What the process is like."""
+    import random
+
+    import numpy as np
+    import torch
+
+    return MetricsOut(Metrics({
+        "left": os.environ.get("EXMESH_TOY", ""), "home": os.environ.get("HOME", ""), "folder": os.getcwd(),
+        "random": random.random(), "numpy": float(np.random.rand()), "errors": np.geterr(), "pid": os.getpid(),  # noqa: NPY002
+        "torch": float(torch.rand(())), "dtype": str(torch.get_default_dtype()),
+    }))  # fmt: skip

@@ -1,0 +1,55 @@
+"""Nodes that share a process do not reach each other through it."""
+
+from __future__ import annotations
+
+import os
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from exmesh_graph.graph.run.backends.local import Local
+from exmesh_graph.graph.run.hermetic import apart
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+@pytest.mark.reliability(
+    "a node leaves environment, folder, seeds, default type or error states changed",
+    "the next one finds them untouched",
+)
+def test_what_a_node_leaves_behind_reaches_no_other(bench: Any, tmp_path: Any, workers: int) -> None:
+    here = os.getcwd(), dict(os.environ), torch.get_default_dtype(), np.geterr(), random.getstate()
+    text = f"""
+nodes:
+  a: {{type: toy.const, value: 5}}
+  before: {{type: toy.found, number: "@a.number", seed: 3}}
+  b: {{type: toy.found, number: "@a.number", seed: 4}}
+  x: {{type: toy.untidy, number: "@a.number", folder: {tmp_path}}}
+  after: {{type: toy.found, number: "@x.number", seed: 3}}
+"""
+    record = bench.run(text, **({"backend": Local(workers)} if workers else {}))
+    before, other, after = (bench.value(record, name, "metrics").values for name in ("before", "b", "after"))
+    assert other["numpy"] != before["numpy"], "another seed"
+    assert after["pid"] == before["pid"], "one process"
+    assert after == before
+    assert after["left"] == ""
+    assert here == (os.getcwd(), dict(os.environ), torch.get_default_dtype(), np.geterr(), random.getstate())
+
+
+def test_global_generators_start_from_the_seed_and_go_on_after_it() -> None:
+    def drawn() -> tuple[float, float, float]:
+        return random.random(), float(np.random.rand()), float(torch.rand(()))  # noqa: NPY002
+
+    random.seed(7), np.random.seed(7), torch.manual_seed(7)  # noqa: NPY002
+    expected = drawn(), drawn()
+    random.seed(7), np.random.seed(7), torch.manual_seed(7)  # noqa: NPY002
+    first = drawn()
+    inside = []
+    for seed in (4, 4, 5):
+        with apart(seed):
+            inside.append(drawn())
+    assert inside[0] == inside[1]
+    assert not set(inside[0]) & set(inside[2])
+    assert (first, drawn()) == expected
