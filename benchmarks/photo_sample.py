@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import exmesh_graph as ex
+from benchmarks.photos import similarity
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius
 from exmesh_graph.native import import_open3d
@@ -34,14 +35,18 @@ def main() -> None:
 
 
 def against_truth(run: ex.Run, sample: Path = SAMPLE) -> dict[str, float]:
-    """Figures of a run of graphs/photos.yaml on the sample: optical axes in degrees, centres in per cent of their mean
-    distance from the object, the surface in thousandths of its radius."""
+    """Figures of a run of graphs/photos.yaml on the sample.
+
+    Optical axes in degrees, centres in per cent of their mean distance from their middle (as `benchmarks.photos` does),
+    the surface in thousandths of its radius.
+    """
     views, mesh = run["views"]["train"], run["settle"]["state"]
     truth = json.loads((sample / "truth" / "cameras.json").read_text(encoding="utf-8"))["camera_to_world"]
     cameras = np.array([truth[f"{Path(name).stem}.jpg"] for name in views.names]) @ np.diag([1.0, -1, -1, 1])
     scale, rotation, offset = similarity(views.camera_to_world[:, :3, 3], cameras[:, :3, 3])
     found = scale * views.camera_to_world[:, :3, 3] @ rotation.T + offset
-    off = 100 * np.linalg.norm(found - cameras[:, :3, 3], axis=1) / np.linalg.norm(cameras[:, :3, 3], axis=1).mean()
+    apart = np.linalg.norm(cameras[:, :3, 3] - cameras[:, :3, 3].mean(0), axis=1).mean()
+    off = 100 * np.linalg.norm(found - cameras[:, :3, 3], axis=1) / apart
     along = np.einsum("ij,nj,ni->n", rotation, views.camera_to_world[:, :3, 2], cameras[:, :3, 2])
     angles = np.degrees(np.arccos(np.clip(along, -1, 1)))  # of the optical axes: a picture may be stored turned
     o3d = import_open3d()
@@ -53,10 +58,8 @@ def against_truth(run: ex.Run, sample: Path = SAMPLE) -> dict[str, float]:
     points = _nearer(points, np.asarray(mesh.faces), true_points, true_faces, floor)
     ours = _seen(points, mesh.faces, floor, 0)
     theirs = _seen(true_points, true_faces, floor, 1)
-    accuracy, completeness = (
-        distance_to_mesh(ours, true_points, true_faces),
-        distance_to_mesh(theirs, points, mesh.faces),
-    )
+    accuracy = distance_to_mesh(ours, true_points, true_faces)
+    completeness = distance_to_mesh(theirs, points, mesh.faces)
     return {
         "photographs": len(views),
         "direction, median": float(np.median(angles)),
@@ -67,16 +70,6 @@ def against_truth(run: ex.Run, sample: Path = SAMPLE) -> dict[str, float]:
         "completeness": 1000 / radius * float(completeness.mean()),
         "chamfer": 1000 / radius * float(accuracy.mean() + completeness.mean()) / 2,
     }
-
-
-def similarity(points: np.ndarray, targets: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """s, R [3, 3], t [3] that bring points [N, 3] nearest to targets by s R x + t."""
-    middle, aim = points.mean(0), targets.mean(0)
-    left, values, right = np.linalg.svd((targets - aim).T @ (points - middle))
-    signs = np.array([1, 1, np.linalg.det(left) * np.linalg.det(right)])
-    rotation = left * signs @ right
-    scale = float((values * signs).sum() / ((points - middle) ** 2).sum())
-    return scale, rotation, aim - scale * rotation @ middle
 
 
 def _nearer(

@@ -119,16 +119,22 @@ def same(a: Motion, b: Motion) -> bool:
 def differences(found: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(degrees [N], per cent of the cameras' mean distance from their middle [N]) after the best similarity."""
     a, b = found[:, :3, 3], true[:, :3, 3]
-    a_middle, b_middle = a.mean(0), b.mean(0)
-    u, s, vt = np.linalg.svd((b - b_middle).T @ (a - a_middle))
-    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
-    turn = u @ sign @ vt
-    scale = (s * np.diag(sign)).sum() / ((a - a_middle) ** 2).sum()
-    moved = scale * (a - a_middle) @ turn.T + b_middle
-    radius = np.linalg.norm(b - b_middle, axis=1).mean()
+    scale, turn, offset = similarity(a, b)
+    moved = scale * a @ turn.T + offset
+    radius = np.linalg.norm(b - b.mean(0), axis=1).mean()
     relative = np.einsum("nji,jk,nkl->nil", true[:, :3, :3], turn, found[:, :3, :3])
     angle = np.arccos(np.clip((np.trace(relative, axis1=1, axis2=2) - 1) / 2, -1, 1))
     return np.degrees(angle), 100 * np.linalg.norm(moved - b, axis=1) / radius
+
+
+def similarity(points: np.ndarray, targets: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """s, R [3, 3], t [3] that bring points [N, 3] nearest to targets by s R x + t."""
+    middle, aim = points.mean(0), targets.mean(0)
+    left, values, right = np.linalg.svd((targets - aim).T @ (points - middle))
+    signs = np.array([1, 1, np.linalg.det(left) * np.linalg.det(right)])
+    rotation = left * signs @ right
+    scale = float((values * signs).sum() / ((points - middle) ** 2).sum())
+    return scale, rotation, aim - scale * rotation @ middle
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ class Motion:
 
     @property
     def sightings(self) -> float:
-        """Of the points, a picture."""
+        """How many points a picture shows, on the mean."""
         return float(self.tracks.sum()) / max(len(self.camera_to_world), 1)
 
     def figures(self) -> dict[str, Any]:
@@ -112,6 +112,8 @@ def find_motion(
     masks    alpha [H, W] by file name: features where it is below 1/2 are ignored
     through  by file name; pictures of equal `lens` are of one size and share a camera unless `one_camera` is off.
              None: all are of one size, and one lens
+    `settings.matching`: auto matches again in the wide way where points are few or pictures have no camera, and takes
+    what gives more pictures cameras or, of as many pictures, clearly more points.
     The same pictures, seed and version give the same bytes: mapping runs on one thread, whatever `threads` says of
     features and matching. Pictures that hang on the others by pairs alone are left out (`mapping.tied`).
     Raises DataError, naming pictures, where fewer than the share `registered` (or than three) get a camera,

@@ -27,6 +27,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
     figures: list[ReportFigure] = []
     stages: list[ReportFigure] = []
     curves: list[Curve] = []
+    told = [{"node": node["name"], "message": text} for node in nodes for text in node["warnings"]]
     shown: list[GalleryItem] = []
     for entry in record["nodes"]:
         begun = spent[entry["name"]]
@@ -34,8 +35,10 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
             if output["type"] == "Metrics":
                 values = load_artifact(output["digest"]).values
                 metrics[f"{entry['name']}.{port}"] = values
-                figures += _figures(values.get("headline"), entry["name"], begun)
-                stages += _figures(values.get("stages"), entry["name"], begun)
+                faults = list(figure_faults(values))  # of a store from before such were refused
+                figures += _figures(() if faults else values.get("headline"), entry["name"], begun)
+                stages += _figures(() if faults else values.get("stages"), entry["name"], begun)
+                told += [{"node": entry["name"], "message": f"its figures are left out: {fault}"} for fault in faults]
                 ended = begun + float(entry.get("seconds") or 0.0)
                 curves += [replace(curve, span=(begun, ended)) for curve in curves_of(values, entry["name"])]
             elif output["type"] == "Gallery":
@@ -58,7 +61,7 @@ def collect(record: Mapping[str, Any], load_artifact: Callable[[str], Any], *, r
         "costs": stage_costs(nodes),
         "nodes": nodes,
         "edges": edges,
-        "warnings": [{"node": node["name"], "message": text} for node in nodes for text in node["warnings"]],
+        "warnings": told,
         "pictures": [fields_of(one, "data", "panels") for one in shown if not one.is_model],
         "models": [fields_of(one, "data", "panels") | {"bytes": len(one.data)} for one in shown if one.is_model],
         "machine": {str(key): str(value) for key, value in (record.get("machine") or {}).items()},
@@ -83,8 +86,6 @@ def _node(entry: Mapping[str, Any]) -> dict[str, Any]:
 def _figures(entries: Any, node: str, after: float) -> Iterator[ReportFigure]:
     """Entries {label, value, unit?, floor?, goal?, better?, series?, over?} of a headline or of stages."""
     for entry in entries or ():
-        if any(figure_faults({"headline": [entry]})):  # of a store from before such were refused
-            continue
         given: dict[str, Any] = {name: str(entry.get(name) or "") for name in ("label", "unit", "better", "series")}
         given |= {name: number_of(entry.get(name)) for name in ("floor", "goal")}
         over = {str(name): float(x) for name, x in (entry.get("over") or {}).items()}

@@ -12,7 +12,8 @@ from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
 import exmesh_graph as ex
-from benchmarks.photo_sample import SAMPLE, against_truth, similarity
+from benchmarks.photo_sample import SAMPLE, against_truth
+from benchmarks.photos import similarity
 from benchmarks.scenes import photographs as shots
 from benchmarks.scenes.cameras import FIELD
 

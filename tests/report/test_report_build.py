@@ -243,3 +243,12 @@ def test_the_docs_name_every_key_of_report_json(report):
         key for row in table.splitlines() if row.startswith("| `") for key in re.findall(r"`(\w+)`", row.split("|")[1])
     ]
     assert sorted(named) == sorted(report[0])
+
+
+def test_malformed_figures_of_an_old_store_are_told_and_lose_no_report(record, load):
+    values = {"headline": [{"label": "A", "value": [1]}, {"label": "B", "value": 2.0}], "stages": 5}
+    told = collect(record, lambda digest: Metrics(values) if digest == "final" else load(digest)).data["warnings"]
+    assert [row["message"] for row in told if row["node"] == "shape"] == [
+        "its figures are left out: headline[0] (A) has the value [1]: no number, text or bool",
+        "its figures are left out: stages is int, no list",
+    ]

@@ -22,7 +22,11 @@ def apart(seed: int) -> Iterator[None]:
     They, the environment, the working folder, the locale, torch's default type and numpy's treatment of errors are
     afterwards what they were.
     """
-    environment, folder, words = dict(os.environ), os.getcwd(), locale.setlocale(locale.LC_ALL)
+    environment, words = dict(os.environ), locale.setlocale(locale.LC_ALL)
+    try:
+        folder = os.getcwd()
+    except OSError:  # it is gone: nothing to come back to
+        folder = ""
     drawn = random.getstate()
     random.seed(seed)
     numpy: Any = sys.modules.get("numpy")  # not imported for this alone
@@ -39,7 +43,7 @@ def apart(seed: int) -> Iterator[None]:
         if dict(os.environ) != environment:
             os.environ.clear()
             os.environ.update(environment)
-        with contextlib.suppress(OSError):  # the folder may be gone
+        with contextlib.suppress(OSError):  # gone meanwhile
             os.chdir(folder)
         locale.setlocale(locale.LC_ALL, words)
         random.setstate(drawn)
