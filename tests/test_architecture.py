@@ -90,7 +90,7 @@ def test_the_framework_knows_nothing_of_3d() -> None:
 
 def test_solvers_do_not_know_the_framework() -> None:
     knowing = {room_of(module) for module, ends in arrows().items() if any(room_of(end) == "graph" for end in ends)}
-    assert knowing <= {"cli", "nodes", "api", "notebook", "report", "graph", ""}
+    assert knowing <= {"cli", "nodes", "api", "notebook", "studio", "report", "graph", ""}
 
 
 def test_the_picture_in_the_docs_is_that_of_the_code() -> None:

@@ -101,8 +101,12 @@ def why(
     graph: Source, node: str, *, set: Settings = None, variant: str | None = None, store: Folder = None, **params: Any
 ) -> Why:
     """Why a node of a graph is a hit or must run. Raises GraphErrors."""
-    checked = checked_graph(graph, set, variant, store, **params)
-    (name,), opened = named(checked, [node]), open_store(store)
+    return why_of(checked_graph(graph, set, variant, store, **params), node, open_store(store))
+
+
+def why_of(checked: Checked, node: str, opened: Store) -> Why:
+    """Why a node of a checked graph is a hit or must run. Raises GraphError for a name that it does not have."""
+    (name,) = named(checked, [node])
     steps = {step.name: step for step in steps_of(checked, opened, checked.needed_for([name]), reasons=False)}
     step, bound = steps[name], checked.nodes[name]
     if step.preimage is None:

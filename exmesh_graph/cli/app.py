@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from exmesh_graph.cli import assets, authoring, bench, options, upkeep, variants, watching
+from exmesh_graph.cli import assets, authoring, bench, options, studio, upkeep, variants, watching
 from exmesh_graph.errors import ExmeshError
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ def get(
 for _command in (
     assets.view, authoring.nodes, authoring.schema, authoring.stubs, bench.bench, upkeep.verify, upkeep.pin,
     upkeep.unpin, upkeep.gc, upkeep.doctor, variants.sweep, variants.diff, variants.show, watching.status, watching.log,
-    watching.replay,
+    watching.replay, studio.studio,
 ):  # fmt: skip
     app.command()(_command)
 app.command("check-usd")(assets.check_usd)

@@ -189,7 +189,7 @@ class Draft:
 
     def read(self, entry: Map, key: str) -> Any:
         """A value of an entry with `${name}` replaced by the graph's parameters; None where there is none."""
-        if key not in entry or not isinstance(entry[key], str):
+        if key not in entry or not isinstance(entry[key], str) or "${" not in entry[key]:
             return entry.get(key)
         raw = self.top.get("params") or Map(self.top.where)
         scope = resolve_params(declare(raw, Problems()), Problems(), {}, {})

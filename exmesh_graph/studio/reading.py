@@ -1,0 +1,338 @@
+"""A merged graph file as the page shows it: nodes with rounds folded, blocks and sub-graphs with what they hold.
+
+Read from the file and not from the checked graph, so that a faulty graph is shown as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.graph.declare.ports import Port, Signature
+from exmesh_graph.graph.language.params import declare
+from exmesh_graph.graph.language.parts import PartFiles, input_ports
+from exmesh_graph.graph.language.spec import Tree, Value, substitute, tree_of
+from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.problems import GraphErrors, Problems, Where
+from exmesh_graph.graph.variants.draft import Draft, is_block, is_link, is_part, layers_of
+from exmesh_graph.studio.typefacts import TypeFacts, port_facts
+from exmesh_graph.studio.values import plain, shown_path
+
+WRITABLE = ("set", "connect", "bypass", "remove", "replace", "rename")
+INSIDE = ("set", "connect")  # what patches can do to nodes of a sub-graph
+_DEEPEST = 4  # sub-graphs in sub-graphs
+
+
+@dataclass
+class Reading:
+    """One file of a graph read once: the graph itself, or with a `prefix` the file of a sub-graph."""
+
+    draft: Draft
+    facts: TypeFacts
+    folder: Path
+    file: Path
+    params: Mapping[str, Value] = field(default_factory=dict)
+    prefix: str = ""
+    depth: int = 0
+
+    def __post_init__(self) -> None:
+        self.entries = self.draft.entries
+        self.kinds: dict[str, Signature | None] = {
+            path: None if is_block(entry) or is_part(entry) else self.draft.kind(entry)
+            for path, entry in self.entries.items()
+        }
+        self.parts: dict[str, Part | None] = {}
+        if self.depth < _DEEPEST:
+            self.parts = {path: self._part(path, entry) for path, entry in self.entries.items() if is_part(entry)}
+        self._ends: dict[tuple[str, str], Port | None] = {}
+
+    # --- nodes
+
+    def nodes(self) -> Iterator[dict[str, Any]]:
+        """NODE of the contract, in the order of the file, those inside sub-graphs behind these."""
+        for path, entry in self.entries.items():
+            if not isinstance(entry, Map):
+                continue
+            if is_block(entry):
+                yield self._block(path, entry)
+            elif is_part(entry):
+                yield self._part_node(path, entry)
+                part = self.parts.get(path)
+                if part is not None:
+                    yield from part.reading.nodes()
+            else:
+                yield self._node(path, entry)
+
+    def _node(self, path: str, entry: Map) -> dict[str, Any]:
+        kind = self.draft.read(entry, "type")
+        facts = self.facts.of(str(kind)) or {}
+        wired = {key for key, value in entry.items() if is_link(value)}
+        layers = [self._layer(layer, word, number) for layer, word, number in layers_of(entry)]
+        return {
+            **self._common(path, entry, facts.get("kind", "node")),
+            "type": str(kind or ""),
+            "family": facts.get("family", str(kind).partition(".")[0]),
+            "doc": facts.get("title", ""),
+            "version": facts.get("version", ""),
+            "traits": facts.get("traits", []),
+            "known": bool(facts),
+            "inputs": [{**port, "wired": port["port"] in wired} for port in facts.get("inputs", [])],
+            "outputs": facts.get("outputs", []),
+            "parameters": [self._parameter(path, entry, one, layers) for one in facts.get("parameters", [])],
+            "layers": layers,
+        }
+
+    def _block(self, path: str, entry: Map) -> dict[str, Any]:
+        carry = entry.get("carry") if isinstance(entry.get("carry"), Map) else {}
+        ends = [self._carried(path, str(name)) for name in carry or ()]
+        count = self._resolved(entry, "repeat")
+        told = {
+            "name": "repeat", "type": "int", "default": None, "required": True, "unit": "rounds",
+            "doc": "How often the block is unrolled.", "ge": 0, "gt": None, "le": 1000, "lt": None,
+            "multiple_of": None, "choices": None, "optional": False, "tuning": False, "auto": "", "path": False,
+        }  # fmt: skip
+        return {
+            **self._common(path, entry, "block"),
+            "type": "repeat", "family": "repeat", "doc": "", "version": "", "traits": [], "known": True,
+            "repeat": count, "repeat_text": str(entry.get("repeat", "")),
+            "inputs": [{**end, "wired": True} for end in ends], "outputs": ends,
+            "parameters": [self._parameter(path, entry, told, [])], "layers": [],
+        }  # fmt: skip
+
+    def _part_node(self, path: str, entry: Map) -> dict[str, Any]:
+        part = self.parts.get(path)
+        wired = {key for key, value in entry.items() if is_link(value)}
+        ports = part.ports if part is not None else {}
+        outputs = [] if part is None else [self._part_output(path, part, str(name)) for name in part.tree.outputs]
+        declared = () if part is None else graph_parameters(part.tree, f"{self.prefix}{path}.")
+        given = [{**one, "set": one["name"] in entry} for one in declared]
+        return {
+            **self._common(path, entry, "part"),
+            "type": str(entry.get("graph", "")), "family": "part", "doc": "", "version": "", "traits": [],
+            "graph": str(entry.get("graph", "")), "known": part is not None,
+            "inputs": [{**port_facts(port), "wired": port.name in wired} for port in ports.values()],
+            "outputs": outputs, "parameters": given, "layers": [],
+        }  # fmt: skip
+
+    def _common(self, path: str, entry: Map, kind: str) -> dict[str, Any]:
+        scope, _, name = path.rpartition(".")
+        parent = scope or self.prefix.rstrip(".")
+        return {
+            "id": f"{self.prefix}{path}", "name": name, "kind": kind,
+            "parent": f"{self.prefix}{scope}" if scope else parent, "comment": str(entry.get("doc") or "").strip(),
+            **self._place(entry.where), "own": entry.where.file == self.file and not self.prefix,
+            "editable": list(INSIDE if self.prefix else WRITABLE), "problems": 0, "rounds": 1, "names": [],
+        }  # fmt: skip
+
+    def _place(self, where: Where) -> dict[str, Any]:
+        return {"file": shown_path(where.file, self.folder), "line": where.line}
+
+    def _parameter(
+        self, path: str, entry: Map, facts: Mapping[str, Any], layers: list[dict[str, Any]]
+    ) -> dict[str, Any]:
+        name = facts["name"]
+        raw = entry.get(name)
+        given = name in entry
+        value = self._resolved(entry, name) if given else facts["default"]
+        return {
+            **facts, "value": plain(value), "text": _text(raw if given else facts["default"]), "set": given,
+            "reference": raw if isinstance(raw, str) and "${" in raw else "",
+            "rounds_differ": any(name in layer["set"] for layer in layers),
+            "target": f"{self.prefix}{path}.{name}",
+        }  # fmt: skip
+
+    def _layer(self, layer: Map, word: str, number: Any) -> dict[str, Any]:
+        given = {str(key): plain(value) for key, value in layer.items() if key != "type"}
+        return {"when": word, "round": number, "type": str(layer.get("type", "")), "set": given}
+
+    def _resolved(self, entry: Map, key: str) -> Any:
+        value = entry.get(key)
+        if not isinstance(value, str | list | dict):
+            return value
+        problems = Problems()
+        try:
+            made = substitute(value, self.params, entry.lines[key], problems).value
+        except GraphErrors:
+            return value
+        return value if problems else made  # `${round}` has a value in each round
+
+    # --- wires
+
+    def wires(self) -> Iterator[dict[str, Any]]:
+        """WIRE of the contract, as written; what the graph publishes is told of by `outputs`."""
+        for place in self.draft.link_places():
+            if place.owner == "outputs":
+                continue
+            start = self._start(place.text, place.scope)
+            side, when, target = "", None, f"{self.prefix}{place.label}"
+            entry = self.entries[place.owner]
+            if is_block(entry):
+                side = "" if place.label.split(".")[-2] == "carry" else "next"
+            elif place.holder is not entry:
+                word, number = next((w, n) for layer, w, n in layers_of(entry) if layer is place.holder)
+                when = f"{word} {number}"
+                scope, _, name = place.owner.rpartition(".")
+                inner = f"{scope}[{number}].{name}" if word == "at" and scope else place.owner
+                target = f"{self.prefix}{inner}.{place.key}"
+            end = {"node": f"{self.prefix}{place.owner}", "port": str(place.key), "side": side}
+            yield self._wire(start, end, place.text, target, place.where, when, self._end(place.text, place.scope))
+        for part in self.parts.values():
+            if part is not None:
+                yield from part.reading.wires()
+                yield from part.reading.published()
+
+    def published(self) -> Iterator[dict[str, Any]]:
+        """The wires of a sub-graph from its nodes to its outputs."""
+        owner = self.prefix.rstrip(".")
+        for name, text in (self.draft.top.get("outputs") or {}).items():
+            if is_link(text):
+                end = {"node": owner, "port": str(name), "side": "outputs"}
+                where = self.draft.top["outputs"].lines[name]
+                yield self._wire(self._start(text, ""), end, text, "", where, None, self._end(text, ""))
+
+    def outputs(self) -> list[dict[str, str]]:
+        """What the graph publishes."""
+        told = self.draft.top.get("outputs")
+        found = []
+        for name, text in told.items() if isinstance(told, Map) else ():
+            start = self._start(str(text), "")
+            found.append({"name": str(name), "node": start["node"], "port": start["port"], "text": str(text)})
+        return found
+
+    def _wire(
+        self, start: dict[str, str], end: dict[str, str], text: str, target: str, where: Where, when: str | None,
+        port: Port | None,
+    ) -> dict[str, Any]:  # fmt: skip
+        label = "" if port is None else str(port)
+        plug = not start["port"] and bool(start["node"])
+        tail = f"#{when}" if when else ""
+        ends = [f"{one['node']}.{one['port']}" + (f"@{one['side']}" if one["side"] else "") for one in (start, end)]
+        return {
+            "id": ">".join(ends) + tail, "from": start, "to": end, "label": label,
+            "kind": "component" if plug else "artifact", "text": text, "target": target, "rounds": when,
+            **self._place(where), "problem": not start["node"],
+        }  # fmt: skip
+
+    def _start(self, text: str, scope: str) -> dict[str, str]:
+        """Where a link written in a scope comes from; no node where it leads nowhere."""
+        name, _, port = text.removeprefix("@").rpartition(".")
+        if name == "inputs" and self.prefix:
+            return {"node": self.prefix.rstrip("."), "port": port, "side": "inputs"}
+        source = self.draft.source(text, scope)
+        if source is None:
+            return {"node": "", "port": port, "side": ""}
+        if not source.path:
+            return {"node": f"{self.prefix}{scope}".rstrip("."), "port": source.port, "side": "carry"}
+        return {"node": f"{self.prefix}{source.path}", "port": source.port, "side": ""}
+
+    def _end(self, text: str, scope: str) -> Port | None:
+        """The output port behind a link; None for components and what cannot be told."""
+        if (text, scope) not in self._ends:
+            self._ends[text, scope] = None  # what leads back to itself carries nothing
+            self._ends[text, scope] = self._port_of(text, scope)
+        return self._ends[text, scope]
+
+    def _port_of(self, text: str, scope: str) -> Port | None:
+        if text.startswith("@inputs.") and self.prefix:
+            return None
+        source = self.draft.source(text, scope)
+        if source is None:
+            return None
+        path = source.path or scope
+        entry: Any = self.entries.get(path)
+        if isinstance(entry, Map) and is_block(entry):
+            carry = entry.get("carry")
+            link = carry.get(source.port) if isinstance(carry, Map) else None
+            return self._end(str(link), path.rpartition(".")[0]) if link is not None else None
+        if is_part(entry):
+            part = self.parts.get(path)
+            link = None if part is None else part.tree.outputs.get(source.port)
+            return None if part is None or link is None else part.reading._end(str(link), "")
+        kind = self.kinds.get(path)
+        return kind.outputs.get(source.port) if kind is not None else None
+
+    def _carried(self, path: str, name: str) -> dict[str, Any]:
+        return _port_like(name, self._end(f"@{path.rpartition('.')[2]}.{name}", path.rpartition(".")[0]))
+
+    def _part_output(self, path: str, part: Part, name: str) -> dict[str, Any]:
+        return _port_like(name, part.reading._end(str(part.tree.outputs[name]), ""))
+
+    # --- sub-graphs
+
+    def _part(self, path: str, entry: Map) -> Part | None:
+        """The file of a sub-graph; None where it cannot be used, which the checks tell."""
+        problems = Problems()
+        files = PartFiles(problems)
+        where = entry.lines["graph"]
+        try:
+            name = substitute(entry["graph"], self.params, where, problems)
+            file = files.path(name, where, (self.file.resolve(),))
+            if file is None:
+                return None
+            merged = files.merged(file, where, entry.get("nodes"))
+            known = merged.get("params") or {}
+            given = {
+                str(key): Value(self._resolved(entry, key), entry.lines[key], where.base)
+                for key in entry
+                if key in known
+            }
+            tree = tree_of(merged, file, (), problems, given)
+        except GraphErrors:
+            return None
+        inner = Draft(merged, self.draft.packs)
+        prefix = f"{self.prefix}{path}."
+        reading = Reading(inner, self.facts, self.folder, self.file, tree.params, prefix, self.depth + 1)
+        return Part(tree, input_ports(tree, problems), reading)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The file of a sub-graph: its tree, the inputs that it declares, and what stands in it."""
+
+    tree: Tree
+    ports: Mapping[str, Port]
+    reading: Reading
+
+
+def graph_parameters(tree: Tree, prefix: str = "") -> list[dict[str, Any]]:
+    """PARAMETER for each parameter of a graph, or with a prefix of a sub-graph."""
+    return [_declared(tree, name, prefix) for name in tree.declared]
+
+
+def declared_parameters(top: Map) -> dict[str, Any]:
+    """{name: what is declared of it} of a merged file, whatever is wrong with it."""
+    params = top.get("params")
+    return declare(params, Problems()) if isinstance(params, Map) else {}
+
+
+def _declared(tree: Tree, name: str, prefix: str) -> dict[str, Any]:
+    told, value = tree.declared[name], tree.params[name].value if name in tree.params else None
+    limits = {sign: told.limits.get(sign) for sign in ("ge", "gt", "le", "lt")}
+    kind = "number" if told.kind == "float" and told.inferred else told.kind
+    return {
+        "name": name, "type": kind, "value": plain(value), "text": _text(value), "default": plain(told.default),
+        "set": True, "unit": told.unit, "doc": told.doc, **limits, "multiple_of": None,
+        "choices": [plain(choice) for choice in told.choices] or None, "optional": False, "required": told.required,
+        "tuning": False, "auto": "", "reference": "", "rounds_differ": False, "target": f"{prefix}{name}",
+        "path": told.kind == "path",
+    }  # fmt: skip
+
+
+def _port_like(name: str, port: Port | None) -> dict[str, Any]:
+    """An end of a block or sub-graph that carries what an output port gives."""
+    if port is None:
+        return {"port": name, "types": [], "label": "", "optional": False, "component": False, "mixed": False,
+                "facets": {}}  # fmt: skip
+    return {**port_facts(port), "port": name, "optional": False}
+
+
+def _text(value: Any) -> str:
+    """A value as one would write it into a graph file."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    told = plain(value)
+    return told if isinstance(told, str) else str(told)

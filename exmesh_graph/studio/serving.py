@@ -1,0 +1,95 @@
+"""Serving a workspace on this machine alone, with a token that is in the printed address and nowhere else."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import socket
+from collections.abc import Callable
+from typing import Any
+
+from exmesh_graph.errors import ExmeshError, MissingLibraryError
+from exmesh_graph.studio.workspace import Workspace
+
+HOST = "127.0.0.1"
+_HEAD_SECONDS = 10.0
+_MOST_CONNECTIONS = 256
+
+
+def serve(workspace: Workspace, port: int = 0, ready: Callable[[str], None] | None = None) -> None:
+    """Serve until Ctrl-C; `ready` is called with the address once the server listens.
+
+    port  0: any that is free. Raises MissingLibraryError without the extra `studio`, ExmeshError for a taken port.
+    """
+    uvicorn = _library()
+    listener = _listener(port)
+    number = int(listener.getsockname()[1])
+    token = secrets.token_urlsafe(32)
+    server = uvicorn.Server(configuration(workspace, number, token))
+    address = f"http://{HOST}:{number}/?token={token}"
+
+    async def run() -> None:
+        serving = asyncio.create_task(server.serve(sockets=[listener]))
+        while not server.started and not serving.done():
+            await asyncio.sleep(0.01)
+        if ready is not None and server.started:
+            ready(address)
+        await serving
+
+    try:
+        asyncio.run(run())
+    finally:
+        listener.close()
+
+
+def configuration(workspace: Workspace, port: int, token: str) -> Any:
+    """How uvicorn serves a workspace."""
+    uvicorn = _library()
+    from exmesh_graph.studio.web.app import application
+
+    hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
+    app = application(workspace, hosts, token, cookie=f"exmesh_studio_{port}")
+    return uvicorn.Config(
+        app, host=HOST, port=port, http=_protocol(), ws="none", lifespan="on", log_level="error", access_log=False,
+        server_header=False, proxy_headers=False, limit_concurrency=_MOST_CONNECTIONS, timeout_keep_alive=20,
+        timeout_graceful_shutdown=2, h11_max_incomplete_event_size=16 << 10,
+    )  # fmt: skip
+
+
+def _protocol() -> Any:
+    """HTTP/1.1 that lets go of connections which do not send a request's head in time."""
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    class Patient(H11Protocol):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            self.loop.call_later(_HEAD_SECONDS, self._let_go)
+
+        def _let_go(self) -> None:
+            if self.cycle is None and not self.transport.is_closing():
+                self.transport.close()
+
+    return Patient
+
+
+def _listener(port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((HOST, port))
+    except OSError as error:
+        listener.close()
+        raise ExmeshError(
+            f"port {port} cannot be used: {error.strerror}", fix="leave out --port, or name another"
+        ) from error
+    return listener
+
+
+def _library() -> Any:
+    try:
+        import starlette  # noqa: F401
+        import uvicorn
+    except ImportError as error:
+        what = f"exmesh studio needs {error.name}, which is not installed"
+        raise MissingLibraryError(what, fix="pip install 'exmesh-graph[studio]'") from error
+    return uvicorn

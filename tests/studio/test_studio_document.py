@@ -1,0 +1,80 @@
+"""The open graph: what the page is told of it, and what edits make of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from starlette.testclient import TestClient
+
+
+def post(client: TestClient, path: str, **body: Any) -> dict[str, Any]:
+    answer = client.post(path, json=body)
+    assert answer.status_code == 200, answer.text
+    return answer.json()  # type: ignore[no-any-return]
+
+
+def edited(client: TestClient, *ops: dict[str, Any]) -> dict[str, Any]:
+    return post(client, "/api/edit", ops=list(ops))
+
+
+def node(document: dict[str, Any], name: str) -> dict[str, Any]:
+    return next(one for one in document["nodes"] if one["id"] == name)
+
+
+def test_the_document_folds_rounds_and_tells_ends(client: TestClient) -> None:
+    told = client.get("/api/document").json()
+    assert [n["id"] for n in told["nodes"]] == ["one", "rounds", "rounds.step", "rounds.leap", "sum", "files"]
+    assert node(told, "rounds.step")["names"] == [f"rounds[{i}].step" for i in (1, 2, 3)]
+    assert node(told, "rounds")["kind"] == "block"
+    assert node(told, "rounds")["repeat"] == 3
+    assert node(told, "rounds")["outputs"][0]["types"] == ["Number"]
+    wires = {wire["id"]: wire for wire in told["wires"]}
+    assert "rounds.state@carry>rounds.step.state" in wires
+    assert wires["rounds.leap.state>rounds.state@next"]["target"] == "rounds.next.state"
+    assert told["problems"] == []
+    assert told["plan"]["counts"] == {"hit": 0, "run": 1, "unknown": 8}
+    amount = next(p for p in node(told, "rounds.step")["parameters"] if p["name"] == "amount")
+    assert (amount["value"], amount["default"], amount["set"]) == (2, 1.0, True)
+
+
+def test_edits_are_checked_undone_and_done_again(client: TestClient) -> None:
+    told = edited(client, {"set": "one.value", "to": 5})
+    assert told["dirty"]
+    assert told["can_undo"]
+    assert told["patch"] == "  - {set: one.value, to: 5}\n"
+    told = edited(client, {"set": "one.value", "to": 5000})
+    assert told["problems"][0]["node"] == "one"
+    assert "1000" in told["problems"][0]["what"]
+    assert len(told["ops"]) == 1  # one value, one patch
+    assert post(client, "/api/undo")["problems"] == []
+    assert post(client, "/api/undo")["dirty"] is False
+    assert post(client, "/api/redo")["ops"] == [{"set": "one.value", "to": 5}]
+
+
+def test_a_wire_that_does_not_fit_is_a_fault_at_its_end(client: TestClient) -> None:
+    told = edited(client, {"connect": "sum.b", "to": "@files.files"})
+    faults = {fault["code"]: fault for fault in told["problems"]}
+    assert (faults["wrong-type"]["node"], faults["wrong-type"]["port"]) == ("sum", "b")
+    assert "cycle" in faults
+    assert told["plan"] is None
+
+
+def test_a_refused_edit_changes_nothing(client: TestClient) -> None:
+    answer = client.post("/api/edit", json={"ops": [{"remove": "one"}]})
+    assert answer.status_code == 422
+    assert "links to it" in answer.json()["error"]["what"]
+    assert client.get("/api/document").json()["ops"] == []
+
+
+def test_renaming_keeps_all_wires(client: TestClient) -> None:
+    told = edited(client, {"rename": "one", "to": "first"})
+    assert told["problems"] == []
+    assert {w["from"]["node"] for w in told["wires"] if w["to"]["node"] in ("sum", "rounds")} >= {"first"}
+
+
+def test_two_browsers_see_one_state(client: TestClient) -> None:
+    before = client.get("/api/document").json()["revision"]
+    edited(client, {"set": "n", "to": 2})
+    late = client.post("/api/edit", json={"revision": before, "ops": [{"set": "n", "to": 9}]})
+    assert late.status_code == 409
+    assert client.get("/api/document").json()["ops"] == [{"set": "n", "to": 2}]
