@@ -5,7 +5,7 @@ import { OrbitControls } from "orbit";
 
 const KINDS = { 5120: [Int8Array, 127], 5123: [Uint16Array, 65535], 5125: [Uint32Array, 1], 5126: [Float32Array, 1] };
 const COLUMNS = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
-const ATTRIBUTES = { POSITION: "position", NORMAL: "normal", TEXCOORD_0: "uv", TANGENT: "tangent" };
+const ATTRIBUTES = { POSITION: "position", NORMAL: "normal", TEXCOORD_0: "uv", TANGENT: "tangent", COLOR_0: "color" };
 
 function readGlb(buffer) {
   const view = new DataView(buffer.buffer, buffer.byteOffset);
@@ -43,7 +43,7 @@ function geometryOf(glb) {
 
 async function textures(glb) {
   const found = {};
-  for (const image of glb.document.images) {
+  for (const image of glb.document.images ?? []) {
     const picture = new Image();
     picture.src = URL.createObjectURL(new Blob([part(glb, image.bufferView)], { type: image.mimeType }));
     await picture.decode();
@@ -68,14 +68,15 @@ function channelMaterial(texture, channel) {
   });
 }
 
-// What of the model can be shown, by name; an unlit one holds appearance, not material.
+// What of the model can be shown, by name; an unlit one holds appearance, not material; one without pictures is gray.
 function materialsOf(glb, maps) {
-  const entry = glb.document.materials[0], metalness = entry.pbrMetallicRoughness.metallicFactor;
+  const entry = glb.document.materials?.[0] ?? {}, metalness = entry.pbrMetallicRoughness?.metallicFactor ?? 0;
   const flat = new THREE.MeshBasicMaterial({ map: maps.base_color });
   const bare = {
     normals: new THREE.MeshNormalMaterial({ normalMap: maps.normal || null }),
     wireframe: new THREE.MeshBasicMaterial({ wireframe: true, color: 0x9fd0ff, transparent: true, opacity: 0.55 }),
   };
+  if (!maps.base_color) return { shaded: new THREE.MeshStandardMaterial({ color: 0xb9bcc0, roughness: 0.85, metalness: 0, side: THREE.DoubleSide }), ...bare };
   if (entry.extensions?.KHR_materials_unlit) return { texture: flat, ...bare };
   return {
     shaded: new THREE.MeshStandardMaterial({ map: maps.base_color, roughnessMap: maps.orm, metalnessMap: maps.orm, metalness, roughness: 1, normalMap: maps.normal || null }),

@@ -1,0 +1,174 @@
+// The graph: laid out by itself, moved and zoomed, walked with the arrow keys, rewired by drawing wires.
+import { Background, BackgroundVariant, Controls, MiniMap, ReactFlow, useReactFlow, useStore, type Connection, type Edge, type FinalConnectionState, type Node } from "@xyflow/react";
+import { useCallback, useEffect, useMemo, useRef, useState } from "react";
+import { edit } from "../state/actions";
+import { nodeOf, now, set, shownGraph, toast, useStudio } from "../state/store";
+import { FrameBox } from "./FrameBox";
+import { NodeBox } from "./NodeBox";
+import { picture, type Picture } from "./picture";
+import { stateOf } from "./states";
+import { DrawnWire, WireEdge } from "./WireEdge";
+import { begin, cease, dropOn, join, offerNew, refusal, useDrawing } from "./wires";
+import { endOf } from "./ends";
+
+const nodeTypes = { box: NodeBox, frame: FrameBox }, edgeTypes = { wire: WireEdge };
+
+function flow(drawn: Picture, selected: string | null): { nodes: Node[]; edges: Edge[] } {
+  const nodes: Node[] = [];
+  for (const frame of drawn.frames) {
+    const rect = drawn.layout.frames.get(frame.id);
+    if (!rect) continue;
+    nodes.push({ id: frame.id, type: "frame", position: { x: rect.x, y: rect.y }, width: rect.width, height: rect.height, data: { frame, ends: rect }, zIndex: -10 + frame.scopes.length,
+      selected: frame.node.id === selected, draggable: false, style: { pointerEvents: "none" }, className: "frame-node" });
+  }
+  for (const box of drawn.boxes) {
+    const rect = drawn.layout.boxes.get(box.id)!;
+    nodes.push({ id: box.id, type: "box", position: { x: rect.x, y: rect.y }, width: box.width, height: box.height, data: { box }, selected: box.node.id === selected, draggable: false });
+  }
+  const edges = drawn.lines.map((line): Edge => ({ id: line.id, type: "wire", source: line.from.box, sourceHandle: line.from.handle, target: line.to.box, targetHandle: line.to.handle,
+    data: { line, points: drawn.layout.paths.get(line.id) }, zIndex: 0 }));
+  return { nodes, edges };
+}
+
+export function Canvas() {
+  const graph = useStudio(shownGraph), blocks = useStudio((s) => s.blocks), selected = useStudio((s) => s.selected);
+  const readOnly = useStudio((s) => s.runGraph !== null);
+  const [allPorts, setAllPorts] = useState(false);
+  const [chosenEdges, setChosenEdges] = useState<Set<string>>(new Set());
+  const drawn = useMemo(() => (graph ? picture({ nodes: graph.nodes, wires: graph.wires, outputs: graph.outputs }, blocks, allPorts) : null), [graph, blocks, allPorts]);
+  const { nodes, edges } = useMemo(() => (drawn ? flow(drawn, selected) : { nodes: [], edges: [] }), [drawn, selected]);
+  const shownEdges = useMemo(() => edges.map((edge) => {
+    const near = selected !== null && (edge.data as { line: { wire: { from: { node: string }; to: { node: string } } } }).line.wire;
+    const touches = near && (near.from.node === selected || near.to.node === selected);
+    return { ...edge, selected: chosenEdges.has(edge.id), className: touches ? "touching" : "" };
+  }), [edges, chosenEdges, selected]);
+
+  const far = useStore((s) => s.transform[2] < 0.42);
+  const { fitView, setCenter, getZoom } = useReactFlow();
+  useFit(drawn, fitView, setCenter);
+  const reveal = useCallback((id: string) => {
+    const rect = drawn?.layout.boxes.get(id) ?? drawn?.layout.frames.get(id);
+    if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7), duration: 200 });
+  }, [drawn, setCenter, getZoom]);
+  useEffect(() => {
+    const go = (event: Event) => reveal((event as CustomEvent<string>).detail);
+    window.addEventListener("studio:reveal", go);
+    return () => window.removeEventListener("studio:reveal", go);
+  }, [reveal]);
+
+  const valid = useCallback((connection: Connection | Edge) => {
+    const { drawing } = useDrawing.getState();
+    if (!drawing || !connection.sourceHandle || !connection.targetHandle) return false;
+    const mine = drawing.output ? connection.target : connection.source, handle = drawing.output ? connection.targetHandle : connection.sourceHandle;
+    return refusal(drawing, mine, handle) === null;
+  }, []);
+  const release = useCallback((event: MouseEvent | TouchEvent, state: FinalConnectionState) => {
+    const { drawing } = useDrawing.getState();
+    const at: [number, number] = "clientX" in event ? [event.clientX, event.clientY] : [event.changedTouches[0].clientX, event.changedTouches[0].clientY];
+    if (drawing && !state.isValid) {
+      const why = state.toHandle?.id && state.toNode ? refusal(drawing, state.toNode.id, state.toHandle.id) : null;
+      const over = document.elementFromPoint(...at)?.closest<HTMLElement>("[data-node]")?.dataset.node;
+      if (why) toast("error", why);
+      else if (over && over !== drawing.node) void dropOn(over, at).finally(() => cease());
+      else if (!over && document.elementFromPoint(...at)?.closest(".react-flow__pane")) offerNew();
+    }
+    if (!useDrawing.getState().choose) setTimeout(cease, 0);
+  }, []);
+  const remove = useCallback(async (gone: Edge[]) => {
+    const targets = gone.map((edge) => (edge.data as { line: { wire: { target: string } } }).line.wire.target);
+    if (targets.length) await edit(...[...new Set(targets)].map((target) => ({ disconnect: target })));
+  }, []);
+
+  if (!graph || !drawn) return <div className="canvas empty" />;
+  return (
+    <div className={`canvas${far ? " far" : ""}${readOnly ? " read-only" : ""}`} onKeyDown={(event) => { if (walk(event, drawn)) event.preventDefault(); }}>
+      <ReactFlow nodes={nodes} edges={shownEdges} nodeTypes={nodeTypes} edgeTypes={edgeTypes} onlyRenderVisibleElements minZoom={0.05} maxZoom={2.5}
+        nodesDraggable={false} nodesConnectable={!readOnly} elementsSelectable deleteKeyCode={null} selectionOnDrag={false} multiSelectionKeyCode={null} zoomOnDoubleClick={false}
+        disableKeyboardA11y connectionLineComponent={DrawnWire} connectionRadius={26} isValidConnection={valid} proOptions={{ hideAttribution: true }}
+        onConnectStart={(_, { nodeId, handleId }) => { if (nodeId && handleId) void begin(nodeId, handleId); }}
+        onConnect={(c) => { if (c.sourceHandle && c.targetHandle) void join({ node: c.source, handle: c.sourceHandle }, { node: c.target, handle: c.targetHandle }); }}
+        onConnectEnd={release}
+        onNodeClick={(_, node) => { setChosenEdges(new Set()); choose(node); }}
+        onNodeDoubleClick={(_, node) => { const id = idOf(node), found = nodeOf(now(), id); if (found && (found.kind === "block" || found.kind === "part")) set((s) => ({ blocks: { ...s.blocks, [id]: s.blocks[id] === "folded" ? "open" : "folded" } })); }}
+        onEdgeClick={(_, edge) => setChosenEdges(new Set([edge.id]))}
+        onPaneClick={() => { set({ selected: null }); setChosenEdges(new Set()); useDrawing.setState({ choose: null }); }}>
+        <Background variant={BackgroundVariant.Dots} gap={22} size={1.2} />
+        <Controls showInteractive={false} position="bottom-left" />
+        {drawn.boxes.length > 14 && <MiniMap pannable zoomable position="bottom-right" nodeColor={mapColour} nodeBorderRadius={6} ariaLabel="overview of the graph" />}
+      </ReactFlow>
+      <div className="canvas-tools">
+        <button onClick={() => setAllPorts(!allPorts)} aria-pressed={allPorts} title="show optional inputs that nothing is wired to">All ports</button>
+        {chosenEdges.size > 0 && !readOnly && <button className="danger" onClick={() => { void remove(shownEdges.filter((edge) => chosenEdges.has(edge.id))); setChosenEdges(new Set()); }}>Cut this wire</button>}
+      </div>
+      <ChooseEnd />
+    </div>
+  );
+}
+
+const idOf = (node: Node): string => (node.data as { box?: { node: { id: string } }; frame?: { node: { id: string } } }).box?.node.id ?? (node.data as { frame: { node: { id: string } } }).frame.node.id;
+function choose(node: Node): void {
+  const box = (node.data as { box?: { names: string[]; fixed: boolean } }).box;
+  const round = box?.fixed && box.names.length === 1 ? Number(/\[(\d+)\]/.exec(box.names[0])?.[1] ?? 0) || null : null;
+  set({ selected: idOf(node), round });
+}
+
+function mapColour(node: Node): string {
+  const box = (node.data as { box?: { node: { id: string; kind: string }; names: string[] } }).box;
+  if (!box || box.node.kind === "component") return "transparent";
+  return `var(--state-${stateOf(now(), box.node.id, box.names).state})`;
+}
+
+// The first picture of a graph is fitted, or begins at its left where it would be too small to read.
+function useFit(drawn: Picture | null, fitView: ReturnType<typeof useReactFlow>["fitView"], setCenter: ReturnType<typeof useReactFlow>["setCenter"]): void {
+  const fitted = useRef(""), file = useStudio((s) => (s.runGraph ? s.runGraph.run : `${s.document?.path}|${s.document?.variant}`));
+  const width = useStore((s) => s.width), height = useStore((s) => s.height);
+  useEffect(() => {
+    if (!drawn || !width || !height || fitted.current === file) return;
+    fitted.current = file;
+    const whole = Math.min(width / drawn.layout.width, height / drawn.layout.height), tall = height / drawn.layout.height;
+    if (whole >= 0.5) void fitView({ padding: 0.04, maxZoom: 1.1 });
+    else {
+      const zoom = Math.min(0.95, Math.max(0.55, 0.96 * tall)), first = drawn.boxes.map((box) => drawn.layout.boxes.get(box.id)!).sort((a, b) => a.x - b.x)[0];
+      void setCenter(width / zoom / 2 - 10, tall > 0.55 ? drawn.layout.height / 2 : first.y + first.height / 2, { zoom });
+    }
+  }, [drawn, file, width, height, fitView, setCenter]);
+}
+
+// Arrow keys: along wires to the left and right, to the next box above or below.
+function walk(event: React.KeyboardEvent, drawn: Picture): boolean {
+  if (event.target instanceof HTMLInputElement || event.altKey || event.ctrlKey || event.metaKey) return false;
+  const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+  if (!step) return false;
+  const here = drawn.boxes.find((box) => box.node.id === now().selected), start = here ? drawn.layout.boxes.get(here.id)! : null;
+  let best: string | null = null, least = Infinity;
+  for (const box of drawn.boxes) {
+    const rect = drawn.layout.boxes.get(box.id)!;
+    if (!start) { if (rect.x + rect.y < least) { least = rect.x + rect.y; best = box.id; } continue; }
+    const dx = rect.x + rect.width / 2 - start.x - start.width / 2, dy = rect.y + rect.height / 2 - start.y - start.height / 2;
+    const along = step[0] ? dx * step[0] : dy * step[1], across = Math.abs(step[0] ? dy : dx);
+    if (along < 12) continue;
+    const wired = step[0] !== 0 && drawn.lines.some((line) => (line.from.box === here!.id && line.to.box === box.id) || (line.to.box === here!.id && line.from.box === box.id));
+    const cost = along + 2.2 * across - (wired ? 4000 : 0);
+    if (cost < least) { least = cost; best = box.id; }
+  }
+  const found = drawn.boxes.find((box) => box.id === best);
+  if (found) { set({ selected: found.node.id, round: null }); window.dispatchEvent(new CustomEvent("studio:reveal", { detail: found.id })); }
+  return true;
+}
+
+function ChooseEnd() {
+  const chosen = useDrawing((s) => s.choose), drawing = useDrawing((s) => s.drawing);
+  if (!chosen || !drawing) return null;
+  const done = () => useDrawing.setState({ choose: null, drawing: null });
+  return (
+    <div className="menu floating" style={{ left: chosen.at[0], top: chosen.at[1] }} role="menu" aria-label="which end">
+      <p className="soft">Wire {endOf(drawing.node, drawing.handle).port || drawing.node} to…</p>
+      {chosen.ends.map((end) => (
+        <button key={`${end.port}${end.side}`} role="menuitem" onClick={() => { void join(drawing, { node: chosen.node, handle: `${end.side || (drawing.output ? "in" : "out")}:${end.port}` }); done(); }}>
+          {end.port} {end.in_use && <span className="soft">replaces its wire</span>}
+        </button>
+      ))}
+      <button onClick={done}>Cancel</button>
+    </div>
+  );
+}

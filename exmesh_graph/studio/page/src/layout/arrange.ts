@@ -1,0 +1,282 @@
+// Places boxes and wires as report/drawing/layout.py does, turned by 90 degrees and with ports: columns are longest paths
+// from the sources, a wire that skips columns runs through one way point in each, boxes are ordered by the barycentre
+// heuristic (Sugiyama, Tagawa, Toda 1981) and then moved as near to their neighbours as the order allows. A frame is laid
+// out by itself and takes part in the layout around it as one box.
+import { apart, crossings } from "./place";
+import type { BoxShape, FrameShape, Layout, Point, WireEnd, WireShape } from "./shapes";
+
+const GAP_ALONG = 54, GAP_ACROSS = 18, MARGIN = 22, TITLE = 30, WAY = 8;
+
+interface Key { kind: "box" | "way" | "in" | "out"; name: string; column: number; text: string }
+interface Link { left: Key; right: Key; source: string; wires: WireShape[]; from: WireEnd; to: WireEnd | null }
+
+export function arrange(boxes: BoxShape[], frames: FrameShape[], wires: WireShape[]): Layout {
+  return new Scope([], boxes, frames, wires).lay().layout;
+}
+
+const sourceOf = (end: WireEnd) => `${end.id}|${end.inner ? "inner" : ""}|${end.port}`;
+
+class Scope {
+  private readonly path: string;
+  private readonly itemOf = new Map<string, string>(); // box, frame or "frame::inner" -> the item of this scope it lies in
+  private readonly leaves = new Map<string, BoxShape>();
+  private readonly inner = new Map<string, { layout: Layout; ins: Map<string, number>; outs: Map<string, number>; mine: FrameShape }>();
+  private readonly column = new Map<string, number>();
+  private readonly links = new Map<string, Link>();
+  private readonly chains = new Map<string, Key[]>(); // wire -> the keys it runs through
+  private readonly before = new Map<string, [Key, Link][]>();
+  private readonly after = new Map<string, [Key, Link][]>();
+  private readonly keys = new Map<string, Key>();
+  private last = 0;
+
+  constructor(private readonly scopes: string[], boxes: BoxShape[], frames: FrameShape[], private readonly wires: WireShape[]) {
+    this.path = scopes.join("\n");
+    const depth = scopes.length;
+    const inside = (other: string[]) => other.length >= depth && scopes.every((name, k) => other[k] === name);
+    for (const box of boxes) {
+      if (!inside(box.scopes)) continue;
+      this.itemOf.set(box.id, box.scopes[depth] ?? box.id);
+      if (box.scopes.length === depth) this.leaves.set(box.id, box);
+    }
+    for (const frame of frames) {
+      if (!inside(frame.scopes)) continue;
+      const item = frame.scopes[depth] ?? frame.id;
+      this.itemOf.set(frame.id, item);
+      this.itemOf.set(`${frame.id}::inner`, item);
+      if (frame.scopes.length === depth) {
+        const scope = new Scope([...scopes, frame.id], boxes, frames, wires).lay();
+        this.inner.set(frame.id, { ...scope, mine: frame });
+      }
+    }
+  }
+
+  lay(): { layout: Layout; ins: Map<string, number>; outs: Map<string, number> } {
+    this.columns();
+    this.connect();
+    const rows = this.order();
+    const ys = this.straighten(rows);
+    return this.draw(rows, ys);
+  }
+
+  private item(end: WireEnd): string | undefined {
+    return this.itemOf.get(end.inner ? `${end.id}::inner` : end.id);
+  }
+
+  private size(item: string): { width: number; height: number } {
+    return this.inner.get(item)?.layout ?? this.leaves.get(item)!;
+  }
+
+  // The column of every item: longest path; items without inputs go right before their first user.
+  private columns(): void {
+    const items = [...new Set(this.itemOf.values())];
+    const near = new Map(items.map((item) => [item, new Set<string>()])), users = new Map(items.map((item) => [item, new Set<string>()]));
+    const fed = new Set<string>();
+    for (const wire of this.wires) {
+      const a = this.item(wire.from), b = this.item(wire.to);
+      if (a !== undefined && b !== undefined && a !== b) { near.get(b)!.add(a); users.get(a)!.add(b); }
+      if (a === undefined && b !== undefined) fed.add(b);
+    }
+    const missing = new Map(items.map((item) => [item, near.get(item)!.size]));
+    let ready = items.filter((item) => !missing.get(item));
+    const waiting = new Set(items);
+    while (waiting.size) {
+      if (!ready.length) ready = [waiting.values().next().value!]; // a cycle between frames: place one anyway
+      const next: string[] = [];
+      for (const item of ready) {
+        if (!waiting.delete(item)) continue;
+        const sources = [...near.get(item)!].filter((source) => this.column.has(source));
+        this.column.set(item, 1 + Math.max(-1, ...sources.map((source) => this.column.get(source)!)));
+        for (const user of users.get(item)!) {
+          missing.set(user, missing.get(user)! - 1);
+          if (!missing.get(user)) next.push(user);
+        }
+      }
+      ready = next;
+    }
+    for (const item of items) {
+      const later = [...users.get(item)!].map((user) => this.column.get(user)!);
+      if (!near.get(item)!.size && !fed.has(item) && later.length) this.column.set(item, Math.max(this.column.get(item)!, Math.min(...later) - 1));
+    }
+    const framed = this.path ? 1 : 0; // column 0 is the border of a frame
+    for (const [item, column] of this.column) this.column.set(item, column + framed);
+    this.last = Math.max(0, ...this.column.values()) + framed;
+  }
+
+  private key(kind: Key["kind"], name: string, column: number): Key {
+    const text = `${kind}|${name}|${column}`;
+    let key = this.keys.get(text);
+    if (!key) this.keys.set(text, (key = { kind, name, column, text }));
+    return key;
+  }
+
+  // Every wire cut into steps from one column to the next.
+  private connect(): void {
+    for (const item of this.column.keys()) this.key("box", item, this.column.get(item)!);
+    for (const wire of this.wires) {
+      const mine = this.item(wire.from), theirs = this.item(wire.to), source = sourceOf(wire.from);
+      if (mine === theirs) continue; // both outside, or both in one frame
+      const next = theirs === undefined && wire.to.inner && wire.to.id === this.scopes[this.scopes.length - 1];
+      const start = mine === undefined ? this.key("in", source, 0) : this.key("box", mine, this.column.get(mine)!);
+      const end = theirs === undefined ? this.key("out", next ? `next|${wire.to.port}` : source, this.last) : this.key("box", theirs, this.column.get(theirs)!);
+      if (start.column >= end.column) continue; // against the flow: drawn straight
+      const chain = [start];
+      for (let column = start.column + 1; column < end.column; column++) chain.push(this.key("way", source, column));
+      chain.push(end);
+      this.chains.set(wire.id, chain);
+      for (let k = 1; k < chain.length; k++) {
+        const lands = k === chain.length - 1, text = `${chain[k - 1].text}>${chain[k].text}|${source}|${lands ? `${wire.to.id}.${wire.to.port}` : ""}`;
+        const link = this.links.get(text);
+        if (link) link.wires.push(wire);
+        else this.links.set(text, { left: chain[k - 1], right: chain[k], source, wires: [wire], from: wire.from, to: lands ? wire.to : null });
+      }
+    }
+    for (const key of this.keys.values()) { this.before.set(key.text, []); this.after.set(key.text, []); }
+    for (const link of this.links.values()) {
+      this.before.get(link.right.text)!.push([link.left, link]);
+      this.after.get(link.left.text)!.push([link.right, link]);
+    }
+  }
+
+  private order(): Key[][] {
+    const rows: Key[][] = Array.from({ length: this.last + 1 }, () => []);
+    for (const key of this.keys.values()) rows[key.column].push(key);
+    const place = new Map<string, number>();
+    const settle = (row: Key[]) => row.forEach((key, k) => place.set(key.text, k / Math.max(1, row.length - 1)));
+    rows.forEach(settle);
+    let best = rows.map((row) => [...row]), fewest = this.count(rows);
+    for (let sweep = 0; sweep < 12 && fewest; sweep++) {
+      const near = sweep % 2 ? this.after : this.before;
+      for (const row of sweep % 2 ? [...rows].reverse() : rows) {
+        const mean = new Map(row.map((key) => {
+          const others = near.get(key.text)!;
+          return [key.text, others.length ? others.reduce((sum, [other, link]) => sum + place.get(other.text)! + 1e-3 * this.lean(link), 0) / others.length : place.get(key.text)!];
+        }));
+        row.sort((a, b) => mean.get(a.text)! - mean.get(b.text)!);
+        settle(row);
+      }
+      const found = this.count(rows);
+      if (found < fewest) { best = rows.map((row) => [...row]); fewest = found; }
+    }
+    return best;
+  }
+
+  // Where on its box a wire starts or ends, small against places: what lies above on one box should come above.
+  private lean(link: Link): number {
+    return this.port(link.left, link, true) / 1000;
+  }
+
+  private count(rows: Key[][]): number {
+    const place = new Map<string, number>();
+    for (const row of rows) row.forEach((key, k) => place.set(key.text, k));
+    const columns = new Map<number, [number, number][]>();
+    for (const link of this.links.values()) {
+      if (!columns.has(link.left.column)) columns.set(link.left.column, []);
+      columns.get(link.left.column)!.push([place.get(link.left.text)!, place.get(link.right.text)!]);
+    }
+    let total = 0;
+    for (const [column, lines] of columns) total += crossings(lines, rows[column + 1]?.length ?? 0);
+    return total;
+  }
+
+  private across(key: Key): number {
+    return key.kind === "box" ? this.size(key.name).height : key.kind === "way" ? WAY : 18;
+  }
+
+  // y of a wire's end on a box, from the box's centre.
+  private port(key: Key, link: Link, start: boolean): number {
+    if (key.kind !== "box") return 0;
+    const frame = this.inner.get(key.name), end = start ? link.from : link.to;
+    if (!frame) return (end && (start ? this.leaves.get(key.name)!.outputs : this.leaves.get(key.name)!.inputs).get(end.port)) || 0;
+    const half = frame.layout.height / 2, own = end?.id === key.name && !end.inner;
+    const name = own ? (start ? `next|${end!.port}` : `${key.name}|inner|${end!.port}`) : link.source;
+    return ((start ? frame.outs : frame.ins).get(name) ?? half) - half;
+  }
+
+  private straighten(rows: Key[][]): Map<string, number> {
+    const ys = new Map<string, number>();
+    for (const row of rows) {
+      let y = 0;
+      for (const key of row) { ys.set(key.text, y + this.across(key) / 2); y += this.across(key) + GAP_ACROSS; }
+    }
+    const gaps = rows.map((row) => row.slice(1).map((key, k) => (this.across(row[k]) + this.across(key)) / 2 + (key.kind === "way" || row[k].kind === "way" ? 10 : GAP_ACROSS)));
+    const pull = (a: Key, b: Key) => [3, 1, 12][Number(a.kind === "way") + Number(b.kind === "way")];
+    const sweeps = this.keys.size > 800 ? 16 : 60;
+    for (let sweep = 0; sweep < sweeps; sweep++)
+      for (let k = 0; k < rows.length; k++) {
+        const index = sweep % 2 ? rows.length - 1 - k : k, row = rows[index], wanted: number[] = [], weights: number[] = [];
+        for (const key of row) {
+          let sum = 0, weight = 0;
+          for (const [other, link] of this.before.get(key.text)!) {
+            const w = pull(key, other);
+            sum += w * (ys.get(other.text)! + this.port(other, link, true) - this.port(key, link, false)); weight += w;
+          }
+          for (const [other, link] of this.after.get(key.text)!) {
+            const w = pull(key, other);
+            sum += w * (ys.get(other.text)! + this.port(other, link, false) - this.port(key, link, true)); weight += w;
+          }
+          wanted.push(weight ? sum / weight : ys.get(key.text)!);
+          weights.push(weight || 0.05);
+        }
+        apart(wanted, weights, gaps[index]).forEach((y, at) => ys.set(row[at].text, y));
+      }
+    const top = Math.min(0, ...[...this.keys.values()].map((key) => ys.get(key.text)! - this.across(key) / 2));
+    for (const [text, y] of ys) ys.set(text, y - top + MARGIN + (this.path ? TITLE : 0));
+    return ys;
+  }
+
+  private draw(rows: Key[][], ys: Map<string, number>): { layout: Layout; ins: Map<string, number>; outs: Map<string, number> } {
+    const left: number[] = [], right: number[] = [];
+    let x = this.path ? 0 : MARGIN;
+    rows.forEach((row, column) => {
+      const border = this.path && (column === 0 || column === this.last), width = border ? 0 : Math.max(0, ...row.filter((key) => key.kind === "box").map((key) => this.size(key.name).width));
+      left.push(x); right.push(x + width);
+      x += width + (border ? 70 : GAP_ALONG + Math.min(60, 2 * row.length));
+    });
+    const end = right[right.length - 1] + (this.path ? 0 : MARGIN);
+    const bottom = Math.max(0, ...[...this.keys.values()].map((key) => ys.get(key.text)! + this.across(key) / 2)) + MARGIN;
+    const layout: Layout = { width: Math.max(end, this.path ? 190 : 0), height: Math.max(bottom, this.path ? 90 : 0), boxes: new Map(), frames: new Map(), paths: new Map() };
+    const ins = new Map<string, number>(), outs = new Map<string, number>();
+    for (const key of this.keys.values()) {
+      if (key.kind === "in") ins.set(key.name, ys.get(key.text)!);
+      if (key.kind === "out") outs.set(key.name, ys.get(key.text)!);
+      if (key.kind === "box") this.put(layout, key.name, (left[key.column] + right[key.column]) / 2, ys.get(key.text)!);
+    }
+    for (const wire of this.wires) {
+      const chain = this.chains.get(wire.id), corners: Point[] = [];
+      const a = this.item(wire.from), b = this.item(wire.to);
+      const head = a !== undefined && a !== b ? layout.paths.get(`${a}\n${wire.id}`) : undefined, tail = b !== undefined && a !== b ? layout.paths.get(`${b}\n${wire.id}`) : undefined;
+      if (chain) {
+        const link = { from: wire.from, to: wire.to, source: sourceOf(wire.from) } as Link;
+        chain.forEach((key, k) => {
+          const y = ys.get(key.text)!, { width } = key.kind === "box" ? this.size(key.name) : { width: 0 }, middle = (left[key.column] + right[key.column]) / 2;
+          if (k === 0) corners.push([key.kind === "box" ? middle + width / 2 : left[0], y + this.port(key, link, true)]);
+          else if (k === chain.length - 1) corners.push([key.kind === "box" ? middle - width / 2 : layout.width, y + this.port(key, link, false)]);
+          else { corners.push([left[key.column] - 8, y]); corners.push([right[key.column] + 8, y]); }
+        });
+      }
+      const joined = [...(head ?? []), ...corners, ...(tail ?? [])];
+      for (const item of [a, b]) if (item !== undefined) layout.paths.delete(`${item}\n${wire.id}`);
+      if (a !== undefined && a === b) continue;
+      if (joined.length) layout.paths.set(wire.id, joined);
+    }
+    return { layout, ins, outs };
+  }
+
+  // Puts a box, or a frame with all it holds, into the layout. Paths that reach a frame's border wait under "frame\nwire".
+  private put(layout: Layout, item: string, x: number, y: number): void {
+    const frame = this.inner.get(item), { width, height } = this.size(item), dx = x - width / 2, dy = y - height / 2;
+    if (!frame) { layout.boxes.set(item, { x: dx, y: dy, width, height }); return; }
+    const spread = (names: string[], known: Map<string, number>, name: (port: string) => string) =>
+      new Map(names.map((port, k) => [port, known.get(name(port)) ?? TITLE + 18 + 20 * k]));
+    layout.frames.set(item, { x: dx, y: dy, width, height,
+      inputs: spread(frame.mine.inputs, frame.ins, (port) => `${item}|inner|${port}`), outputs: spread(frame.mine.outputs, frame.outs, (port) => `next|${port}`) });
+    for (const [id, rect] of frame.layout.boxes) layout.boxes.set(id, { ...rect, x: rect.x + dx, y: rect.y + dy });
+    for (const [id, rect] of frame.layout.frames) layout.frames.set(id, { ...rect, x: rect.x + dx, y: rect.y + dy });
+    const inside = new Map(this.wires.map((wire) => [wire.id, wire]));
+    for (const [id, points] of frame.layout.paths) {
+      const moved = points.map(([px, py]) => [px + dx, py + dy] as const), wire = inside.get(id)!;
+      const done = this.item(wire.from) === item && this.item(wire.to) === item;
+      layout.paths.set(done ? id : `${item}\n${id}`, moved);
+    }
+  }
+}

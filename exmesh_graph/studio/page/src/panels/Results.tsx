@@ -1,0 +1,66 @@
+// What a node made: one row for each output, to be looked at alone or beside another.
+import { useEffect, useState } from "react";
+import { address } from "../api";
+import { artifactOf, tell } from "../state/actions";
+import { now, set, useStudio, type State } from "../state/store";
+import { bytes } from "../text";
+import type { Artifact, GraphNode, Outputs } from "../types";
+
+// The outputs of one round: those of the followed run where it has made them, else what the plan finds in the store.
+export function outputsOf(s: State, name: string, id: string): Outputs {
+  const run = s.states.get(name)?.outputs;
+  const planned = s.runGraph ? undefined : s.document?.plan?.nodes[id]?.rounds.find((round) => round.name === name)?.outputs;
+  if (s.runGraph) return run ?? {};
+  return planned ?? run ?? {};
+}
+
+export function look(side: 0 | 1, digest: string, node: string, port: string, run = ""): void {
+  const label = `${node}${port ? `.${port}` : ""}${run ? ` · ${run}` : ""}`;
+  set((s) => {
+    const looked: State["looked"] = [...s.looked];
+    looked[side] = { digest, node, port, run, label };
+    if (side === 0 && !looked[1]) looked[1] = null;
+    return { looked, tab: "look", dock: s.dock === "closed" ? "open" : s.dock };
+  });
+}
+
+export function Results({ node }: { node: GraphNode }) {
+  const round = useStudio((s) => s.round);
+  const states = useStudio((s) => s.states), plan = useStudio((s) => s.document?.plan);
+  const made = node.names.map((name) => ({ name, outputs: outputsOf(now(), name, node.id) })).filter(({ outputs }) => Object.keys(outputs).length);
+  const chosen = (round !== null ? made.find(({ name }) => name === node.names[round - 1]) : undefined) ?? made[made.length - 1];
+  void states; void plan; // what `made` reads
+  if (!chosen) return <p className="soft pad">Nothing yet. Press <b>Run to here</b>; what this node makes can then be looked at.</p>;
+  return (
+    <div className="results">
+      {node.names.length > 1 && (
+        <label className="round-choice">Round <select value={chosen.name} onChange={(event) => set({ round: node.names.indexOf(event.target.value) + 1 })}>
+          {made.map(({ name }) => <option key={name} value={name}>{node.names.indexOf(name) + 1}</option>)}
+        </select></label>
+      )}
+      {Object.entries(chosen.outputs).map(([port, output]) => <OutputCard key={`${port}${output.digest}`} digest={output.digest} type={output.type} size={output.bytes} name={chosen.name} port={port} />)}
+    </div>
+  );
+}
+
+function OutputCard({ digest, type, size, name, port }: { digest: string; type: string; size: number; name: string; port: string }) {
+  const [artifact, setArtifact] = useState<Artifact | null>(null), other = useStudio((s) => s.looked[0]);
+  useEffect(() => {
+    let gone = false;
+    artifactOf(digest).then((found) => { if (!gone) setArtifact(found); }).catch(tell);
+    return () => { gone = true; };
+  }, [digest]);
+  const sheet = artifact?.shows.find((show) => show.kind === "sheet"), atlas = artifact?.shows.find((show) => show.kind === "picture");
+  const thumb = sheet ? address("/api/artifact/contact", { digest, show: sheet.id, layer: sheet.layers?.[0], size: 64, from: 0, count: 10 }) : atlas ? address("/api/artifact/picture", { digest, show: atlas.id, layer: atlas.layers?.[0], size: 128 }) : "";
+  return (
+    <div className="card output">
+      <p><b>{port}</b> <span className="soft">{type} · {bytes(size)}</span></p>
+      <p className="doc">{artifact?.title ?? "…"}</p>
+      {thumb && <button className="thumb" onClick={() => look(0, digest, name, port)} aria-label={`look at ${port}`}><img src={thumb} alt="" loading="lazy" /></button>}
+      <div className="buttons">
+        <button onClick={() => look(0, digest, name, port)}>Look</button>
+        {other && other.digest !== digest && <button onClick={() => look(1, digest, name, port)} title={`beside ${other.label}`}>Beside {other.label}</button>}
+      </div>
+    </div>
+  );
+}
