@@ -1,6 +1,6 @@
 // The page: bar, graph over what is looked at, inspector at the right.
 import { ReactFlowProvider } from "@xyflow/react";
-import { useEffect } from "react";
+import { Component, useEffect, type ReactNode } from "react";
 import { Canvas } from "./graph/Canvas";
 import { keys } from "./keys";
 import { Dock } from "./panels/Dock";
@@ -23,13 +23,23 @@ export function App() {
       <div className={`page dock-${dock}`}>
         <TopBar />
         <Connection />
-        <main className="middle">{dock !== "full" && <Canvas />}<Dock /></main>
-        <Inspector />
+        <main className="middle">{dock !== "full" && <Guard><Canvas /></Guard>}<Guard><Dock /></Guard></main>
+        <Guard><Inspector /></Guard>
         <Overlays />
         <Toasts />
       </div>
     </ReactFlowProvider>
   );
+}
+
+// A fault in one part of the page leaves the others standing.
+class Guard extends Component<{ children: ReactNode }, { fault: string }> {
+  state = { fault: "" };
+  static getDerivedStateFromError(error: unknown) { return { fault: String(error) }; }
+  render() {
+    if (!this.state.fault) return this.props.children;
+    return <div className="pad"><p className="warning">⚠ This part of the page failed: {this.state.fault}</p><button onClick={() => this.setState({ fault: "" })}>Try again</button></div>;
+  }
 }
 
 function Connection() {

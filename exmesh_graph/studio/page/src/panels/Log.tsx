@@ -28,7 +28,7 @@ export function Log() {
   return (
     <div className="log scroll" onScroll={(event) => { const box = event.currentTarget; stick.current = box.scrollHeight - box.scrollTop - box.clientHeight < 40; }}>
       <p className="soft">{name || "the whole run"}</p>
-      {lines.map((line, k) => <div key={k} className={`log-line ${line.kind}`}>{line.time ? <span className="soft">{new Date(line.time * 1000).toLocaleTimeString("en-GB")} </span> : null}{line.text}</div>)}
+      {lines.map((line, k) => <div key={k} className={`log-line ${line.kind}`}>{line.time ? <span className="soft">{new Date(line.time * 1000).toLocaleTimeString("en-GB")} </span> : null}{!name && line.node ? <b>{line.node}  </b> : null}{line.text}</div>)}
       {lines.length === 0 && <p className="soft">nothing yet</p>}
       <div ref={end} />
     </div>

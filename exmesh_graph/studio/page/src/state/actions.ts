@@ -104,7 +104,7 @@ export async function follow(id: string | null, itsGraph = false): Promise<void>
 
 export async function loadDetails(id: string): Promise<void> {
   const details = await get<RunDetail>(`/api/runs/${encodeURIComponent(id)}`);
-  if (now().followed !== id) return;
+  if (now().followed !== id || !details.nodes_detail) return; // a run that is starting has no nodes yet
   set((s) => ({ details, states: new Map<string, NodeState>(details.nodes_detail.map((node) => [node.name, node])), curvesTick: s.curvesTick + 1 }));
 }
 

@@ -21,8 +21,8 @@ export function listen(): () => void {
   on<{ revision: number }>("document", ({ revision }) => {
     if (now().document?.revision !== revision) loadDocument().catch(tell);
   });
-  on("plan", () => get<Plan>("/api/plan").then((plan) => set((s) => (s.document ? { document: { ...s.document, plan } } : {}))).catch(tell));
-  on("runs", () => loadRuns().catch(tell));
+  on("plan", () => get<{ revision: number; plan: Plan | null }>("/api/plan").then(({ revision, plan }) => set((s) => (s.document && plan && s.document.revision === revision ? { document: { ...s.document, plan, plan_pending: false } } : {}))).catch(tell));
+  on<{ id: string }>("runs", ({ id }) => loadRuns().then(() => (id === now().followed ? loadDetails(id) : null)).catch(tell));
   on<Run>("run", takeRun);
   on<NodeEvent>("node", (event) => buffered(() => takeNode(event)));
   on<ProgressEvent>("progress", (event) => buffered(() => takeProgress(event)));
@@ -50,14 +50,12 @@ function probe(): void {
 interface NodeEvent { run: string; name: string; id: string; state: string; seconds: number | null; peak_memory: number | null; outputs?: Outputs; message: string }
 interface ProgressEvent { run: string; name: string; id: string; step: number; total: number; left: number | null; figures: { [name: string]: number }; time: number; t: number }
 
-const ENDED = new Set(["done", "failed", "interrupted", "killed"]);
-
 function takeRun(run: Run): void {
   const { runs, followed, document } = now(), known = runs.find((other) => other.id === run.id);
   if (known && known.state === run.state && known.ready === run.ready && known.seconds === run.seconds) return;
   set({ runs: known ? runs.map((other) => (other.id === run.id ? { ...other, ...run } : other)) : [run, ...runs] });
   if (!known && followed === null && run.graph === document?.name) { set({ followed: run.id }); loadDetails(run.id).catch(tell); }
-  else if (followed === run.id && ENDED.has(run.state) && known?.state !== run.state) loadDetails(run.id).catch(tell);
+  else if (followed === run.id && known?.state !== run.state) loadDetails(run.id).catch(tell);
 }
 
 const blank = (name: string, id: string): NodeState => ({ name, id, type: "", state: "waiting", seconds: null, spent: null, peak_memory: null, began: null, progress: null, warnings: [], outputs: null, failure: null });
