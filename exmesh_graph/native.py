@@ -95,7 +95,7 @@ def _preload_libusb() -> None:
 
 def _import(module: str, distribution: str, fix: str = "", where: str = "") -> ModuleType:
     try:
-        return importlib.import_module(module)
+        return importlib.import_module(module)  # not in the key: libraries=
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
             f"the Python package {distribution} is not installed ({error})", where=where,

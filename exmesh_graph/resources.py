@@ -28,7 +28,7 @@ def grant_cores(count: int) -> None:
 
 def machine_tokens() -> dict[str, float]:
     """cpu (those this process may use), gpu (NVIDIA devices that are visible), ram_gb (physical)."""
-    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")  # not in the key: which GPU
     if visible is None:
         gpus = len(list(Path("/proc/driver/nvidia/gpus").glob("*")))
     else:

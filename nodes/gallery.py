@@ -48,7 +48,10 @@ class BlenderParams(Params):
     background: bool = param(False, doc="Show the light behind the objects.")
 
 
-@node("gallery.blender", version="1", was="use.blender", libraries=("usd-core", "OpenImageIO"), resources={"cpu": 0})
+@node(
+    "gallery.blender", version="1", was="use.blender", libraries=("usd-core", "OpenImageIO"),
+    code=("exmesh_graph.export.blender_child",), resources={"cpu": 0},
+)  # fmt: skip
 def blender(ctx: Context, files: UsdAsset, *, p: BlenderParams) -> GalleryOut:
     """Pictures of an exported file by Blender's Cycles, from the file's own cameras."""
     from exmesh_graph.gallery.blender import blender_gallery

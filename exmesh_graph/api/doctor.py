@@ -19,13 +19,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from exmesh_graph.api.opening import Folder, open_store, packs
+from exmesh_graph.api.unseen import outside_imports, unseen
 from exmesh_graph.api.upkeep import shown_bytes
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.cache.fingerprint import outside_imports
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.files import lock, sync
 from exmesh_graph.graph.machine import machine_facts
+from exmesh_graph.graph.problems import in_short
 
 OK, WARN, FAIL = "ok", "warn", "fail"
 LOW, EMPTY = 5 * 10**9, 5 * 10**8
@@ -180,9 +181,23 @@ def _libraries(packs: Packs) -> Iterator[Finding]:
         more = f" and {len(names) - 4} more" if len(names) > 4 else ""
         yield Finding(WARN, f"library {module}", f"missing; {', '.join(names[:4])}{more} may need it",
                       f"pip install {_distribution(module)}")  # fmt: skip
+    yield from _unseen(packs)
     for module, extra in OPTIONAL.items():
         found = "installed" if _there(module) else f"not installed (optional: pip install 'exmesh-graph[{extra}]')"
         yield Finding(OK, f"library {module}", found)
+
+
+def _unseen(packs: Packs) -> Iterator[Finding]:
+    """Places in the code of nodes that depend on what no key holds."""
+    users: dict[str, list[str]] = {}
+    for name, definition in packs.types.items():
+        for place in unseen([definition]):
+            users.setdefault(place, []).append(name)
+    fix = (
+        "make it a parameter or a source, declare code= or libraries=, or end the line with `# not in the key: reason`"
+    )
+    for place, names in sorted(users.items()):
+        yield Finding(WARN, "not in the key", f"{place} ({in_short(names, 3)})", fix)
 
 
 def _there(module: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_graph, named, open_store, using
+from exmesh_graph.api.unseen import undeclared, unseen
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, differences, explain, record_time
 from exmesh_graph.graph.run.plan import plan as steps_of
@@ -35,9 +37,22 @@ class Plan(list["Step"]):
     def __str__(self) -> str:
         width = max((len(step.name) for step in self), default=0)
         lines = [f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip() for step in self]
-        return "\n".join([*lines, f"{counted(self.counts)} (below a node that must run)"])
+        lines.append(f"{counted(self.counts)} (below a node that must run)")
+        if self.unseen:
+            more = f" and {len(self.unseen) - 3} more" if self.unseen[3:] else ""
+            lines.append(f"not in any key: {'; '.join(self.unseen[:3])}{more}")
+        return "\n".join(lines)
 
     __repr__ = __str__
+
+    @functools.cached_property
+    def unseen(self) -> list[str]:
+        """What the code of its nodes depends on that no key holds (see `unseen`)."""
+        with self.graph.packs:
+            definitions = {d.type: d for step in self for d in self.graph.nodes[step.name].definitions()}
+            told = unseen(definitions.values())
+        self.store.save()
+        return told
 
     def as_json(self) -> dict[str, Any]:
         """What `exmesh plan --json` writes."""
@@ -46,7 +61,8 @@ class Plan(list["Step"]):
              "key": s.key}
             for s in self
         ]  # fmt: skip
-        return {"schema": "exmesh.plan.v1", "graph": self.graph.name, "counts": self.counts, "steps": steps}
+        return {"schema": "exmesh.plan.v1", "graph": self.graph.name, "counts": self.counts, "steps": steps,
+                "not_in_key": self.unseen}  # fmt: skip
 
 
 def counts_of(states: Iterable[str]) -> dict[str, int]:
@@ -81,7 +97,11 @@ def plan(
 
 @dataclass(frozen=True)
 class Why:
-    """A node's state (hit, run, unknown) and key; `lines` say what differs; `waits_for` is what must run first."""
+    """A node's state (hit, run, unknown) and key; `lines` say what differs; `waits_for` is what must run first.
+
+    `not_in_key` are places in its code that depend on what no key holds, `undeclared` libraries that it imports and
+    whose version is in no key.
+    """
 
     node: str
     state: str
@@ -91,6 +111,8 @@ class Why:
     lines: tuple[str, ...] = ()
     depends_on: dict[str, Any] = field(default_factory=dict)
     waits_for: str = ""
+    not_in_key: tuple[str, ...] = ()
+    undeclared: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """What `exmesh why --json` writes."""
@@ -111,6 +133,9 @@ def why_of(checked: Checked, node: str, opened: Store) -> Why:
     step, bound = steps[name], checked.nodes[name]
     if step.preimage is None:
         return Why(name, step.state, None, step.reason, waits_for=step.reason.removeprefix("waits for ").split(",")[0])
+    with checked.packs:
+        outside = tuple(unseen(bound.definitions()))
+        libraries = tuple(sorted({library for one in bound.definitions() for library in undeclared(one)}))
     depends: dict[str, Any] = {key: step.preimage[key] for key in ("type", "version", "seed")}
     for key in ("params", "libraries", "sources", "inputs", "components"):
         if step.preimage.get(key):
@@ -124,4 +149,4 @@ def why_of(checked: Checked, node: str, opened: Store) -> Why:
         spent = clock(float(info.get("seconds", 0)))
         made = f"{record_time(step.action)} by {info.get('node')} of {info.get('graph')} in {spent}"
         lines += differences(step.preimage, step.action, bound)
-    return Why(name, step.state, step.key, step.reason, made, tuple(lines), depends)
+    return Why(name, step.state, step.key, step.reason, made, tuple(lines), depends, "", outside, libraries)

@@ -184,6 +184,12 @@ def _show_why(why: Why, words: Sequence[str]) -> None:
             typer.echo("    code: " + ", ".join(value))
         else:
             typer.echo(f"    {field}: {', '.join(value)}" if isinstance(value, list) else f"    {field} {value}")
+    if why.not_in_key or why.undeclared:
+        typer.echo("  not in the key:")
+        for place in why.not_in_key:
+            typer.echo(f"    {place}")
+        if why.undeclared:
+            typer.echo("    versions of libraries that are not declared: " + ", ".join(why.undeclared))
 
 
 @app.command()

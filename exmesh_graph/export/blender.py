@@ -22,7 +22,7 @@ from exmesh_graph.export.usd.read import UsdCamera, open_usd, read_camera, read_
 from exmesh_graph.export.usd.rules import Problem
 from exmesh_graph.io.images import display, read_image
 
-CHILD = Path(__file__).with_name("blender_child.py")
+CHILD = Path(__file__).with_name("blender_child.py")  # not in the key: code=
 MIN_PSNR, MIN_IOU = 28.0, 0.97
 """Below these an import has lost or turned something: map, axis, colour space (28 dB catches gross faults only)."""
 
@@ -166,6 +166,7 @@ def _run(usd: Path, settings: BlenderSettings, pictures: list[dict[str, Any]], j
     entries = {**vars(settings), "values": dict(settings.values or {}), "pictures": pictures, **files}
     job.write_text(json.dumps(entries, default=str), encoding="utf-8")
     # its own environment: what this project put on the path is not for it
+    # not in the key: Blender's own process
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     try:
         done = subprocess.run(

@@ -23,7 +23,7 @@ def main(job_file: str) -> None:
     if "FINISHED" not in done:
         raise SystemExit(f"Blender did not import {job['usd']}: {done}")
     if job["script"]:
-        exec(job["script"], {"bpy": bpy, "values": job["values"]})  # the caller's own text
+        exec(job["script"], {"bpy": bpy, "values": job["values"]})  # not in the key: the caller's own text
     scene = bpy.context.scene
     render = scene.render
     render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", job["samples"]

@@ -80,6 +80,7 @@ def _machine() -> str:
 
 
 def _place() -> Path:
+    # not in the key: a cache of what this machine can do
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "exmesh-graph" / "gpu.json"
 
 

@@ -150,7 +150,8 @@ _MOST_LAYOUTS = 1 << 14
 
 
 def _cache_is_writable() -> bool:
-    root = os.environ.get("WARP_CACHE_PATH") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"  # not in the key: a cache
+    root = os.environ.get("WARP_CACHE_PATH") or home  # not in the key: a cache
     try:
         Path(root).mkdir(parents=True, exist_ok=True)
     except OSError:

@@ -35,6 +35,7 @@ def kernels(of: Literal["project", "blend", "adam", "camera", "harmonics"], dtyp
     real = {torch.float32: wp.float32, torch.float64: wp.float64}[dtype]
     file = f"kernels_{of}"
     name = f"{__package__}.{file}_{real.__name__}"
+    # not in the key: the files are named in code=
     spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{file}.py"))
     assert spec is not None
     assert spec.loader is not None
@@ -47,5 +48,5 @@ def kernels(of: Literal["project", "blend", "adam", "camera", "harmonics"], dtyp
         names |= {name: function for name, function in functions if isinstance(function, wp.Function)}
     vars(module).update(names)
     sys.modules[name] = module
-    spec.loader.exec_module(module)
+    spec.loader.exec_module(module)  # not in the key: code=
     return module

@@ -224,6 +224,7 @@ def _same(first: np.ndarray, second: np.ndarray) -> bool:
 
 def _own_folder() -> tempfile.TemporaryDirectory[str]:
     """A folder that goes with the pictures; on a disk rather than in the memory that many machines mount on /tmp."""
+    # not in the key: a place for scratch files
     disk = None if "TMPDIR" in os.environ or not os.access("/var/tmp", os.W_OK) else "/var/tmp"
     return tempfile.TemporaryDirectory(prefix="exmesh-pictures-", dir=disk)
 

@@ -23,6 +23,8 @@ FILES = {
 """Nodes."""
 from __future__ import annotations
 import math
+from exmesh_graph.graph.declare.node import node
+from exmesh_graph.params import param
 from .helpers import used
 from . import other
 from .api import exported
@@ -286,6 +288,7 @@ SLY = {
     "nodes.py": """
 from __future__ import annotations
 import json
+from exmesh_graph.graph.declare.node import node
 from .far import FarParams, hidden
 from . import twice
 from .fill import register_far
@@ -326,7 +329,8 @@ def first(ctx):
 class Stranger:
     value = 17
 """,
-    "far.py": "class FarParams(Params):\n    steps: int = param(18, doc='Words.')\ndef hidden(): return 0\n",
+    "far.py": "from exmesh_graph.params import Params, param\nclass FarParams(Params):\n"
+    "    steps: int = param(18, doc='Words.')\ndef hidden(): return 0\n",
     "fill.py": "def register_far(): return 0\n",
     "twice.py": "def f():\n    return 19\n",
     "twice/__init__.py": "def f():\n    return 20\n",

@@ -15,6 +15,7 @@ bytes of every module are read each time, so that an edit is never missed.
 
 from __future__ import annotations
 
+import importlib.metadata
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -40,14 +41,20 @@ from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo
 
+ABSENT = "absent"  # the digest of a module of the pack that is not there
+
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """The digest that goes into the key, and the parts it was made of: {module: digest}."""
+    """The digest that goes into the key, and the parts it was made of: {module: digest}.
+
+    `lines` are those of the definition's own module that count.
+    """
 
     digest: str
     parts: dict[str, str]
     modules: tuple[str, ...]
+    lines: tuple[int, ...] = ()
 
 
 def fingerprint(definition: NodeDef) -> Fingerprint:
@@ -67,12 +74,8 @@ def sources_changed(definition: NodeDef) -> list[str]:
     return [name for name in names if sources.module(name).is_edited() or sources.outlived(name)]
 
 
-def outside_imports(definition: NodeDef) -> set[str]:
-    """Top names of what a node type's code imports from neither the project nor the standard library."""
-    sources = current().part(Sources)
-    modules = [sources.module(name) for name in sources.fingerprint(definition).modules]
-    own = {OWN, *(module.name.partition(".")[0] for module in modules)}
-    return {name.partition(".")[0] for module in modules for name, _ in module.imports} - own - sys.stdlib_module_names
+def _is_installed(path: Path) -> bool:
+    return any(part in ("site-packages", "dist-packages") for part in path.parts)
 
 
 _loads: list[int] = []  # one entry for each time that a session found modules edited or loaded anew
@@ -93,11 +96,11 @@ class Sources:
         module, function = definition.function.__module__, definition.function.__name__
         if module == MAIN:
             live = Live(definition.function)
-            return self._with_modules(live.parts, live.imports, definition)
+            return self._with_modules(live.parts, live.imports, [], definition)
         key = module, function, definition.code
         if key not in self.fingerprints:
-            part, imports = self.module(module).slice(function)
-            self.fingerprints[key] = self._with_modules({f"{module}:{function}": part}, imports, definition)
+            part, imports, lines = self.module(module).slice(function)
+            self.fingerprints[key] = self._with_modules({f"{module}:{function}": part}, imports, lines, definition)
         return self.fingerprints[key]
 
     def module(self, name: str) -> ModuleText:
@@ -115,7 +118,8 @@ class Sources:
     def refresh(self) -> None:
         """Look again at modules whose file was edited, or which were loaded anew: a session may live for days."""
         changed = [module.name for module in self.modules.values() if not module.is_current()]
-        if changed:
+        absent = {name for made in self.fingerprints.values() for name, part in made.parts.items() if part == ABSENT}
+        if changed or any(source_file(name) for name in absent):
             _loads.append(len(_loads))
             self.fingerprints.clear()
             self.paths.clear()
@@ -137,25 +141,38 @@ class Sources:
                 self.memo.put(module.key, facts)
         return facts[name]
 
-    def _with_modules(self, parts: dict[str, str], imports: list[Import], definition: NodeDef) -> Fingerprint:
+    def _with_modules(
+        self, parts: dict[str, str], imports: list[Import], lines: list[int], definition: NodeDef
+    ) -> Fingerprint:
         """The fingerprint of a definition of these parts, with the project modules that they import."""
         code, module = definition.code, definition.function.__module__
         for name in code:
             if self.find(name) is None:
                 what = f"code={name!r} of the node {definition.function.__qualname__} in {module} is no module"
                 raise GraphError(what)
-        tops = {OWN, module.partition(".")[0], *(name.partition(".")[0] for name in code)}
+        tops = {OWN, *self._siblings(module.partition(".")[0]), *(name.partition(".")[0] for name in code)}
         modules = list(self._closure([*imports, *((name, None) for name in code)], frozenset(tops)))
-        parts = dict(sorted({**parts, **{name: self.module(name).digest for name in modules}}.items()))
+        texts = [self.module(name) for name in modules if self.find(name) is not None]
+        found = dict.fromkeys(modules, ABSENT) | {text.name: text.digest for text in texts}
+        parts = dict(sorted({**parts, **found}.items()))
         digest = sha("\n".join(f"{name} {part}" for name, part in parts.items()))
-        return Fingerprint(digest, parts, tuple(sorted({name.partition(":")[0] for name in parts} - {MAIN})))
+        names = {name.partition(":")[0] for name, part in parts.items() if part != ABSENT} - {MAIN}
+        return Fingerprint(digest, parts, tuple(sorted(names)), tuple(lines))
+
+    def _siblings(self, top: str) -> set[str]:
+        """A pack's top-level package, and those that came with it in one installed distribution."""
+        path = self.find(top)
+        if path is None or not _is_installed(path):
+            return {top}
+        owners = importlib.metadata.packages_distributions()
+        return {top, *(name for name, of in owners.items() if set(of) & set(owners.get(top, ())))}
 
     def _local(self, name: str, attribute: str | None) -> bool:
         """Whether an import is of a file of the user's own, not one of Python's or of an installed library."""
         if name.partition(".")[0] in (*sys.stdlib_module_names, MAIN):
             return False
         path = self.find(name) or self.find(f"{name}.{attribute}")
-        return path is not None and not any(part in ("site-packages", "dist-packages") for part in path.parts)
+        return path is not None and not _is_installed(path)
 
     def _closure(self, imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
         """The project modules reachable from `imports`."""
@@ -180,6 +197,9 @@ class Sources:
                 continue  # the front door, which no room below uses; a package without a file of its own
             if "." in name:
                 todo.append((name.rpartition(".")[0], ""))
+            if self.find(name) is None and name not in sys.modules:  # an import that is tried and may fail
+                yield name
+                continue
             module = self.module(name)
             if module.exports is not None and attribute is not None:
                 if attribute in module.exports:

@@ -80,7 +80,7 @@ class Live:
             return "wrapper", there, self._bound_to(function, place)
         definition, inside = _definition(function)
         self.imports += [*imports_in(definition, ""), *_modules_in(definition)]
-        text = normalised(definition), inside
+        text = normalised(definition, _framework_names(definition)), inside
         return "function", text, self._bound_to(function, place), self._names(function.__code__, place)
 
     def _bound_to(self, function: types.FunctionType, place: str) -> Any:
@@ -250,6 +250,13 @@ def _definition(function: types.FunctionType) -> tuple[ast.AST, Any]:
     around = [s for s in ast.walk(tree) if isinstance(s, ast.stmt) and s.lineno <= first and last <= _end(s)]
     statement = max(around, key=lambda s: (s.lineno, -_end(s)))
     return statement, [(line - statement.lineno, column) for line, column in places]
+
+
+def _framework_names(tree: ast.AST) -> dict[str, str]:
+    """See `syntax.framework_names`: here names stand for what they are bound to now."""
+    used, space = {item.id for item in ast.walk(tree) if isinstance(item, ast.Name)}, vars(sys.modules[MAIN])
+    found = [(n, v, str(getattr(v, "__name__", ""))) for n, v in space.items() if n in used]
+    return {n: x if isinstance(v, types.ModuleType) else f"{getattr(v, '__module__', '')}.{x}" for n, v, x in found}
 
 
 def _modules_in(tree: ast.AST) -> Iterator[Import]:

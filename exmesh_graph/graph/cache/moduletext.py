@@ -6,6 +6,7 @@ And which text this process has loaded: an edit must not pass for what runs.
 from __future__ import annotations
 
 import ast
+import builtins
 import contextlib
 import functools
 import hashlib
@@ -16,6 +17,7 @@ import struct
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import MAGIC_NUMBER
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from exmesh_graph.graph.cache import syntax
 from exmesh_graph.graph.cache.syntax import Import
 
 OWN = "exmesh_graph"
+_SUFFIXES = (*EXTENSION_SUFFIXES, ".py", ".pyc")  # in Python's order
 IGNORED = ("exmesh_graph.graph", "exmesh_graph.cli", "exmesh_graph.api", "exmesh_graph.notebook", "exmesh_graph.params")
 
 
@@ -45,7 +48,11 @@ class ModuleText:
 
     @functools.cached_property
     def tree(self) -> ast.Module:
-        return ast.parse(self.data, str(self.path))
+        return ast.parse(self.data if self.path.suffix == ".py" else b"", str(self.path))
+
+    @functools.cached_property
+    def names(self) -> dict[str, str]:
+        return syntax.framework_names(self.tree, self.package)
 
     @functools.cached_property
     def key(self) -> str:
@@ -57,7 +64,9 @@ class ModuleText:
 
     @functools.cached_property
     def digest(self) -> str:
-        return str(self.fact(self, "digest", lambda: sha(syntax.normalised(self.tree))))
+        if self.path.suffix != ".py":  # compiled
+            return hashlib.sha256(self.data).hexdigest()
+        return str(self.fact(self, "digest", lambda: sha(syntax.normalised(self.tree, self.names))))
 
     @functools.cached_property
     def exports(self) -> dict[str, Import] | None:
@@ -79,15 +88,10 @@ class ModuleText:
             return True
         return data != self.data and text_of(data) != text_of(self.data)
 
-    def slice(self, function: str) -> tuple[str, list[Import]]:
-        """(digest, imports) of the part of the module that `function` uses."""
-
-        def find() -> tuple[str, list[Import]]:
-            text, imports = _Slice(self).of(function)
-            return sha(text), imports
-
-        digest, imports = self.fact(self, "slice " + function, find)
-        return digest, _pairs(imports)
+    def slice(self, function: str) -> tuple[str, list[Import], list[int]]:
+        """(digest, imports, lines) of the part of the module that `function` uses."""
+        digest, imports, lines = self.fact(self, "slice " + function, lambda: _Slice(self).of(function))
+        return digest, _pairs(imports), lines
 
 
 class _Slice:
@@ -97,20 +101,22 @@ class _Slice:
         self.module = module
         self.binders: dict[str, list[int]] = {}
         self.always: list[int] = []
+        self.bound = {name for statement in module.tree.body for name in syntax.bound_by(statement)}
         own, classes = self._own(), {item.name for item in module.tree.body if isinstance(item, ast.ClassDef)}
+        skipped = syntax.declaring(module.tree, module.names)
         for index, statement in enumerate(module.tree.body):
             names = set(syntax.bound_by(statement))
             for name in names:
                 self.binders.setdefault(name, []).append(index)
-            if not syntax.is_text(statement) and (not names or syntax.acts(statement, own)):
+            if not syntax.is_text(statement) and (not names or syntax.acts(statement, own, skipped)):
                 self.always.append(index)
-            if isinstance(statement, ast.ClassDef) and not any(map(syntax.is_node_decorator, statement.decorator_list)):
+            if isinstance(statement, ast.ClassDef) and not skipped & set(map(id, statement.decorator_list)):
                 for base in statement.bases:  # subclasses can be found from their base: __init_subclass__, registries
                     if isinstance(base, ast.Name) and base.id in classes:
                         self.binders.setdefault(base.id, []).append(index)
 
-    def of(self, function: str) -> tuple[str, list[Import]]:
-        """(normalised text, imports) of everything `function` uses."""
+    def of(self, function: str) -> tuple[str, list[Import], list[int]]:
+        """(digest of the normalised text, imports, lines) of everything `function` uses."""
         body = self.module.tree.body
         if function not in self.binders:
             raise GraphError(f"{self.module.name} has no function {function} at its top level")
@@ -123,7 +129,8 @@ class _Slice:
             chosen.add(index)
             for name in syntax.used_by(body[index]):
                 todo += self.binders.get(name, [])
-        texts, imports = [], []
+        texts, imports, lines = list[str](), list[Import](), list[int]()
+        built = {name for i in chosen for name in syntax.used_by(body[i], annotations=False)}
         for index in sorted(chosen):
             statement = body[index]
             if isinstance(statement, ast.Import | ast.ImportFrom):
@@ -134,18 +141,22 @@ class _Slice:
                         imports.append(item)
                         texts.append(f"import {alias.asname or alias.name} {item}")
             else:
-                texts.append(syntax.normalised(statement))
+                made = isinstance(statement, ast.ClassDef) and statement.name in built
+                texts.append(syntax.normalised(statement, self.module.names, made))
                 imports += syntax.imports_in(statement, self.module.package)
-        return "\n".join(texts), imports
+            lines += range(statement.lineno, (statement.end_lineno or statement.lineno) + 1)
+        return sha("\n".join(texts)), imports, lines
 
     def _own(self) -> set[str]:
         """Names that stand for something of the project, its framework left out."""
         own = set()
         tops = (OWN, self.module.name.partition(".")[0])
         for statement in self.module.tree.body:
-            origins = [name for name, _ in syntax.imports_in(statement, self.module.package)]
-            if not origins or any(name.partition(".")[0] in tops and not is_ignored(name) for name in origins):
+            pairs = list(syntax.imports_in(statement, self.module.package))
+            if not pairs or any(name.partition(".")[0] in tops and not is_ignored(name) for name, _ in pairs):
                 own |= set(syntax.bound_by(statement))
+                if any(name is None for _, name in pairs if isinstance(statement, ast.ImportFrom)):  # `import *`
+                    own |= set(syntax.used_by(self.module.tree)) - self.bound - set(dir(builtins))
         return own
 
 
@@ -196,10 +207,10 @@ def source_file(name: str) -> Path | None:
         file = spec.origin if spec else None
         roots = list(spec.submodule_search_locations or []) if spec else []
     if not rest:
-        return Path(file) if file and file.endswith(".py") else None
+        return Path(file) if file and file.endswith(_SUFFIXES) else None
     for root in roots:
         base = os.path.join(root, *rest.split("."))
-        for path in (os.path.join(base, "__init__.py"), base + ".py"):
+        for path in (os.path.join(base, "__init__.py"), *(base + suffix for suffix in _SUFFIXES)):
             if os.path.isfile(path):
                 return Path(path)
     return None
@@ -251,6 +262,6 @@ def bytecode_is_older(path: Path) -> bool:
 
 def text_of(data: bytes) -> str:
     try:
-        return syntax.normalised(ast.parse(data))
-    except SyntaxError:
+        return syntax.normalised(tree := ast.parse(data), syntax.framework_names(tree, ""))
+    except (SyntaxError, ValueError):  # compiled, or broken
         return repr(data)

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 
 Import = tuple[str, str | None]
 """(module, name imported from it); None for `import module` and `from module import *`."""
 
+_HOMES = ("exmesh_graph", "exmesh_graph.graph", "exmesh_graph.graph.declare.node", "exmesh_graph.params")
+_NAMED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.MatchAs, ast.MatchStar, ast.ExceptHandler)
+_OURS = {f"{home}.{word}": word for home in _HOMES for word in ("node", "component", "param")}
+LOADERS = ("import_module", "__import__")
+
 
 def bound_by(statement: ast.stmt) -> Iterator[str]:
-    """Module-level names that a top-level statement defines or changes."""
+    """Module-level names that a top-level statement defines or changes; `import *` binds none that could be told."""
     if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         yield statement.name
         return
     for item in ast.walk(statement):
-        if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            yield item.name
-        elif isinstance(item, ast.Import | ast.ImportFrom):
-            for alias in item.names:
-                yield (alias.asname or alias.name).partition(".")[0]
-        elif isinstance(item, ast.Name) and isinstance(item.ctx, ast.Store):
-            yield item.id
-        elif isinstance(item, ast.Attribute | ast.Subscript) and isinstance(item.ctx, ast.Store):
+        yield from (name for name, _ in _bound(item, ""))
+        if isinstance(item, ast.Attribute | ast.Subscript) and isinstance(item.ctx, ast.Store):
             base: ast.expr = item
             while isinstance(base, ast.Attribute | ast.Subscript):
                 base = base.value
@@ -31,11 +30,59 @@ def bound_by(statement: ast.stmt) -> Iterator[str]:
                 yield base.id
 
 
-def used_by(statement: ast.stmt) -> Iterator[str]:
+def _bound(item: ast.AST, package: str) -> Iterator[tuple[str, str]]:
+    """(name, its dotted origin where it is imported) that one piece of syntax binds."""
+    if isinstance(item, _NAMED) and item.name:
+        yield item.name, ""
+    elif isinstance(item, ast.MatchMapping) and item.rest:
+        yield item.rest, ""
+    elif isinstance(item, ast.Name) and isinstance(item.ctx, ast.Store):
+        yield item.id, ""
+    elif isinstance(item, ast.Import | ast.ImportFrom):
+        for alias, (module, name) in zip(item.names, imports_in(item, package), strict=True):
+            if alias.name != "*":
+                short = alias.asname or alias.name.partition(".")[0]
+                yield short, f"{module}.{name}" if name else module if alias.asname else short
+
+
+def framework_names(tree: ast.AST, package: str) -> dict[str, str]:
+    """{name: dotted origin} of what stands for something of this project and, in no scope, for anything else."""
+    bound: dict[str, set[str]] = {}
+    for item in ast.walk(tree):
+        for name, origin in [(item.arg, "")] if isinstance(item, ast.arg) else _bound(item, package):
+            bound.setdefault(name, set()).add(origin)
+    return {
+        n: min(found) for n, found in bound.items() if len(found) == 1 and min(found).partition(".")[0] == _HOMES[0]
+    }
+
+
+def declaring(tree: ast.AST, names: Mapping[str, str]) -> set[int]:
+    """The ids of the calls in `tree` that declare: the framework's own decorators, `param(...)` of a class's field."""
+
+    def ours(call: ast.AST | None, words: tuple[str, ...]) -> bool:
+        if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name | ast.Attribute):
+            return False
+        root, *rest = ast.unparse(call.func).split(".")
+        return _OURS.get(".".join([names.get(root, ""), *rest])) in words
+
+    found: set[int] = set()
+    for item in ast.walk(tree):
+        found |= {id(part) for part in getattr(item, "decorator_list", ()) if ours(part, ("node", "component"))}
+        for field in item.body if isinstance(item, ast.ClassDef) else ():
+            if isinstance(field, ast.AnnAssign) and ours(field.value, ("param",)):
+                found.add(id(field.value))
+    return found
+
+
+def used_by(statement: ast.AST, annotations: bool = True) -> Iterator[str]:
     """Names a statement may refer to; a string that spells a name counts (getattr), and all in quoted annotations."""
-    for item in ast.walk(statement):
-        for field in ("annotation", "returns"):
-            for part in ast.walk(getattr(item, field, None) or ast.Pass()):
+    todo = [statement]
+    while todo:
+        item = todo.pop()
+        for field, value in ast.iter_fields(item):
+            if field not in ("annotation", "returns") or annotations:
+                todo += [part for part in (value if isinstance(value, list) else [value]) if isinstance(part, ast.AST)]
+            for part in ast.walk(value) if annotations and field in ("annotation", "returns") and value else ():
                 if isinstance(part, ast.Constant) and isinstance(part.value, str):
                     yield from re.findall(r"[^\W\d]\w*", part.value)
         if isinstance(item, ast.Name):
@@ -45,32 +92,47 @@ def used_by(statement: ast.stmt) -> Iterator[str]:
 
 
 def imports_in(tree: ast.AST, package: str) -> Iterator[Import]:
+    """What is imported anywhere in `tree`, also by `importlib.import_module("text")`."""
     for item in ast.walk(tree):
         if isinstance(item, ast.Import):
             for alias in item.names:
                 yield alias.name, None
         elif isinstance(item, ast.ImportFrom):
-            base = item.module or ""
-            if item.level:
-                parts = package.split(".")
-                parent = parts[: len(parts) - item.level + 1]
-                base = ".".join([*parent, base] if base else parent)
+            base = _absolute(item.module or "", item.level, package)
             for alias in item.names:
                 yield base, None if alias.name == "*" else alias.name
+        elif isinstance(item, ast.Call) and last_of(item.func) in LOADERS and (name := text_of(item)):
+            yield _absolute(name.lstrip("."), len(name) - len(name.lstrip(".")), package), None
 
 
-def acts(statement: ast.stmt, own: set[str]) -> bool:
+def _absolute(module: str, level: int, package: str) -> str:
+    parts = package.split(".")
+    return ".".join([*parts[: len(parts) - level + 1], *filter(None, [module])]) if level else module
+
+
+def last_of(function: ast.expr) -> str:
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+
+
+def text_of(call: ast.Call) -> str:
+    """The first argument, where it is a text that stands there."""
+    first = call.args[0] if call.args else None
+    return first.value if isinstance(first, ast.Constant) and isinstance(first.value, str) else ""
+
+
+def acts(statement: ast.stmt, own: Collection[str], skipped: set[int]) -> bool:
     """Whether a top-level statement may change more than the names it binds when the module is imported.
 
     It calls or is decorated by something of the project (`own` names: registries, tables), or calls for the effect.
+    What is `skipped` only declares.
     """
     todo: list[ast.AST] = [statement]
     while todo:
         item = todo.pop()
-        if isinstance(item, ast.Lambda):
+        if isinstance(item, ast.Lambda) or id(item) in skipped:
             continue
         called = [item.func] if isinstance(item, ast.Call) else getattr(item, "decorator_list", [])
-        if any(_root(part) in own for part in called):
+        if any(_root(part) in own for part in called if id(part) not in skipped):
             return True
         if isinstance(item, ast.Expr) and isinstance(item.value, ast.Call):
             return True
@@ -87,25 +149,26 @@ def _root(part: ast.AST) -> str:
     return part.id if isinstance(part, ast.Name) else ""
 
 
-def normalised(tree: ast.AST) -> str:
+def normalised(tree: ast.AST, names: Mapping[str, str], defaults: bool | None = None) -> str:
     """A text of the syntax tree that does not change with comments, docstrings or the Python version.
 
-    Of a whole module the defaults of `param(...)` count, since code may build such an object itself.
+    `names` are those of `framework_names`. The `defaults` of `param(...)` count in a whole module and where code builds
+    such an object itself; elsewhere the values are in the key.
     """
     out: list[str] = []
-    _write(tree, out, isinstance(tree, ast.Module))
+    _write(tree, out, isinstance(tree, ast.Module) if defaults is None else defaults, declaring(tree, names))
     return "".join(out)
 
 
 _SKIPPED = frozenset({"ctx", "kind", "type_comment", "type_ignores"})
 
 
-def _write(node: object, out: list[str], defaults: bool) -> None:
+def _write(node: object, out: list[str], defaults: bool, own: set[int]) -> None:
     if isinstance(node, ast.AST):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "param":
+        if isinstance(node, ast.Call) and id(node) in own:
             out.append("(param")
             if defaults:
-                _write([*node.args, *(w for w in node.keywords if w.arg not in ("doc", "unit"))], out, defaults)
+                _write([*node.args, *(w for w in node.keywords if w.arg not in ("doc", "unit"))], out, defaults, own)
             out.append(")")
             return
         out.append("(" + node.__class__.__name__)
@@ -116,19 +179,19 @@ def _write(node: object, out: list[str], defaults: bool) -> None:
                     out.append(" None")
                 continue
             if name == "decorator_list":
-                value = [item for item in value if not is_node_decorator(item)]
+                value = [item for item in value if id(item) not in own]
             elif name == "body" and isinstance(value, list):
                 value = [item for item in value if not is_text(item)]
             if value:
                 out.append(" " + name + "=")
-                _write(value, out, defaults)
+                _write(value, out, defaults, own)
             elif not isinstance(value, list):
                 out.append(f" {name}={value!r}")
         out.append(")")
     elif isinstance(node, list):
         out.append("[")
         for item in node:
-            _write(item, out, defaults)
+            _write(item, out, defaults, own)
             out.append(",")
         out.append("]")
     else:
@@ -137,10 +200,3 @@ def _write(node: object, out: list[str], defaults: bool) -> None:
 
 def is_text(statement: ast.AST) -> bool:
     return isinstance(statement, ast.Expr) and isinstance(getattr(statement.value, "value", None), str)
-
-
-def is_node_decorator(item: ast.AST) -> bool:
-    if not isinstance(item, ast.Call):
-        return False
-    name = item.func.attr if isinstance(item.func, ast.Attribute) else getattr(item.func, "id", "")
-    return name in ("node", "component")

@@ -1,0 +1,291 @@
+"""Code that the key did not see: it is in the key now, refused when it is loaded, or told as not in the key."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import sys
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from exmesh_graph import Session
+from exmesh_graph.api.doctor import examine
+from exmesh_graph.api.planning import plan, why
+from exmesh_graph.api.unseen import undeclared, unseen
+from exmesh_graph.graph.cache import fingerprint as fp
+from exmesh_graph.graph.cache import moduletext
+from exmesh_graph.graph.declare.node import NodeDef
+from exmesh_graph.graph.declare.packs import current, load_packs
+
+Take = Callable[..., fp.Fingerprint]
+
+NODES = """
+from __future__ import annotations
+import importlib
+import os
+from exmesh_graph.graph.declare.node import node
+from exmesh_graph.params import Params, param
+from ._stars import *
+from . import tools, registry
+
+def tuned(x, *, by=param(101, doc="No field of parameters.")):
+    return x + by
+
+match os.name:
+    case "posix" as system:
+        FLAVOUR = 102
+    case _:
+        FLAVOUR = 103
+
+class Inner(Params):
+    weight: float = param(104, doc="Built by code.")
+
+class Outer(Params):
+    weight: float = param(105, doc="Only a parameter.")
+
+@registered(106)
+def by_star(x):
+    return x
+
+@registry.node("t.x", 107)
+def by_other_node(x):
+    return x
+
+@node("t.a", version="1")
+def first(ctx, *, p: Outer):
+    plug = importlib.import_module("unseen_pack.plug")
+    other = importlib.import_module(".plug_two", __package__)
+    try:
+        from .fast import speed
+    except ImportError:
+        speed = 1
+    return starred(1) + tools.param(108) + tuned(1) + Inner().weight + FLAVOUR + plug.f() + other.f() + len(system)
+"""
+FILES = {
+    "__init__.py": "",
+    "nodes.py": NODES,
+    "_stars.py": "TABLE = {}\ndef starred(x):\n    return x + 201\n"
+    "def registered(n):\n    return lambda f: TABLE.setdefault(n, f)\n",
+    "tools.py": "def param(x):\n    return x + 202\ndef build():\n    return param(203)\n",
+    "registry.py": "TABLE = {}\ndef node(name, n):\n    return lambda f: TABLE.setdefault((name, n), f)\n",
+    "plug.py": "def f():\n    return 204\n",
+    "plug_two.py": "def f():\n    return 205\n",
+}
+
+
+@pytest.fixture
+def pack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Path, Take]]:
+    root = tmp_path / "unseen_pack"
+    root.mkdir()
+    for name, text in FILES.items():
+        (root / name).write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.invalidate_caches()
+
+    def take(module: str = "unseen_pack.nodes") -> fp.Fingerprint:
+        current().parts.pop(fp.Sources, None)
+        return fp.fingerprint(definition(module))
+
+    yield root, take
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("unseen_pack", "second_pack")]:
+        del sys.modules[name]
+    current().parts.pop(fp.Sources, None)
+
+
+def definition(module: str = "unseen_pack.nodes") -> NodeDef:
+    return NodeDef("t", types.FunctionType((lambda: None).__code__, {"__name__": module}, "first"), "1")
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "matters"),
+    [
+        ("nodes.py", 101, True),  # a default that is no field of parameters
+        ("nodes.py", 102, True),  # in a `match`
+        ("nodes.py", 104, True),  # a default of parameters that code builds
+        ("nodes.py", 105, False),  # of the node's own parameters: their values are in the key
+        ("nodes.py", 106, True),  # by a decorator out of `import *`
+        ("nodes.py", 107, True),  # by another's decorator called node
+        ("nodes.py", 108, True),  # another's function called param
+        ("_stars.py", 201, True),  # out of `import *`
+        ("tools.py", 203, True),  # in a module with a `param` of its own
+        ("plug.py", 204, True),  # importlib.import_module("text")
+        ("plug_two.py", 205, True),  # importlib.import_module(".text", __package__)
+    ],
+)
+@pytest.mark.reliability(
+    "code is edited that came by import *, match, a named import_module, another's `param` or `.node(...)`",
+    "another key",
+)
+def test_such_code_is_in_the_key(pack: tuple[Path, Take], name: str, number: int, matters: bool) -> None:
+    root, take = pack
+    before = take().digest
+    edit(root / name, str(number), str(number + 1000))
+    assert (take().digest != before) is matters
+
+
+def test_names_that_match_binds(pack: tuple[Path, Take]) -> None:
+    root, take = pack
+    edit(root / "nodes.py", "len(system)", "len(rest) + len(more)")
+    edit(
+        root / "nodes.py",
+        "FLAVOUR = 102",
+        "FLAVOUR = 102\nmatch {'a': [1, 2]}:\n    case {'a': [_, *rest], **more}:\n        pass",
+    )
+    before = take().digest
+    edit(root / "nodes.py", "[1, 2]", "[1, 2, 3]")
+    assert take().digest != before
+
+
+def test_a_module_that_may_be_missing(pack: tuple[Path, Take]) -> None:
+    """It was a node that never ran; when the module comes, the key is another one, also in a session that lives on."""
+    root, take = pack
+    before = take()
+    assert before.parts["unseen_pack.fast"] == fp.ABSENT
+    assert fp.sources_changed(definition()) == []
+    (root / "fast.py").write_text("speed = 2\n")
+    current().part(fp.Sources).refresh()
+    after = fp.fingerprint(definition())
+    assert after.digest != before.digest
+    assert "unseen_pack.fast" in after.modules
+    assert take() == after
+
+
+@pytest.mark.parametrize(
+    "written", ["from ._bisect import bisect_left", "from . import _bisect", "import unseen_pack._bisect"]
+)
+@pytest.mark.reliability("a compiled module of a pack is edited", "another key; nodes that use it run")
+def test_a_compiled_module(pack: tuple[Path, Take], written: str) -> None:
+    import _bisect
+
+    root, take = pack
+    own = Path(_bisect.__file__)  # its last name is what Python asks of it
+    built = root / own.name
+    shutil.copy(own, built)
+    (root / "_bisect.py").write_text("bisect_left = None  # Python takes the compiled one\n")
+    edit(root / "nodes.py", "from .fast import speed", written)
+    before = take()
+    assert "unseen_pack._bisect" in before.modules
+    assert importlib.import_module("unseen_pack._bisect").bisect_left([1, 2], 2) == 1
+    data = built.read_bytes()
+    built.unlink()  # a loaded one must not change under its process
+    built.write_bytes(data + b"\0")
+    assert fp.sources_changed(definition()) == ["unseen_pack._bisect"]
+    assert take().digest != before.digest
+
+
+@pytest.mark.reliability("a second top-level package of the pack's distribution is edited", "another key")
+def test_a_second_package_of_one_distribution(
+    pack: tuple[Path, Take], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, take = pack
+    home = tmp_path / "site-packages"
+    home.mkdir()
+    monkeypatch.syspath_prepend(str(home))
+    shutil.move(root, home)
+    for name in ("second_pack", "foreign_pack"):
+        (home / name).mkdir()
+        (home / name / "__init__.py").write_text("def f():\n    return 301\n")
+    nodes = home / "unseen_pack" / "nodes.py"
+    edit(nodes, "speed = 1\n", "speed = 1\n    import second_pack, foreign_pack\n")
+    info = home / "unseen_pack-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: unseen-pack\nVersion: 1\n")
+    (info / "top_level.txt").write_text("unseen_pack\nsecond_pack\n")
+    importlib.invalidate_caches()
+    before = take()
+    assert "second_pack" in before.modules
+    assert "foreign_pack" not in before.modules
+    edit(home / "second_pack" / "__init__.py", "301", "302")
+    assert take().digest != before.digest
+
+
+TOLD = {
+    "import os\nos.environ['FLAVOUR']": "the environment",
+    "import os\nos.getenv('FLAVOUR')": "the environment (FLAVOUR)",
+    "from os import environ\nenviron.get('FLAVOUR')": "the environment (FLAVOUR)",
+    "eval('1 + 1')": "code that is a text (eval)",
+    "exec('x = 1')": "code that is a text (exec)",
+    "import importlib\nimportlib.import_module('a' + b)": "code by a computed name (importlib.import_module('a' + b))",
+    "import runpy\nrunpy.run_path('x.py')": "",
+    "import runpy\nrunpy.run_path(p)": "code by a computed name (runpy.run_path(p))",
+    "open('/etc/hostname').read()": "the file '/etc/hostname'",
+    "from pathlib import Path\nPath('~/weights.npy')": "the file '~/weights.npy'",
+    "import numpy as np\nnp.load('weights.npy')": "the file 'weights.npy'",
+    "__file__": "files beside the module (__file__)",
+    "from importlib import resources": "files beside the module (resources of a package)",
+    "model.eval()\n'a/b'.split('/')\np.open('rb')": "",
+    "open('/proc/self/status')": "",
+    "import os\nos.environ['A']  # not in the key: a cache": "",
+    "import os\n# not in the key: a cache\nos.environ['A']": "",
+}
+
+
+@pytest.mark.parametrize("code", TOLD)
+@pytest.mark.reliability(
+    "code depends on the environment, on files, on computed imports or texts", "told as not in the key"
+)
+def test_what_no_key_holds_is_told(pack: tuple[Path, Take], code: str) -> None:
+    """In a helper module, in the node's function; not of a neighbour in the node's module."""
+    root, _ = pack
+    (root / "plug.py").write_text(code + "\n")
+    found = unseen([definition()])
+    assert [text.partition(": ")[2] for text in found] == ([TOLD[code]] if TOLD[code] else [])
+    assert all(text.startswith("unseen_pack.plug:") for text in found)
+    (root / "plug.py").write_text("")
+    edit(root / "nodes.py", "    plug = ", f"    {code.splitlines()[-1].split('  #')[0]}\n    plug = ")
+    edit(root / "nodes.py", "@node(", "def neighbour():\n    eval('1')\n    return 1\n\n@node(")
+    current().parts.pop(fp.Sources, None)
+    assert all("eval" not in text or "eval" in code for text in unseen([definition()]))
+
+
+def test_nothing_of_ours_is_outside_the_key(packs: Any) -> None:
+    own = [d for d in load_packs().types.values() if d.function.__module__.startswith("exmesh_nodes.")]
+    assert len(own) > 50
+    assert unseen(own) == []
+
+
+@pytest.fixture
+def asking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    (tmp_path / "asking_pack.py").write_text(
+        "import os\nimport scipy.version\nfrom typing import NamedTuple\n"
+        "from exmesh_graph.graph import node\nfrom exmesh_graph.types import Metrics\n"
+        "class Out(NamedTuple):\n    metrics: Metrics\n"
+        "@node('asking.flavour', version='1')\ndef flavour(ctx) -> Out:\n"
+        "    return Out(Metrics({'x': len(os.environ['HOME'])}))\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield Session("asking_pack")
+    sys.modules.pop("asking_pack", None)
+
+
+def test_why_plan_and_doctor_say_so(asking: Session, tmp_path: Path) -> None:
+    graph = tmp_path / "g.yaml"
+    graph.write_text("nodes: {a: {type: asking.flavour}}")
+    place = "asking_pack:10: the environment"
+    with asking:
+        made = plan(graph, store=tmp_path / "store")
+        assert place in str(made)
+        assert made.as_json()["not_in_key"] == [place]
+        answer = why(graph, "a", store=tmp_path / "store")
+        assert answer.not_in_key == (place,)
+        assert answer.undeclared == ("scipy",)
+        found = [str(finding) for finding in examine(asking.open_store(tmp_path / "store"), asking.packs())]
+        assert any(place in text and "asking.flavour" in text for text in found)
+        assert undeclared(asking.types["asking.flavour"]) == ["scipy"]
+
+
+def test_the_suffixes_are_in_the_order_of_python() -> None:
+    from importlib.machinery import FileFinder
+
+    loaders = FileFinder(".", *importlib._bootstrap_external._get_supported_file_loaders())  # type: ignore[attr-defined]
+    assert [suffix for suffix, _ in loaders._loaders] == list(moduletext._SUFFIXES)  # type: ignore[attr-defined]
