@@ -19,6 +19,7 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.session import current_session, store_folder
+from exmesh_graph.studio.artifacts.shelf import Shelf
 from exmesh_graph.studio.copies import written_copy
 from exmesh_graph.studio.document import Document, Judged, variant_ops
 from exmesh_graph.studio.edits import Op
@@ -64,6 +65,7 @@ class Workspace:
         self.hub = Hub()
         self.jobs = Jobs(self.store_folder, self.runs)
         self.watcher = Watcher(self.runs, self.hub.publish, self._ran)
+        self.shelf = Shelf(self.store)
         self._work = ThreadPoolExecutor(1, "studio-plan")
         self._plan: tuple[Judged, int, Future[dict[str, Any]]] | None = None
         self._ticks = 0  # grows when runs may have changed the plan
@@ -229,6 +231,20 @@ class Workspace:
                     found.append({"file": str(Path(*parts)), **told})
         return found[:500]
 
+    def lights(self) -> list[str]:
+        """Pictures of light in the graph's folder."""
+        found = itertools.islice((p for p in self.folder.glob("**/*") if p.suffix in (".exr", ".hdr")), 200)
+        return sorted(str(path.relative_to(self.folder)) for path in found if self._inside(path))
+
+    def light(self, name: str) -> Any:
+        """The light in a file of the graph's folder, canonical lat-long. Raises Outside, DataError."""
+        from exmesh_graph.io.envmaps import read_environment
+
+        path = self.folder / name
+        if "\0" in name or path.suffix not in (".exr", ".hdr") or not path.is_file() or not self._inside(path):
+            raise Outside(f"there is no light {name[:80]!r}", expected="GET /api/lights lists them")
+        return read_environment(path)
+
     def session_facts(self) -> dict[str, Any]:
         """What a page should know of the server."""
         return {
@@ -238,6 +254,9 @@ class Workspace:
         }  # fmt: skip
 
     # --- inside
+
+    def _inside(self, path: Path) -> bool:
+        return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.folder))
 
     def _is_own(self, file: Path) -> bool:
         """Whether a graph file is in the graph's folder, or one that the page wrote into the store."""

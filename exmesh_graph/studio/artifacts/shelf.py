@@ -1,0 +1,137 @@
+"""Artifacts of the store that were looked at lately, and single arrays of large ones without the rest."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+from exmesh_graph.api.results import load_artifact
+from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.ports import artifact_types
+from exmesh_graph.types import ArrayArtifact, Artifact
+from exmesh_graph.types.pictures import Pictures
+
+_DIGEST = re.compile(r"[0-9a-f]{8,128}\Z")
+_KEPT_BYTES = 768 << 20
+_MADE_BYTES = 256 << 20
+
+
+class NoArtifact(ExmeshError):
+    """An artifact that is not in the store."""
+
+    code = "unknown"
+
+
+class Shelf:
+    """Reads artifacts of a store, checked, and keeps the last of them; and what was made of them, likewise."""
+
+    def __init__(self, store: Callable[[], Store]) -> None:
+        self._open = store
+        self._values: OrderedDict[str, tuple[int, Artifact]] = OrderedDict()
+        self._made: OrderedDict[Hashable, bytes] = OrderedDict()
+        self._lock = threading.Lock()
+        self._turn = threading.BoundedSemaphore(2)  # of heavy work at once: the runs need the machine, too
+        self._store: Store | None = None
+
+    @property
+    def store(self) -> Store:
+        if self._store is None:
+            self._store = self._open()
+        return self._store
+
+    def kind(self, digest: str) -> type[Artifact]:
+        """The wire type of an artifact. Raises NoArtifact."""
+        name = self.store.type_of(digest) if _DIGEST.match(digest) else None
+        kind = None if name is None else artifact_types().get(name)
+        if kind is None:
+            why = "is not in the store" if name is None else f"is of the type {name}, which no node pack defines"
+            raise NoArtifact(f"the artifact {digest[:16]!r} {why}", fix="run the graph again: it is made anew")
+        return kind
+
+    def value(self, digest: str) -> Artifact:
+        """An artifact, its bytes checked when it was read. Raises NoArtifact, StoreError."""
+        self.kind(digest)
+        with self._lock:
+            if digest in self._values:
+                self._values.move_to_end(digest)
+                return self._values[digest][1]
+        with self._turn:
+            value: Artifact = load_artifact(self.store, digest)
+        with self._lock:
+            self._values[digest] = self.size(digest), value
+            while len(self._values) > 1 and sum(size for size, _ in self._values.values()) > _KEPT_BYTES:
+                self._values.popitem(last=False)
+        return value
+
+    def size(self, digest: str) -> int:
+        """Bytes of its files."""
+        folder = self.store.data(digest)
+        return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+    def made(self, key: Hashable, make: Callable[[], bytes]) -> bytes:
+        """What `make` gives, made once for each key and kept for a while."""
+        with self._lock:
+            if key in self._made:
+                self._made.move_to_end(key)
+                return self._made[key]
+        with self._turn:
+            data = make()
+        with self._lock:
+            self._made[key] = data
+            while len(self._made) > 1 and sum(map(len, self._made.values())) > _MADE_BYTES:
+                self._made.popitem(last=False)
+        return data
+
+    def arrays(self, digest: str) -> Arrays:
+        """The arrays of an ArrayArtifact, each read when it is asked for. Raises NoArtifact."""
+        if not self.store.holds(digest) or not issubclass(self.kind(digest), ArrayArtifact | Artifact):
+            raise NoArtifact(f"the artifact {digest[:16]!r} is not whole", fix="run the graph again")
+        return Arrays(self.store.data(digest))
+
+
+class Arrays:
+    """`arrays.safetensors` of an artifact: shapes, single rows, whole arrays. Files are complete, bytes not checked:
+    a look at one of a thousand pictures must not read all of them.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def meta(self) -> dict[str, Any]:
+        import json
+
+        return dict(json.loads((self.folder / "meta.json").read_text(encoding="utf-8")))
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """{name: shape} of all arrays."""
+        from safetensors import safe_open
+
+        with safe_open(self.folder / "arrays.safetensors", "numpy") as file:
+            found = {name: tuple(file.get_slice(name).get_shape()) for name in file.keys()}  # noqa: SIM118
+        for name in ("images", "alpha"):
+            if (self.folder / name).is_dir():
+                found[name] = tuple(Pictures.load(self.folder / name).shape)
+        return found
+
+    def row(self, name: str, index: int) -> Any:
+        """One row of an array; IndexError where there is none."""
+        from safetensors import safe_open
+
+        if (self.folder / name).is_dir():
+            return Pictures.load(self.folder / name)[index]
+        with safe_open(self.folder / "arrays.safetensors", "numpy") as file:
+            part = file.get_slice(name)
+            if not 0 <= index < part.get_shape()[0]:
+                raise IndexError(index)
+            return part[index]
+
+    def whole(self, name: str) -> Any:
+        from safetensors import safe_open
+
+        with safe_open(self.folder / "arrays.safetensors", "numpy") as file:
+            return file.get_tensor(name)
