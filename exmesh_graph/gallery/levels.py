@@ -34,7 +34,8 @@ class Level:
 
 def levels_of(mesh: Mesh) -> list[Level]:
     """The levels of a mesh, the smallest first; the last is whole."""
-    side = mesh.texture.shape[0] if isinstance(mesh, Carrier) else 0
+    maps = mesh.base_color if isinstance(mesh, Asset) else mesh.texture if isinstance(mesh, Carrier) else None
+    side = 0 if maps is None else max(maps.shape[:2])
     many = len(mesh.faces) > _WHOLE_AT_ONCE
     levels = [Level(FEW_FACES if many else 0, SIDES[0] if side > SIDES[0] else 0)]
     if many or side > SIDES[0]:

@@ -24,6 +24,7 @@ from exmesh_graph.graph.session import Session
 from exmesh_graph.graph.variants.declared import BASE, Row, rows_of
 from exmesh_graph.graph.variants.draft import Draft
 from exmesh_graph.studio.edits import Op, patched, with_edit
+from exmesh_graph.studio.ends import Ends
 from exmesh_graph.studio.faults import counted, fault_facts
 from exmesh_graph.studio.reading import Reading, graph_parameters
 from exmesh_graph.studio.typefacts import TypeFacts
@@ -145,8 +146,7 @@ class Document:
         """DOCUMENT of the contract, but for the plan."""
         with self.lock:
             judged, used = self.judged(ops), list(self.ops if ops is None else ops)
-            reading = Reading(Draft(judged.top, self.packs), self.types, self.folder, self.file,
-                              {} if judged.tree is None else judged.tree.params)  # fmt: skip
+            reading = self.reading(judged)
             nodes = list(reading.nodes())
             names: dict[str, list[str]] = {}
             for name in judged.unrolled.nodes if judged.unrolled is not None else ():
@@ -167,6 +167,17 @@ class Document:
                 "ops": used, "can_undo": self.place > 0, "can_redo": self.place + 1 < len(self.history),
                 "dirty": used != self.begun, "disk": "changed" if self.changed_on_disk() else "same",
             }  # fmt: skip
+
+    def reading(self, judged: Judged) -> Reading:
+        """A judged graph as it is shown."""
+        params = {} if judged.tree is None else judged.tree.params
+        return Reading(Draft(judged.top, self.packs), self.types, self.folder, self.file, params)
+
+    def ends(self) -> Ends:
+        """What may be connected to what."""
+        with self.lock:
+            judged = self.judged()
+            return Ends(self.reading(judged), Draft(judged.top, self.packs))
 
     def variants(self) -> list[dict[str, Any]]:
         """The variants that the file declares."""

@@ -177,7 +177,9 @@ class Reading:
                 inner = f"{scope}[{number}].{name}" if word == "at" and scope else place.owner
                 target = f"{self.prefix}{inner}.{place.key}"
             end = {"node": f"{self.prefix}{place.owner}", "port": str(place.key), "side": side}
-            yield self._wire(start, end, place.text, target, place.where, when, self._end(place.text, place.scope))
+            yield self._wire(
+                start, end, place.text, target, place.where, when, self.port_behind(place.text, place.scope)
+            )
         for part in self.parts.values():
             if part is not None:
                 yield from part.reading.wires()
@@ -190,7 +192,7 @@ class Reading:
             if is_link(text):
                 end = {"node": owner, "port": str(name), "side": "outputs"}
                 where = self.draft.top["outputs"].lines[name]
-                yield self._wire(self._start(text, ""), end, text, "", where, None, self._end(text, ""))
+                yield self._wire(self._start(text, ""), end, text, "", where, None, self.port_behind(text, ""))
 
     def outputs(self) -> list[dict[str, str]]:
         """What the graph publishes."""
@@ -227,8 +229,8 @@ class Reading:
             return {"node": f"{self.prefix}{scope}".rstrip("."), "port": source.port, "side": "carry"}
         return {"node": f"{self.prefix}{source.path}", "port": source.port, "side": ""}
 
-    def _end(self, text: str, scope: str) -> Port | None:
-        """The output port behind a link; None for components and what cannot be told."""
+    def port_behind(self, text: str, scope: str) -> Port | None:
+        """The output port behind a link written in a scope; None for components and what cannot be told."""
         if (text, scope) not in self._ends:
             self._ends[text, scope] = None  # what leads back to itself carries nothing
             self._ends[text, scope] = self._port_of(text, scope)
@@ -245,19 +247,19 @@ class Reading:
         if isinstance(entry, Map) and is_block(entry):
             carry = entry.get("carry")
             link = carry.get(source.port) if isinstance(carry, Map) else None
-            return self._end(str(link), path.rpartition(".")[0]) if link is not None else None
+            return self.port_behind(str(link), path.rpartition(".")[0]) if link is not None else None
         if is_part(entry):
             part = self.parts.get(path)
             link = None if part is None else part.tree.outputs.get(source.port)
-            return None if part is None or link is None else part.reading._end(str(link), "")
+            return None if part is None or link is None else part.reading.port_behind(str(link), "")
         kind = self.kinds.get(path)
         return kind.outputs.get(source.port) if kind is not None else None
 
     def _carried(self, path: str, name: str) -> dict[str, Any]:
-        return _port_like(name, self._end(f"@{path.rpartition('.')[2]}.{name}", path.rpartition(".")[0]))
+        return _port_like(name, self.port_behind(f"@{path.rpartition('.')[2]}.{name}", path.rpartition(".")[0]))
 
     def _part_output(self, path: str, part: Part, name: str) -> dict[str, Any]:
-        return _port_like(name, part.reading._end(str(part.tree.outputs[name]), ""))
+        return _port_like(name, part.reading.port_behind(str(part.tree.outputs[name]), ""))
 
     # --- sub-graphs
 

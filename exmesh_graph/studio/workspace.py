@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import secrets
 import threading
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,19 +16,23 @@ from typing import Any
 from exmesh_graph.api.opening import open_store
 from exmesh_graph.api.planning import why_of
 from exmesh_graph.api.results import read_run
-from exmesh_graph.errors import ExmeshError
+from exmesh_graph.errors import ExmeshError, GraphError
 from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.files import writing
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.session import current_session, store_folder
+from exmesh_graph.graph.variants.declared import BASE
 from exmesh_graph.studio.artifacts.shelf import Shelf
 from exmesh_graph.studio.copies import written_copy
 from exmesh_graph.studio.document import Document, Judged, variant_ops
 from exmesh_graph.studio.edits import Op
+from exmesh_graph.studio.faults import error_facts
 from exmesh_graph.studio.hub import Hub
 from exmesh_graph.studio.jobs import Jobs
 from exmesh_graph.studio.listing import graph_file_facts
 from exmesh_graph.studio.plans import needed, plan_facts
 from exmesh_graph.studio.runview import RunView
+from exmesh_graph.studio.saving import child_text, difference, edited_text, ops_text, variant_text
 from exmesh_graph.studio.watching import Watcher
 from exmesh_graph.version import __version__
 
@@ -39,6 +44,12 @@ class Outside(ExmeshError):
     """A path that leads out of the graph's folder, or to no graph file there."""
 
     code = "unknown"
+
+
+class Conflict(ExmeshError):
+    """A request that does not fit the state of the server or of the disk."""
+
+    code = "conflict"
 
 
 class Workspace:
@@ -114,7 +125,7 @@ class Workspace:
                     work.add_done_callback(lambda done: self._tell_plan(document.revision))
             else:
                 told["plan"] = plan_facts(judged.checked, self.store())
-        told["patch"] = patch_text(told["ops"])
+        told["patch"] = ops_text(told["ops"])
         return told
 
     def plan(self, nodes: Iterable[str] = ()) -> dict[str, Any] | None:
@@ -155,6 +166,58 @@ class Workspace:
     def changed(self, what: str, by: str = "") -> None:
         """Tell all pages that the document changed."""
         self.hub.publish("document", {"revision": self.document.revision, "by": by, "what": what})
+
+    def text(self) -> dict[str, Any]:
+        """The file as it is, as it would be saved, and what differs."""
+        document = self.document
+        with document.lock:
+            text = document.file.read_text(encoding="utf-8")
+            name, patch = document.file.name, ops_text(document.ops)
+            told: dict[str, Any] = {"file": name, "text": text, "patch": patch, "new_text": "", "diff": ""}
+            told["why_not"] = None
+            try:
+                new = self._new_text(document, text)
+                told |= {"new_text": new, "diff": difference(text, new, document.file.name)}
+            except GraphError as error:
+                told["why_not"] = error_facts(error, (), self.folder)
+        return told
+
+    def save(self, body: Mapping[str, Any]) -> Path:
+        """Save the edits: in place, as a variant, or as a child file. Raises GraphErrors, Outside, Conflict."""
+        document, kind = self.document, body.get("as")
+        with document.lock:
+            judged = document.judged()
+            if judged.checked is None and not body.get("faulty"):
+                raise GraphErrors(judged.faults)
+            if document.changed_on_disk():
+                raise Conflict(f"{document.file.name} was changed by somebody else since it was opened",
+                               fix="reload it (your edits are kept), then save")  # fmt: skip
+            text = document.file.read_text(encoding="utf-8")
+            if kind == "file":
+                path, new = document.file, self._new_text(document, text)
+            elif kind == "variant":
+                path = document.file
+                new = variant_text(
+                    text, path, _variant_name(body.get("name")), document.ops, str(body.get("doc") or "")
+                )
+            elif kind == "child":
+                path = self.graph_file(str(body.get("file") or ""), new=True)
+                if path.parent.resolve() != document.file.parent.resolve():
+                    raise Outside("a file that extends the graph stands beside it", expected=str(document.file.parent))
+                if path.exists() and (not body.get("replace") or path.resolve() == document.file.resolve()):
+                    raise Conflict(f"{path.name} is there already", fix="choose another name")
+                name = str(body.get("name") or path.stem)
+                new = child_text(document.file, name, document.base, judged.top, path, document.packs)
+            else:
+                raise GraphError(f"a graph is saved as file, variant or child, not as {kind!r}")
+            write_text(path, new)
+            if kind == "child":
+                self.open(str(path.relative_to(self.folder)))
+            else:
+                document.saved()
+                if kind == "variant":
+                    self.open(str(path.relative_to(self.folder)), str(body["name"]))
+        return path
 
     # --- runs
 
@@ -245,6 +308,11 @@ class Workspace:
             raise Outside(f"there is no light {name[:80]!r}", expected="GET /api/lights lists them")
         return read_environment(path)
 
+    def node_names(self) -> list[str]:
+        """The nodes of the open graph, for messages that belong to one."""
+        with self.document.lock:
+            return list(self.document.reading(self.document.judged()).entries)
+
     def session_facts(self) -> dict[str, Any]:
         """What a page should know of the server."""
         return {
@@ -254,6 +322,11 @@ class Workspace:
         }  # fmt: skip
 
     # --- inside
+
+    def _new_text(self, document: Document, text: str) -> str:
+        if document.variant:
+            return variant_text(text, document.file, document.variant, document.ops)
+        return edited_text(text, document.file, document.base, document.judged().top, document.packs)
 
     def _inside(self, path: Path) -> bool:
         return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.folder))
@@ -299,11 +372,21 @@ class Workspace:
             self._planning(self.document, judged).add_done_callback(lambda done: self._tell_plan(revision))
 
 
-def patch_text(ops: Sequence[Op]) -> str:
-    """Edits as they would stand in a graph file."""
-    from exmesh_graph.studio.saving import ops_text
+def _variant_name(name: Any) -> str:
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_][\w.-]{0,79}", name) or name == BASE:
+        raise GraphError(f"{name!r} cannot name a variant", expected="letters, digits, _ and -")
+    return name
 
-    return ops_text(ops)
+
+def write_text(path: Path, text: str) -> None:
+    """Replace a file in one step; its mode is kept, and where it is a link, what that leads to is replaced."""
+    real = Path(os.path.realpath(path))
+    draft = real.with_name(f".{real.name}.{os.getpid()}.draft")
+    with writing("the graph file", real, "another name"):
+        draft.write_text(text, encoding="utf-8")
+        if real.exists():
+            os.chmod(draft, real.stat().st_mode & 0o7777)
+        os.replace(draft, real)
 
 
 def _as_edit(text: str) -> Op:

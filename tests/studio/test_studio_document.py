@@ -41,7 +41,7 @@ def test_edits_are_checked_undone_and_done_again(client: TestClient) -> None:
     told = edited(client, {"set": "one.value", "to": 5})
     assert told["dirty"]
     assert told["can_undo"]
-    assert told["patch"] == "  - {set: one.value, to: 5}\n"
+    assert told["patch"] == "- {set: one.value, to: 5}\n"
     told = edited(client, {"set": "one.value", "to": 5000})
     assert told["problems"][0]["node"] == "one"
     assert "1000" in told["problems"][0]["what"]

@@ -26,12 +26,6 @@ class BadRequest(ExmeshError):
     code = "bad-request"
 
 
-class Conflict(ExmeshError):
-    """A request that does not fit the state of the server."""
-
-    code = "conflict"
-
-
 class Unknown(ExmeshError):
     """Something that is not there."""
 
@@ -121,7 +115,7 @@ def error_answer(status: int, error: Mapping[str, Any]) -> Response:
 def of_error(error: ExmeshError, workspace: Workspace) -> Response:
     """An error of the library as an answer."""
     code = getattr(error, "code", "error")
-    return error_answer(_STATUS.get(code, 422), error_facts(error, (), workspace.folder))
+    return error_answer(_STATUS.get(code, 422), error_facts(error, workspace.node_names(), workspace.folder))
 
 
 async def _worked(request: Request, work: Callable[[], Any]) -> Response:

@@ -8,8 +8,8 @@ from typing import Any
 from starlette.routing import Route
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.studio.web.answers import BadRequest, Conflict, Query, asked, posted
-from exmesh_graph.studio.workspace import Workspace
+from exmesh_graph.studio.web.answers import BadRequest, Query, asked, posted
+from exmesh_graph.studio.workspace import Conflict, Workspace
 
 MOST_OPS = 200
 
@@ -33,6 +33,29 @@ def plan(workspace: Workspace, query: Query) -> Any:
 
 def why(workspace: Workspace, query: Query) -> Any:
     return workspace.why(query.needed("node"))
+
+
+def ends(workspace: Workspace, query: Query) -> Any:
+    told, node, port, side = (
+        workspace.document.ends(),
+        query.needed("node"),
+        query.get("port", ""),
+        query.get("side", ""),
+    )
+    return told.for_output(node, port, side) if query.get("output") else told.for_input(node, port, side)
+
+
+def swaps(workspace: Workspace, query: Query) -> Any:
+    return {"types": workspace.document.ends().swaps(query.needed("node"))}
+
+
+def text(workspace: Workspace, query: Query) -> Any:
+    return workspace.text()
+
+
+def save(workspace: Workspace, body: dict[str, Any]) -> Any:
+    path = workspace.save(body)
+    return {"saved": path.name, "document": _stepped(workspace, body, "save", True)}
 
 
 def edit(workspace: Workspace, body: dict[str, Any]) -> Any:
@@ -88,6 +111,10 @@ ROUTES = [
     Route("/api/plan", asked(plan)),
     Route("/api/why", asked(why)),
     Route("/api/graphs", asked(graphs)),
+    Route("/api/ends", asked(ends)),
+    Route("/api/swaps", asked(swaps)),
+    Route("/api/text", asked(text)),
+    Route("/api/save", posted(save), methods=["POST"]),
     Route("/api/edit", posted(edit), methods=["POST"]),
     Route("/api/try", posted(attempt), methods=["POST"]),
     Route("/api/undo", posted(undo), methods=["POST"]),
