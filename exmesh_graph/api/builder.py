@@ -39,19 +39,20 @@ from exmesh_graph.graph.session import Session, current_session
 class Graph(NodeScope):
     """A graph in Python. `extends` names a graph file that it changes; see the top of this module.
 
-    `name` is what run folders are called by. Relative paths start from the working folder, in a loaded graph those of
-    the file from its folder.
+    `name` is what run folders are called by; `run_all` also runs nodes that no output and no report needs. Relative
+    paths start from the working folder, in a loaded graph those of the file from its folder.
     """
 
     def __init__(
-        self, name: str, *, extends: str | os.PathLike[str] | None = None, seed: int | None = None, doc: str = ""
-    ) -> None:
+        self, name: str, *, extends: str | os.PathLike[str] | None = None, seed: int | None = None, doc: str = "",
+        run_all: bool = False,
+    ) -> None:  # fmt: skip
         where = here()
         if not isinstance(name, str):
             wrong("the name of a graph", name, "a text", "ex.Graph.load(file) reads a graph file")
         self.graph, self.tree = self, Map(where)
         self.file = Path.cwd() / f"<{name}>"
-        for key, value in (("name", name), ("doc", doc or None), ("seed", seed)):
+        for key, value in (("name", name), ("doc", doc or None), ("seed", seed), ("run", "all" if run_all else None)):
             if value is not None:
                 self.tree.put(key, value, where)
         if extends is not None:

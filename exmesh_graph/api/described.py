@@ -70,7 +70,7 @@ def node_types() -> dict[str, TypeInfo]:
 
 def schema_text() -> str:
     """The JSON schema of graph files with the node types at hand, for editors."""
-    from exmesh_graph.graph.language.schema import schema_text as text_of
+    from exmesh_graph.api.schema import schema_text as text_of
 
     return text_of(packs())
 

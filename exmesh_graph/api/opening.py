@@ -11,12 +11,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from exmesh_graph.api.arguments import file_of, node_names, path_of, wrong
+from exmesh_graph.api.arguments import file_of, path_of, wrong
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.values import Node, Wire, here, plain
-from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.problems import GraphErrors, Problems, nearest
+from exmesh_graph.graph.problems import GraphErrors, Problems
 from exmesh_graph.graph.session import current_session
 
 if TYPE_CHECKING:
@@ -90,20 +89,6 @@ def open_store(folder: Folder = None, shared: str | None = None) -> Store:
 def stem_of(graph: Source) -> str:
     """What runs of a graph are called by."""
     return graph.name if isinstance(graph, Graph) else file_of(graph).stem
-
-
-def named(checked: Checked, names: Names) -> list[str]:
-    """Names of nodes that the graph has. Raises GraphError with the nearest names."""
-    given = node_names(names)
-    for name in given:
-        if name in checked.components:
-            users = [node for node, bound in checked.nodes.items() if any(c.name == name for c in bound.plugged())]
-            what = f"{name} is a component, which never runs by itself"
-            raise GraphError(what, where=str(here()), fix=f"name a node that uses it: {', '.join(users[:8])}")
-        if name not in checked.nodes:
-            close = nearest(name, checked.nodes) or list(checked.nodes)
-            raise GraphError(f"the graph has no node {name!r}", where=str(here()), expected=", ".join(close[:8]))
-    return given
 
 
 def texts_of(set: Settings, params: Mapping[str, Any] | None = None) -> list[str]:

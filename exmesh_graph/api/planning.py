@@ -9,11 +9,13 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.board import clock
-from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_graph, named, open_store, using
+from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_graph, open_store, using
+from exmesh_graph.api.selecting import matching, selected
 from exmesh_graph.api.unseen import undeclared, unseen
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, differences, explain, record_time
 from exmesh_graph.graph.run.plan import plan as steps_of
+from exmesh_graph.graph.variants.compare import named_in_short
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -37,6 +39,7 @@ class Plan(list["Step"]):
     def __str__(self) -> str:
         width = max((len(step.name) for step in self), default=0)
         lines = [f"{step.state:<8}{step.name:<{width + 2}}{step.reason}".rstrip() for step in self]
+        lines += [idle_line(self.graph)] if self.graph.idle else []
         lines.append(f"{counted(self.counts)} (below a node that must run)")
         if self.unseen:
             more = f" and {len(self.unseen) - 3} more" if self.unseen[3:] else ""
@@ -62,7 +65,12 @@ class Plan(list["Step"]):
             for s in self
         ]  # fmt: skip
         return {"schema": "exmesh.plan.v1", "graph": self.graph.name, "counts": self.counts, "steps": steps,
-                "not_in_key": self.unseen}  # fmt: skip
+                "idle": list(self.graph.idle), "not_in_key": self.unseen}  # fmt: skip
+
+
+def idle_line(graph: Checked) -> str:
+    """`left out, since nothing needs them: light, bounce (...)`."""
+    return f"left out, since nothing needs them: {named_in_short(graph.idle)} (`run: all` in the graph keeps them)"
 
 
 def counts_of(states: Iterable[str]) -> dict[str, int]:
@@ -90,9 +98,8 @@ def plan(
     """What a run would do with each node, and why."""
     with using(session):
         checked = checked_graph(graph, set, variant, store, **params)
-        targets = checked.needed_for(named(checked, nodes)) if nodes else None
-        opened = open_store(store, shared)
-        return Plan(checked, opened, steps_of(checked, opened, targets))
+        chosen, opened = selected(checked, nodes), open_store(store, shared)
+        return Plan(chosen.graph, opened, steps_of(chosen.graph, opened, chosen.targets))
 
 
 @dataclass(frozen=True)
@@ -128,7 +135,8 @@ def why(
 
 def why_of(checked: Checked, node: str, opened: Store) -> Why:
     """Why a node of a checked graph is a hit or must run. Raises GraphError for a name that it does not have."""
-    (name,) = named(checked, [node])
+    checked = checked.with_idle()
+    name, *_ = matching(checked, [node])
     steps = {step.name: step for step in steps_of(checked, opened, checked.needed_for([name]), reasons=False)}
     step, bound = steps[name], checked.nodes[name]
     if step.preimage is None:

@@ -180,6 +180,9 @@ class Run(Mapping[str, NodeRun]):
         name = name._name if isinstance(name, Node) else str(name)
         if name not in self.rows:
             rounds = [full for full in self.rows if re.sub(r"\[\d+\]", "", full) == name]
+            if not rounds and name in self.record.get("idle", ()):
+                raise UnknownName(f"{name} did not run: no output and no report of the graph needs it",
+                                  fix=f'ex.run(graph, nodes="{name}"), or publish it: graph.output(...)')  # fmt: skip
             if not rounds:
                 raise _unknown("node", name, self.rows, f"the run {self.id}")
             name = rounds[-1]

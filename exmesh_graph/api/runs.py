@@ -19,7 +19,6 @@ from exmesh_graph.api.opening import (
     Settings,
     Source,
     checked_graph,
-    named,
     open_store,
     packs,
     texts_of,
@@ -27,6 +26,7 @@ from exmesh_graph.api.opening import (
 )
 from exmesh_graph.api.progress import Progress, finished, listening
 from exmesh_graph.api.results import Run, read_failures, read_run
+from exmesh_graph.api.selecting import matching, selected
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.run.runner import Listener, NodeFailed
 
@@ -67,6 +67,7 @@ def run(
     variant: str | None = None,
     nodes: Names = None,
     force: Names = None,
+    start: Names = None,
     store: Folder = None,
     shared: str | None = None,
     runs: str | os.PathLike[str] = "runs",
@@ -85,7 +86,8 @@ def run(
 
     set       settings as `--set` takes them: {"pbr.iterations": 800, "rounds.repeat": 2}
     params    graph parameters: scene="my_scene", faces=20_000
-    nodes     run only what these need; force: run these even on a hit
+    nodes     run only what these need; force: run these even on a hit; start: run these and all below them even then.
+              `*` stands for anything ("look*"), a name without rounds for all rounds of a node ("rounds.refine")
     workers   worker processes at most, None: what the machine can take; 0: all nodes in this process
     backend   local or ray (address: its cluster); tokens: what nodes may use together, {"cpu": 4} or "cpu=4"
     progress  "auto": shown on a terminal and in a notebook; True: always; False: never
@@ -98,14 +100,13 @@ def run(
     with using(session):
         checked = checked_graph(graph, set, variant, store, **params)
         at = Resources(store, shared, runs, workers, backend, address, tokens_of(tokens))
-        forced, targets = named(checked, force), named(checked, nodes)
+        chosen = selected(checked, nodes, force, start)
         sets = texts_of(set, params)
         words = [*command_words(sets, {"--variant": variant}), *at.words(), *(["--keep-going"] if keep_going else [])]
-        only = [word for name in targets for word in ("--node", name)]
+        only = [word for name in matching(chosen.graph, nodes) for word in ("--node", name)]
         return run_checked(
-            checked, [graph], at, words, progress=progress, listener=listener, report=report, only=only,
-            targets=checked.needed_for(targets) if targets else None, force={*forced}, overrides=tuple(sets),
-            keep_going=keep_going,
+            chosen.graph, [graph], at, words, progress=progress, listener=listener, report=report, only=only,
+            targets=chosen.targets, force=chosen.force, overrides=tuple(sets), keep_going=keep_going,
         )  # fmt: skip
 
 

@@ -56,7 +56,11 @@ def run(
     variant: options.VariantName = None,
     node: options.Targets = None,
     force: Annotated[
-        list[str] | None, typer.Option("--force", metavar="NODE", help="Run this node even on a hit; repeatable.")
+        list[str] | None,
+        typer.Option("--force", metavar="NODE", help="Run this node even on a hit; repeatable, `*` for anything."),
+    ] = None,
+    from_: Annotated[
+        list[str] | None, typer.Option("--from", metavar="NODE", help="Run this node and all below it again.")
     ] = None,
     store: options.StoreFolder = None,
     shared: options.SharedUrl = None,
@@ -79,9 +83,9 @@ def run(
     with resumable():
         try:
             done = run_graph(
-                graph, set=set_, variant=variant, nodes=node, force=force, store=store, shared=shared, runs=runs,
-                workers=workers, backend=backend.value, address=address, tokens=tokens, keep_going=keep_going,
-                progress=True,
+                graph, set=set_, variant=variant, nodes=node, force=force, start=from_, store=store, shared=shared,
+                runs=runs, workers=workers, backend=backend.value, address=address, tokens=tokens,
+                keep_going=keep_going, progress=True,
             )  # fmt: skip
         except RunFailed as failure:
             show_failure(failure.run)
@@ -99,6 +103,7 @@ def run(
 def check(graph: options.GraphFile, set_: options.Sets = None, variant: options.VariantName = None) -> None:
     """Check a graph and its variants: types, wires, parameters, source files; list what --set can change."""
     from exmesh_graph.api.opening import checked_graph, checked_variants
+    from exmesh_graph.api.planning import idle_line
 
     variants: list[str] = []
     if variant:
@@ -108,6 +113,8 @@ def check(graph: options.GraphFile, set_: options.Sets = None, variant: options.
         checked, variants = rows[0].checked, [row.name for row in rows[1:]]
     sources = sum(len(bound.sources) for bound in checked.nodes.values())
     typer.echo(f"{checked.name}: {len(checked.nodes)} nodes, {sources} source files, no faults")
+    if checked.idle:
+        typer.echo(f"  {idle_line(checked)}")
     for name, declared in checked.declared.items():
         typer.echo(f"  {name} = {checked.params[name]!r}{'' if declared.inferred else f'  ({declared})'}")
         for choice, settings in groupby(declared.settings(), key=itemgetter(0)):

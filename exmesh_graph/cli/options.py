@@ -21,7 +21,8 @@ VariantName = Annotated[
     str | None, typer.Option("--variant", metavar="NAME", help="A variant that the graph file declares.")
 ]
 Targets = Annotated[
-    list[str] | None, typer.Option("--node", metavar="NODE", help="Only what this node needs; repeatable.")
+    list[str] | None,
+    typer.Option("--node", "--until", metavar="NODE", help="Only what this node needs; repeatable, `*` for anything."),
 ]
 StoreFolder = Annotated[
     Path | None, typer.Option("--store", help="The artifact store (default: $EXMESH_STORE or ./.exmesh).")

@@ -11,6 +11,7 @@ import typer
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.results import Run
 from exmesh_graph.cli.options import show_notes
+from exmesh_graph.graph.variants.compare import named_in_short
 
 
 @contextlib.contextmanager
@@ -45,6 +46,8 @@ def summary(run: Run) -> None:
     hits = sum(row["state"] == "hit" for row in rows)
     typer.echo(f"\n{record['graph']}: {len(rows)} nodes, {hits} from the store, {len(rows) - hits} run, "
                f"{clock(record['seconds'])}")  # fmt: skip
+    if record.get("idle"):
+        typer.echo(f"  left out, since nothing needs them: {named_in_short(record['idle'])}")
     slow = sorted((row for row in rows if row["state"] == "done"), key=lambda row: -row["seconds"])[:5]
     if slow and slow[0]["seconds"] >= 0.1:
         typer.echo("  longest: " + ", ".join(f"{row['name']} {clock(row['seconds'])}" for row in slow))

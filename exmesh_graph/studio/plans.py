@@ -76,8 +76,9 @@ def needed(checked: Checked, names: Iterable[str]) -> set[str] | None:
     wanted = list(names)
     if not wanted:
         return None
-    chosen = {full for full in checked.nodes for name in wanted if full == name or without_rounds(full) == name}
-    return checked.needed_for(chosen)
+    whole = checked.with_idle()  # a node that nothing needs runs where it is named
+    chosen = {full for full in whole.nodes for name in wanted if full == name or without_rounds(full) == name}
+    return whole.needed_for(chosen)
 
 
 def _spent(step: Step) -> float | None:

@@ -239,7 +239,9 @@ class Workspace:
             elif document.ops:
                 graph = written_copy(judged.top, document.file, self.store_folder / "studio" / "graphs")
         nodes = sorted(needed(judged.checked, body["nodes"]) or ()) if body.get("nodes") else None
-        force = [full for full in judged.checked.nodes for name in body.get("force") or () if _means(full, name)]
+        force = [
+            full for full in judged.checked.with_idle().nodes for name in body.get("force") or () if _means(full, name)
+        ]
         return self.start_job({
             "kind": "run", "graph": str(graph), "variant": variant, "nodes": nodes, "force": force or None,
             "workers": body.get("workers"), "keep_going": bool(body.get("keep_going")), "set": body.get("set") or None,

@@ -137,7 +137,7 @@ def test_graph_errors_come_all_at_once(exmesh: Exmesh, folder: Path) -> None:
 
 
 def test_failure_says_what_to_do(exmesh: Exmesh, folder: Path) -> None:
-    bad = '\n  bad: {type: toy.fail, number: "@slow.number", value: 9}\noutputs'
+    bad = '\n  bad: {type: toy.fail, number: "@slow.number", value: 9}\nrun: all\noutputs'
     (folder / "g.yaml").write_text(GRAPH.replace("\noutputs", bad))
     failed = exmesh("run", "g.yaml", "--set", "n=2", code=1)
     assert "failed: bad: toy: the number is too small" in failed.stderr

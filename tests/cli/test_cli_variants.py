@@ -19,6 +19,7 @@ nodes:
   sum: {type: toy.add, a: "@one.number", b: "@two.number"}
   shown: {type: toy.metrics, number: "@sum.number"}
 outputs: {figure: "@shown.metrics"}
+run: all
 """
 VARIANTS = """
 extends: toy.yaml

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from exmesh_graph.api.schema import schema_text
 from exmesh_graph.graph.declare.ports import signature
-from exmesh_graph.graph.language.schema import schema_text
 
 
 def problem_of(bench: Any, text: str) -> Any:

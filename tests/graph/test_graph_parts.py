@@ -31,6 +31,7 @@ nodes:
   b: {graph: part.yaml, start: "@a.bent", bend: "@sign", by: 10, times: 1}
   end: {type: toy.subtract, a: "@b.state", b: "@a.same"}
 outputs: {end: "@end.number"}
+run: all
 """
 
 
@@ -89,7 +90,7 @@ def test_names_inside_do_not_reach_outside_and_the_other_way_round(parts: Any) -
 
 
 def test_components_pass_through_outputs(parts: Any) -> None:
-    text = GRAPH + '  x: "@x.number"\n'
+    text = GRAPH.replace("run: all\n", "") + '  x: "@x.number"\n'
     text = text.replace("outputs:", '  x: {type: toy.evaluate, number: "@one.number", curve: "@a.curve"}\noutputs:')
     text = text.replace('outputs: {end: "@end.number"}\n', "outputs:\n")
     assert parts.check(text).nodes["x"].components["curve"].name == "a.line"
@@ -106,6 +107,7 @@ nodes:
       p: {graph: part.yaml, start: "@carry.state", by: "${round}", times: 1, at: {2: {by: 5}}}
     next: {state: "@p.state"}
   end: {type: toy.metrics, number: "@rounds.state"}
+run: all
 """
     graph = parts.check(text, "rounds.p.line.slope=3")
     assert graph.nodes["rounds[2].p.bent"].components["curve"].value.slope == 3
@@ -127,6 +129,7 @@ nodes:
   one: {type: toy.const}
   m: {graph: inner/mid.yaml, x: "@one.number", k: 8}
   e: {type: toy.metrics, number: "@m.y"}
+run: all
 """
     graph = parts.check(text, "m.deep.times=1", "m.deep.first.amount=9")
     assert list(graph.nodes) == ["one", "m.deep.first", "m.deep.loop[1].grow", "m.deep.bent", "e"]

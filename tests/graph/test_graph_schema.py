@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph.api.schema import graph_schema
 from exmesh_graph.graph.language.expand import MAX_ROUNDS
 from exmesh_graph.graph.language.params import KEYS, KINDS
-from exmesh_graph.graph.language.schema import graph_schema
 from exmesh_graph.graph.language.spec import BLOCK_KEYS, TOP_KEYS
 from exmesh_graph.graph.language.yamlfile import load_yaml, parse_yaml
 from exmesh_graph.graph.variants.patches import OPERATIONS

@@ -7,7 +7,7 @@ can run. Facets that an output does not promise are left to the run (see `execut
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,9 @@ from exmesh_graph.graph.language.wires import Wiring
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where
 from exmesh_graph.params import Params
+from exmesh_graph.types import Gallery, Metrics
+
+REPORTED = (Metrics, Gallery)  # what a report shows
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,11 @@ class Bound:
         """The node's definition and those of all its components, whose code the key covers."""
         return [self.definition, *(plug.definition for plug in self.plugged())]
 
+    def reports(self) -> bool:
+        """Whether it is there for the report: its first output, what a node is for, is figures or pictures."""
+        first = next(iter(self.signature.outputs.values()), None)
+        return first is not None and issubclass(first.type, REPORTED)
+
     def wire(self, port: str) -> str:
         """`views.train -> start.views`, for messages."""
         link = self.inputs[port]
@@ -56,7 +64,10 @@ class Bound:
 
 @dataclass(frozen=True)
 class Checked:
-    """A graph without faults; `nodes` are in an order in which they can run. `notes` tell of old names it uses."""
+    """A graph without faults; `nodes` are in an order in which they can run. `notes` tell of old names it uses.
+
+    `idle` are nodes that nothing published and no report needs: they run only if they are named, or with `run: all`.
+    """
 
     name: str
     file: Path
@@ -68,6 +79,7 @@ class Checked:
     declared: Mapping[str, Declared] = field(default_factory=dict)
     packs: Packs = field(default_factory=current, repr=False, compare=False)
     notes: tuple[str, ...] = ()
+    idle: Mapping[str, Bound] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<checked graph {self.name}: {len(self.nodes)} nodes>"
@@ -82,7 +94,7 @@ class Checked:
                 "inputs": {port: str(link) for port, link in bound.inputs.items()},
                 **({"components": {p: f"@{c.name}" for p, c in bound.components.items()}} if bound.components else {}),
             }
-            for name, bound in self.nodes.items()
+            for name, bound in {**self.nodes, **self.idle}.items()
         }
         outputs = {name: str(link) for name, link in self.outputs.items()}
         graph = {"name": self.name, "variant": self.variant, "params": dict(self.params)}
@@ -96,6 +108,17 @@ class Checked:
             if name in needed:
                 needed |= {link.node for link in self.nodes[name].inputs.values()}
         return needed
+
+    def with_idle(self) -> Checked:
+        """The graph with all of its nodes."""
+        return replace(self, nodes={**self.nodes, **self.idle}, idle={})
+
+    def without_idle(self) -> Checked:
+        """The graph without the nodes that nothing needs; as it is where it neither publishes nor reports anything."""
+        ends = {link.node for link in self.outputs.values()} | {n for n, bound in self.nodes.items() if bound.reports()}
+        needed = self.needed_for(ends) if ends else set(self.nodes)
+        nodes = {name: bound for name, bound in self.nodes.items() if name in needed}
+        return replace(self, nodes=nodes, idle={n: bound for n, bound in self.nodes.items() if n not in needed})
 
 
 def check_file(path: Path, overrides: Iterable[str], packs: Packs, top: Map | None = None) -> Checked:
@@ -127,10 +150,11 @@ def check(graph: Unrolled, packs: Packs, problems: Problems | None = None) -> Ch
             elif made is not None:
                 nodes[name] = made
         told.raise_if_any()
-    return Checked(
+    whole = Checked(
         graph.name, graph.file, nodes, outputs, graph.params, components=components, declared=graph.declared,
         packs=packs, notes=tuple(wiring.notes),
     )  # fmt: skip
+    return whole if graph.run_all else whole.without_idle()
 
 
 def check_part(graph: Unrolled, name: str, packs: Packs) -> Problems:

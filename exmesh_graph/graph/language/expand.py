@@ -44,6 +44,7 @@ class Unrolled:
     params: Mapping[str, Any]
     declared: Mapping[str, Declared] = field(default_factory=dict)
     given: tuple[tuple[str, Port, Link, Where], ...] = ()
+    run_all: bool = False
 
 
 def expand(tree: Tree, problems: Problems) -> Unrolled:
@@ -61,7 +62,7 @@ def expand(tree: Tree, problems: Problems) -> Unrolled:
         fail("link", Where(tree.file, 1), "links pass through too many blocks or sub-graphs, one after another")
     outputs = {name: work.links.value(value, root, tree.outputs.lines[name]) for name, value in tree.outputs.items()}
     params = {name: value.value for name, value in tree.params.items()}
-    return Unrolled(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given)
+    return Unrolled(tree.name, tree.file, work.nodes, outputs, params, tree.declared, given, tree.run_all)
 
 
 Written = dict[str, tuple[Any, Where, int]]

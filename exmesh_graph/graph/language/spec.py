@@ -18,7 +18,7 @@ from exmesh_graph.graph.language.yamlfile import Map, every, is_whole, parse_yam
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest, fail, nearest
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
-TOP_KEYS = ("name", "doc", "extends", "params", "seed", "inputs", "nodes", "outputs", *VARIANT_KEYS)
+TOP_KEYS = ("name", "doc", "extends", "params", "seed", "run", "inputs", "nodes", "outputs", *VARIANT_KEYS)
 BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
 MAX_SIZE = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
@@ -51,7 +51,7 @@ class Override:
 
 @dataclass
 class Tree:
-    """A merged graph file before expansion."""
+    """A merged graph file before expansion. `run_all`: also nodes that nothing needs run."""
 
     name: str
     file: Path
@@ -62,6 +62,7 @@ class Tree:
     overrides: list[Override] = field(default_factory=list)
     inputs: Map = field(default_factory=lambda: Map(Where(None)))
     declared: Mapping[str, Declared] = field(default_factory=dict)
+    run_all: bool = False
 
 
 def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
@@ -96,6 +97,9 @@ def tree_of(
     if not is_whole(seed, 0, 2**31 - 1):
         problems.add("seed", seeded, f"seed must be a whole number from 0 to {2**31 - 1}, not {seed!r}")
         seed = 0
+    run = merged.get("run", "needed")
+    if run not in ("needed", "all"):
+        problems.add("graph", merged.lines["run"], f"run cannot be {run!r}", expected="needed, or all")
     name = str(merged.get("name", path.stem))
     outputs = mapping_in(merged, "outputs", problems)
     values = resolve_params(declared, problems, said, given or {})
@@ -113,7 +117,8 @@ def tree_of(
                          fix=f"--set {key}=VALUE")  # fmt: skip
         else:
             values[key] = replace(values[key], value=param.judge(values[key].value, values[key].where, problems))
-    return Tree(name, path, nodes, outputs, seed, values, sets, mapping_in(merged, "inputs", problems), declared)
+    inputs = mapping_in(merged, "inputs", problems)
+    return Tree(name, path, nodes, outputs, seed, values, sets, inputs, declared, run == "all")
 
 
 def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: Problems) -> Value:

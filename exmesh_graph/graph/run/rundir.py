@@ -148,7 +148,7 @@ class RunRecord:
             "id": folder.id, "graph": graph.name, "file": str(graph.file), "command": command,
             "overrides": list(overrides), "state": "unfinished", "started": time.time(), "machine": machine_facts(),
             "store": str(store.below or store.root), "resolved": graph.resolved(), "nodes": list(self.rows.values()),
-            "published": {},
+            "published": {}, "idle": list(graph.idle),
         }  # fmt: skip
 
     def emit(self, event: str, **facts: Any) -> None:

@@ -86,7 +86,7 @@ def random_world(dice: random.Random, count: int, slow: float = 0.0) -> World:
     )
     order = dice.sample(lines, len(lines))
     outputs = f'outputs: {{figure: "@{last}.number"}}\n'
-    return World("name: random\nseed: 1\nnodes:\n" + "\n".join(order) + "\n" + outputs, values, last)
+    return World("name: random\nseed: 1\nrun: all\nnodes:\n" + "\n".join(order) + "\n" + outputs, values, last)
 
 
 def execute(world: World, runs: Path, store: Path, workers: int = 0) -> Any:
