@@ -89,6 +89,21 @@ def test_threads_are_granted_by_tokens(bench: Any) -> None:
     assert bench.value(run(bench, text, tokens={"cpu": 3}), "w") == 3.0
 
 
+def test_one_process_serves_nodes_with_many_threads_and_with_one(bench: Any) -> None:
+    """A new process imports torch and compiled kernels again, seconds each time."""
+    text = """
+nodes:
+  a: {type: toy.narrow, number: "@c.number"}
+  c: {type: toy.wide, number: "@d.number"}
+  d: {type: toy.narrow, number: "@e.number"}
+  e: {type: toy.wide, number: "@f.number"}
+  f: {type: toy.const}
+"""
+    record = run(bench, text, tokens={"cpu": 2})
+    assert bench.value(record, "e") == bench.value(record, "c") == 2.0
+    assert bench.value(record, "a") == bench.value(record, "d")
+
+
 def test_a_node_of_any_number_of_cores_makes_room_for_another(bench: Any, states: Any) -> None:
     (bench.root / "there").mkdir()
     text = MEET.format(kind="meet").replace("b: {type: toy.meet", "b: {type: toy.sharing")

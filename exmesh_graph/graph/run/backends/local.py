@@ -1,8 +1,8 @@
 """Jobs in warm worker processes of this machine. A worker that dies is one failed node, and is replaced.
 
 Workers live for one run and are started when a job finds none idle. A job goes to the idle worker that holds most of
-its inputs in memory. A worker has the number of threads and the GPUs of the job it was started for, since native
-libraries read both only once; a job that is granted others gets another worker.
+its inputs in memory, whatever its number of threads: a worker sets that anew for each job. It has the GPUs of the job
+it was started for, since CUDA reads them only once; a job that is granted others gets another worker.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from exmesh_graph.graph.run.job import FAILED, Emit, Job, Outcome
 from exmesh_graph.resources import machine_tokens
 
 _START = "import sys; sys.path[:] = {path!r}; from exmesh_graph.graph.run.backends.worker import main; main({budget})"
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 _WAITING = {"OMP_WAIT_POLICY": "passive"}  # threads that spin at barriers starve one another beside other processes
 _MEMORY_SHARE = 0.3  # of the machine's memory, for artifacts kept by all workers together
 _LOOK = 1.0  # seconds; a child that a node left behind may keep a dead worker's pipe open
@@ -49,7 +48,7 @@ class Local(Backend):
 
     def submit(self, job: Job) -> None:
         idle = [w for w in self.workers if w.job is None]
-        fitting = [w for w in idle if (w.threads, w.devices) == (job.threads, job.devices)]
+        fitting = [w for w in idle if w.devices == job.devices]
         if fitting:
             digests = {digest for _, digest in job.inputs.values()}
             worker = max(fitting, key=lambda w: sum(self.sizes.get(d, 1) for d in digests & w.holds))
@@ -129,14 +128,14 @@ class _Worker:
     """The run's end of a worker process. It has its own session: a Ctrl-C at the terminal is not for it."""
 
     def __init__(self, job: Job, budget: int) -> None:
-        self.threads, self.devices = job.threads, job.devices
+        self.devices = job.devices
         self.job: Job | None = None
         self.holds: set[str] = set()
         self.gone: set[str] = set()
         self.closed = False
         self._rest = b""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (what it prints outside of nodes; closed in `end`)
-        environment = {**_WAITING, **os.environ, **dict.fromkeys(_THREAD_VARIABLES, str(job.threads))}
+        environment = {**_WAITING, **os.environ}
         if job.devices:
             visible = [word.strip() for word in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if word.strip()]
             names = [visible[number] if number < len(visible) else str(number) for number in job.devices]

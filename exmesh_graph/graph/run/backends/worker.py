@@ -18,12 +18,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.run.execute import execute
 from exmesh_graph.graph.run.job import STOPPED, Job, Outcome
 from exmesh_graph.graph.run.memory import Memory
 from exmesh_graph.resources import grant_cores
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
 def main(budget: int) -> None:
@@ -43,6 +47,7 @@ class _Worker:
         self.sessions: dict[tuple[str, ...], Packs] = {}
         self.queue: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self.busy = False
+        self.threads = 0
 
     def work(self) -> None:
         faulthandler.enable(2, all_threads=False)
@@ -61,7 +66,7 @@ class _Worker:
         with _output_to(job.log, self.idle_output):
             try:
                 self.busy = True
-                _limit_threads(job.threads)
+                self._limit_threads(job.threads)
                 with self._session(job.packs):
                     return execute(job, store, self.memory, self._send)
             except KeyboardInterrupt:
@@ -70,6 +75,18 @@ class _Worker:
                 return Outcome(job.name, STOPPED)
             finally:
                 self.busy = False
+
+    def _limit_threads(self, count: int) -> None:
+        """How many threads native libraries may use: one that is loaded from here on reads it from the environment,
+        pools that are there are told.
+        """
+        if count == self.threads:
+            return
+        self.threads = count
+        os.environ.update(dict.fromkeys(_THREAD_VARIABLES, str(count)))
+        threadpool_limits(count)
+        if (torch := sys.modules.get("torch")) is not None:
+            torch.set_num_threads(count)
 
     def _session(self, names: tuple[str, ...]) -> Packs:
         """That of the run that sent a job: the same packs."""
@@ -120,10 +137,3 @@ def _output_to(log: str, otherwise: int) -> Iterator[None]:
         if os.fstat(file).st_size == 0:
             path.unlink(missing_ok=True)
         os.close(file)
-
-
-def _limit_threads(count: int) -> None:
-    """Native thread pools take their size from the environment that the worker was started with; torch's can move."""
-    torch = sys.modules.get("torch")
-    if torch is not None and torch.get_num_threads() != count:
-        torch.set_num_threads(count)

@@ -7,6 +7,9 @@ import signal
 import time
 from pathlib import Path
 
+import numpy as np
+from threadpoolctl import threadpool_info
+
 from exmesh_graph.errors import DataError
 from exmesh_graph.graph import Context, Params, node, param
 from exmesh_graph.resources import usable_cores
@@ -91,10 +94,19 @@ def gpu(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
 
 @node("toy.wide", version="1", resources={"cpu": 0})
 def wide(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
-    """Its CPU threads, as granted and as native libraries see them."""
+    """Its CPU threads, as granted and as native libraries see them, those that are loaded and those to come."""
     assert int(os.environ["OMP_NUM_THREADS"]) == ctx.threads
+    assert {pool["num_threads"] for pool in threadpool_info()} == {ctx.threads}
     assert os.environ["OMP_WAIT_POLICY"] == "passive"
     return NumberOut(Number(float(ctx.threads)))
+
+
+@node("toy.narrow", version="1")
+def narrow(ctx: Context, number: Number, *, p: NoParams) -> NumberOut:
+    """The process it runs in, in which native libraries use one thread."""
+    assert os.environ["OMP_NUM_THREADS"] == "1"
+    assert {pool["num_threads"] for pool in threadpool_info()} == {1}
+    return NumberOut(Number(float(os.getpid())))
 
 
 @node("toy.sharing", version="1", resources={"cpu": 0})
@@ -126,7 +138,6 @@ def where(ctx: Context, series: Series, *, p: NoParams) -> NumberOut:
 @node("toy.count", version="1", resumable=True)
 def count(ctx: Context, number: Number, *, p: CountParams) -> SeriesOut:
     """A random walk that can be cut off: each step draws from a generator whose state is kept."""
-    import numpy as np
 
     generator = np.random.default_rng(ctx.seed)
     values = np.full(4, number.value, np.float32)
@@ -179,7 +190,6 @@ def untidy(ctx: Context, number: Number, *, p: UntidyParams) -> NumberOut:
     """Leaves the process other than it was."""
     import random
 
-    import numpy as np
     import torch
 
     os.environ["EXMESH_TOY"] = "left behind"
@@ -198,7 +208,6 @@ def found(ctx: Context, number: Number, *, p: NoParams) -> MetricsOut:
     """What the process is like."""
     import random
 
-    import numpy as np
     import torch
 
     return MetricsOut(Metrics({
