@@ -142,6 +142,11 @@ class Document:
                 self._judged = wanted, self._judge(wanted)
             return self._judged[1]
 
+    def judge_of(self, ops: Sequence[Op]) -> Judged:
+        """The graph with other edits, checked and not remembered."""
+        with self.lock:
+            return self._judge(ops)
+
     def facts(self, ops: Sequence[Op] | None = None) -> dict[str, Any]:
         """DOCUMENT of the contract, but for the plan."""
         with self.lock:

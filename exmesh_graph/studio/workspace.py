@@ -29,6 +29,7 @@ from exmesh_graph.studio.edits import Op
 from exmesh_graph.studio.faults import error_facts
 from exmesh_graph.studio.hub import Hub
 from exmesh_graph.studio.jobs import Jobs
+from exmesh_graph.studio.labels import Labels
 from exmesh_graph.studio.listing import graph_file_facts
 from exmesh_graph.studio.plans import needed, plan_facts
 from exmesh_graph.studio.runview import RunView
@@ -76,6 +77,7 @@ class Workspace:
         self.hub = Hub()
         self.jobs = Jobs(self.store_folder, self.runs)
         self.watcher = Watcher(self.runs, self.hub.publish, self._ran)
+        self.labels = Labels(self.store_folder / "studio" / "labels.json")
         self.shelf = Shelf(self.store)
         self._work = ThreadPoolExecutor(1, "studio-plan")
         self._plan: tuple[Judged, int, Future[dict[str, Any]]] | None = None
@@ -258,7 +260,7 @@ class Workspace:
         if view is None:
             return None
         with self.watcher.lock:
-            return {**view.facts(), "ours": name in self.jobs.ours()}
+            return {**view.facts(), "ours": name in self.jobs.ours(), "label": self.labels.all().get(name, "")}
 
     def resume(self, view: RunView) -> str:
         """Run the graph of an earlier run again, as it was set then: what is done are hits. The job's name."""

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 
-from exmesh_graph.studio.web import graph_routes, look_routes, run_routes
+from exmesh_graph.studio.web import compare_routes, graph_routes, look_routes, run_routes
 from exmesh_graph.studio.web.answers import error_answer
 from exmesh_graph.studio.web.guard import Guard
 from exmesh_graph.studio.workspace import Workspace
@@ -38,7 +38,7 @@ def application(workspace: Workspace, hosts: set[str], token: str, cookie: str =
     app = Starlette(
         routes=[
             Route("/", page), Route("/static/{path:path}", static), Route("/assets/{path:path}", vendored),
-            *graph_routes.ROUTES, *run_routes.ROUTES,
+            *graph_routes.ROUTES, *compare_routes.ROUTES, *run_routes.ROUTES,
             *look_routes.ROUTES,
         ],
         middleware=[Middleware(GZipMiddleware, minimum_size=20_000, compresslevel=3)],

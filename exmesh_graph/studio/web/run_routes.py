@@ -20,10 +20,10 @@ _LOG_BYTES = 256 << 10
 
 
 def runs(workspace: Workspace, query: Query) -> Any:
-    ours = workspace.jobs.ours()
+    ours, labels = workspace.jobs.ours(), workspace.labels.all()
     with workspace.watcher.lock:
         views = workspace.watcher.all(query.whole("last", 50, 1, 200))
-        return {"runs": [{**view.facts(), "ours": view.id in ours} for view in views]}
+        return {"runs": [{**v.facts(), "ours": v.id in ours, "label": labels.get(v.id, "")} for v in views]}
 
 
 def run(workspace: Workspace, query: Query) -> Any:

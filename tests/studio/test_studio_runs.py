@@ -1,0 +1,122 @@
+"""Runs in processes of their own: started, watched, stopped, gone on with; sweeps and comparisons."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.testclient import TestClient
+
+import exmesh_graph as ex
+from exmesh_graph.studio.workspace import Workspace
+
+SLOW = """\
+name: slow
+nodes:
+  one: {type: toy.const, value: 1}
+  wait: {type: toy.slow, number: "@one.number", seconds: 60, steps: 600}
+"""
+
+
+def until(done: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """What `done` gives once it gives something."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := done():
+            return found
+        time.sleep(0.1)
+    raise AssertionError("it did not happen in time")
+
+
+def run_of(client: TestClient, answer: Any) -> str:
+    """The id of the run that an answer tells of, once there is one."""
+    assert answer.status_code == 202, answer.text
+    told = answer.json()["run"]["id"]
+    return str(told or until(lambda: next((r["id"] for r in client.get("/api/runs").json()["runs"] if r["ours"]), "")))
+
+
+def ended(client: TestClient, name: str) -> dict[str, Any]:
+    def look() -> dict[str, Any] | None:
+        told = client.get(f"/api/runs/{name}").json()
+        return told if told["state"] not in ("running", "stopping", "starting") else None
+
+    return dict(until(look))
+
+
+def test_a_run_of_edits_and_a_sweep_of_what_is_marked(client: TestClient, folder: Path) -> None:
+    client.post("/api/edit", json={"ops": [{"set": "one.value", "to": 5}, {"set": "n", "to": 2}]})
+    name = run_of(client, client.post("/api/runs", json={"workers": 0}))
+    told = ended(client, name)
+    assert (told["state"], told["ours"], told["nodes"]) == ("done", True, 7)
+    assert told["nodes_detail"][0]["outputs"]["number"]["type"] == "Number"
+    assert Path(told["file"]).parent == folder / ".exmesh" / "studio" / "graphs"
+    assert (folder / "graphs" / "small.yaml").read_text().count("value: 1")  # what is on disk was not touched
+    until(lambda: client.get("/api/document").json()["plan"]["counts"]["run"] == 0)
+    plan = client.get("/api/plan").json()["plan"]
+    assert plan["counts"] == {"hit": 7, "run": 0, "unknown": 0}
+    digest = plan["nodes"]["sum"]["rounds"][0]["outputs"]["number"]["digest"]
+    assert client.get("/api/artifact", params={"digest": digest}).json()["type"] == "Number"
+    log = client.get(f"/api/runs/{name}/log", params={"node": "one"}).json()
+    assert [line["text"].split()[0] for line in log["lines"]] == ["starts", "done"]
+
+    marked = client.post("/api/ablation", json={"nodes": ["rounds.leap", "sum.b", "one"], "repeats": 1}).json()
+    assert [(one["name"], one["how"]) for one in marked["variants"]] == [
+        ("no_leap", "bypassed"), ("no_b", "disconnected"), ("no_one", "refused"),
+    ]  # fmt: skip
+    assert "cannot be bypassed" in marked["variants"][2]["why"]
+    assert [one["name"] for one in marked["plan"]["variants"]] == ["base", "no_leap", "no_b"]
+    swept = run_of(client, client.post("/api/sweep", json={"nodes": ["rounds.leap", "sum.b"], "workers": 0}))
+    assert ended(client, swept)["state"] == "done"
+    table = until(lambda: client.get(f"/api/runs/{swept}/sweep").json().get("table"))
+    assert [row["variant"] for row in table["rows"]] == ["base", "no_leap", "no_b"]
+    page = until(lambda: (a := client.get(f"/api/runs/{swept}/sweep.html")).status_code == 200 and a)
+    assert "sandbox" in page.headers["content-security-policy"]
+
+    pair = client.get("/api/compare", params={"a": name, "b": swept}).json()
+    assert {one["name"]: one["same"] for one in pair["nodes"]}["one"] is True
+    client.post("/api/runs/label", json={"id": name, "label": "five\u0007 <b>"})
+    assert client.get(f"/api/runs/{name}").json()["label"] == "five <b>"
+
+
+def test_a_run_is_stopped_and_its_failure_told(client: TestClient, workspace: Workspace, folder: Path) -> None:
+    (folder / "graphs" / "slow.yaml").write_text(SLOW)
+    assert client.post("/api/open", json={"file": "slow.yaml"}).status_code == 200
+    name = run_of(client, client.post("/api/runs", json={}))
+    until(lambda: client.get(f"/api/runs/{name}/curves").json()["curves"])
+    (detail,) = [n for n in client.get(f"/api/runs/{name}").json()["nodes_detail"] if n["name"] == "wait"]
+    assert detail["state"] == "running"
+    assert detail["progress"]["total"] == 600
+    assert client.post("/api/runs/stop", json={"id": name}).json()["run"]["state"] == "stopping"
+    told = ended(client, name)
+    assert told["state"] == "interrupted"
+    assert told["can_resume"]
+    assert client.post("/api/runs/stop", json={"id": name}).status_code == 422  # nobody writes it now
+
+
+def test_runs_started_elsewhere_are_seen_and_replayed(client: TestClient, folder: Path) -> None:
+    graph = ex.Graph("elsewhere")
+    one = graph.add("one", "toy.const", value=1)
+    graph.add("bad", "toy.fail", number=one.number, value=5)
+    try:
+        ex.run(graph, workers=0, progress=False, store=folder / ".exmesh", runs=folder / "runs")
+    except ex.RunFailed as failure:
+        name = failure.run.id
+    told = until(lambda: next((r for r in client.get("/api/runs").json()["runs"] if r["id"] == name), None))
+    assert (told["state"], told["ours"], told["failed"]) == ("failed", False, ["bad"])
+    (bad,) = [n for n in client.get(f"/api/runs/{name}").json()["nodes_detail"] if n["name"] == "bad"]
+    assert "the number is too small" in bad["failure"]["message"]
+    assert bad["failure"]["replay"].startswith("exmesh replay ")
+    assert bad["warnings"] == ["about to compare"]
+
+
+def test_a_record_that_somebody_broke_is_unreadable_and_no_more(client: TestClient, folder: Path) -> None:
+    for number, text in enumerate(["{", "[]", '{"state": 1, "nodes": 3, "started": "x"}', json.dumps({"nodes": {}})]):
+        broken = folder / "runs" / f"2026-{number}"
+        broken.mkdir(parents=True)
+        (broken / "run.json").write_text(text)
+        (broken / "events.jsonl").write_bytes(b'\xff\xfe{"event": 3}\nnull\n{"event": "progress", "time": 1}\n')
+    runs = until(lambda: [r for r in client.get("/api/runs").json()["runs"] if r["id"].startswith("2026-")])
+    assert {run["state"] for run in runs} == {"unreadable"}
