@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +12,7 @@ from exmesh_graph.graph.problems import without_rounds
 from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, Step
 from exmesh_graph.graph.run.plan import plan as steps_of
 
+IDLE = "idle"
 _ORDER = (RUN, UNKNOWN, HIT)  # what a folded node is called by
 
 
@@ -47,7 +48,11 @@ def plan_facts(checked: Checked, store: Store, targets: set[str] | None = None) 
         known = all(seconds is not None for seconds in told)
         folded |= {"state": first["state"], "reason": first["reason"], "known": known,
                    "seconds": sum(seconds or 0.0 for seconds in told)}  # fmt: skip
-    return {"counts": counts, "seconds": total, "complete": complete, "nodes": nodes}
+    for name in checked.idle:
+        row = {"name": name, "state": IDLE, "reason": "nothing needs it", "seconds": None, "key": None}
+        folded = nodes.setdefault(without_rounds(name), {**row, "known": False, "rounds": []})
+        folded["rounds"].append(row)
+    return {"counts": counts, "idle": list(checked.idle), "seconds": total, "complete": complete, "nodes": nodes}
 
 
 class Expected:
@@ -69,16 +74,6 @@ class Expected:
             self._known[kind] = seconds
         known = self._known[kind]
         return known.get(name, known.get(without_rounds(name)))
-
-
-def needed(checked: Checked, names: Iterable[str]) -> set[str] | None:
-    """The nodes that some, named with or without rounds, need; None for all."""
-    wanted = list(names)
-    if not wanted:
-        return None
-    whole = checked.with_idle()  # a node that nothing needs runs where it is named
-    chosen = {full for full in whole.nodes for name in wanted if full == name or without_rounds(full) == name}
-    return whole.needed_for(chosen)
 
 
 def _spent(step: Step) -> float | None:

@@ -62,7 +62,7 @@ def _work(job: Mapping[str, Any], listen: Any) -> None:
     else:
         from exmesh_graph.api.runs import run
 
-        run(job["graph"], variant=job["variant"] or None, force=job["force"], **common)
+        run(job["graph"], variant=job["variant"] or None, force=job["force"], start=job.get("start"), **common)
 
 
 def _interrupt(signum: int, frame: Any) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 from exmesh_graph.api.opening import open_store
 from exmesh_graph.api.planning import why_of
 from exmesh_graph.api.results import read_run
+from exmesh_graph.api.selecting import selected
 from exmesh_graph.errors import ExmeshError, GraphError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import writing
@@ -31,7 +32,7 @@ from exmesh_graph.studio.hub import Hub
 from exmesh_graph.studio.jobs import Jobs
 from exmesh_graph.studio.labels import Labels
 from exmesh_graph.studio.listing import graph_file_facts
-from exmesh_graph.studio.plans import needed, plan_facts
+from exmesh_graph.studio.plans import plan_facts
 from exmesh_graph.studio.runview import RunView
 from exmesh_graph.studio.saving import child_text, difference, edited_text, ops_text, variant_text
 from exmesh_graph.studio.watching import Watcher
@@ -138,7 +139,8 @@ class Workspace:
             return None
         names = list(nodes)
         if names:
-            return plan_facts(judged.checked, self.store(), needed(judged.checked, names))
+            chosen = selected(judged.checked, names)
+            return plan_facts(chosen.graph, self.store(), chosen.targets)
         return self._planning(document, judged).result()
 
     def open(self, name: str, variant: str = "") -> None:
@@ -240,12 +242,10 @@ class Workspace:
                 variant = document.variant
             elif document.ops:
                 graph = written_copy(judged.top, document.file, self.store_folder / "studio" / "graphs")
-        nodes = sorted(needed(judged.checked, body["nodes"]) or ()) if body.get("nodes") else None
-        force = [
-            full for full in judged.checked.with_idle().nodes for name in body.get("force") or () if _means(full, name)
-        ]
+        names = {word: list(body.get(word) or ()) or None for word in ("nodes", "force", "start")}
+        selected(judged.checked, **names)  # raises for names that fit nothing
         return self.start_job({
-            "kind": "run", "graph": str(graph), "variant": variant, "nodes": nodes, "force": force or None,
+            "kind": "run", "graph": str(graph), "variant": variant, **names,
             "workers": body.get("workers"), "keep_going": bool(body.get("keep_going")), "set": body.get("set") or None,
             "only": None,
         })  # fmt: skip
@@ -276,7 +276,8 @@ class Workspace:
             raise Outside(f"the graph of {view.id} is not in this folder: {file}", expected=f"a file in {self.folder}")
         return self.start_job({
             "kind": "run", "graph": str(file), "variant": str(resolved.get("variant") or ""), "nodes": None,
-            "force": None, "workers": None, "keep_going": False, "set": list(record.get("overrides") or ()) or None,
+            "force": None, "start": None, "workers": None, "keep_going": False,
+            "set": list(record.get("overrides") or ()) or None,
             "only": None,
         })  # fmt: skip
 
@@ -400,9 +401,3 @@ def _as_edit(text: str) -> Op:
 
     name, _, value = str(text).partition("=")
     return {"set": name, "to": plain(parse_yaml(value, None))}
-
-
-def _means(full: str, name: str) -> bool:
-    from exmesh_graph.graph.problems import without_rounds
-
-    return name in (full, without_rounds(full))

@@ -54,7 +54,7 @@ def test_a_run_of_edits_and_a_sweep_of_what_is_marked(client: TestClient, folder
     assert told["nodes_detail"][0]["outputs"]["number"]["type"] == "Number"
     assert Path(told["file"]).parent == folder / ".exmesh" / "studio" / "graphs"
     assert (folder / "graphs" / "small.yaml").read_text().count("value: 1")  # what is on disk was not touched
-    until(lambda: client.get("/api/document").json()["plan"]["counts"]["run"] == 0)
+    until(lambda: client.get("/api/plan").json()["plan"]["counts"]["run"] == 0)
     plan = client.get("/api/plan").json()["plan"]
     assert plan["counts"] == {"hit": 7, "run": 0, "unknown": 0}
     digest = plan["nodes"]["sum"]["rounds"][0]["outputs"]["number"]["digest"]
@@ -109,7 +109,6 @@ def test_runs_started_elsewhere_are_seen_and_replayed(client: TestClient, folder
     (bad,) = [n for n in client.get(f"/api/runs/{name}").json()["nodes_detail"] if n["name"] == "bad"]
     assert "the number is too small" in bad["failure"]["message"]
     assert bad["failure"]["replay"].startswith("exmesh replay ")
-    assert bad["warnings"] == ["about to compare"]
 
 
 def test_a_record_that_somebody_broke_is_unreadable_and_no_more(client: TestClient, folder: Path) -> None:
