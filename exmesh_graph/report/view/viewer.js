@@ -41,20 +41,30 @@ function geometryOf(glb) {
   return geometry;
 }
 
+// What each picture of the file is for, as its material uses it.
+function roles({ document }) {
+  const entry = document.materials?.[0] ?? {}, surface = entry.pbrMetallicRoughness ?? {};
+  const used = { base_color: surface.baseColorTexture, orm: surface.metallicRoughnessTexture, normal: entry.normalTexture };
+  return Object.entries(used).filter(([, slot]) => slot).map(([name, { index }]) => {
+    const { source, extensions } = document.textures[index];
+    return [name, document.images[source ?? extensions.EXT_texture_webp.source]];
+  });
+}
+
 async function textures(glb) {
   const found = {};
-  for (const image of glb.document.images ?? []) {
+  for (const [name, image] of roles(glb)) {
     const picture = new Image();
     picture.src = URL.createObjectURL(new Blob([part(glb, image.bufferView)], { type: image.mimeType }));
     await picture.decode();
     const texture = new THREE.Texture(picture);
     texture.flipY = false; // glTF: v down
-    texture.colorSpace = image.name === "base_color" ? THREE.SRGBColorSpace : THREE.NoColorSpace;
+    texture.colorSpace = name === "base_color" ? THREE.SRGBColorSpace : THREE.NoColorSpace;
     texture.generateMipmaps = true;
     texture.minFilter = THREE.LinearMipmapLinearFilter;
     texture.anisotropy = 8;
     texture.needsUpdate = true;
-    found[image.name] = texture;
+    found[name] = texture;
   }
   return found;
 }
@@ -70,7 +80,7 @@ function channelMaterial(texture, channel) {
 
 // What of the model can be shown, by name; an unlit one holds appearance, not material; one without pictures is gray.
 function materialsOf(glb, maps) {
-  const entry = glb.document.materials?.[0] ?? {}, metalness = entry.pbrMetallicRoughness?.metallicFactor ?? 0;
+  const entry = glb.document.materials?.[0] ?? {}, metalness = entry.pbrMetallicRoughness?.metallicFactor ?? 1;
   const flat = new THREE.MeshBasicMaterial({ map: maps.base_color });
   const bare = {
     normals: new THREE.MeshNormalMaterial({ normalMap: maps.normal || null }),

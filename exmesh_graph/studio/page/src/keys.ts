@@ -1,5 +1,5 @@
 // Keys that work wherever no text is typed.
-import { outputsOf, look } from "./panels/Results";
+import { lookAtNode } from "./panels/Results";
 import { toggleMark } from "./panels/NodeHead";
 import { edit, redo, startRun, undo } from "./state/actions";
 import { nodeOf, now, set } from "./state/store";
@@ -24,8 +24,5 @@ export function keys(event: KeyboardEvent): void {
   else if (node && key === "m") toggleMark(node.id);
   else if (node && edits && key === "b" && node.editable.includes("bypass")) void edit({ bypass: node.id });
   else if (node && edits && (key === "delete" || key === "backspace") && node.editable.includes("remove")) { done(); void edit({ remove: node.id, force: true }); }
-  else if (node && key === "enter" && !target.closest("button, a")) {
-    const name = node.names[(s.round ?? node.names.length) - 1] ?? node.id, first = Object.entries(outputsOf(s, name, node.id))[0];
-    if (first) look(0, first[1].digest, name, first[0]);
-  }
+  else if (node && key === "enter" && !target.closest("button, a")) lookAtNode(node);
 }

@@ -3,6 +3,7 @@ import { Background, BackgroundVariant, Controls, MiniMap, ReactFlow, useReactFl
 import { useCallback, useEffect, useMemo, useRef, useState } from "react";
 import { edit } from "../state/actions";
 import { nodeOf, now, set, shownGraph, toast, useStudio } from "../state/store";
+import { lookAtNode } from "../panels/Results";
 import { FrameBox } from "./FrameBox";
 import { NodeBox } from "./NodeBox";
 import { picture, type Picture } from "./picture";
@@ -44,7 +45,12 @@ export function Canvas() {
   }), [edges, chosenEdges, selected]);
 
   const far = useStore((s) => s.transform[2] < 0.42);
-  const { fitView, setCenter, getZoom } = useReactFlow();
+  const { fitView, setCenter, getZoom, getViewport, setViewport } = useReactFlow();
+  const height = useStore((s) => s.height), before = useRef(0);
+  useEffect(() => { // when the part below opens or closes, the middle stays the middle
+    if (before.current && height && before.current !== height) { const at = getViewport(); void setViewport({ ...at, y: at.y + (height - before.current) / 2 }); }
+    before.current = height;
+  }, [height, getViewport, setViewport]);
   useFit(drawn, fitView, setCenter);
   const reveal = useCallback((id: string) => {
     const rect = drawn?.layout.boxes.get(id) ?? drawn?.layout.frames.get(id);
@@ -89,12 +95,12 @@ export function Canvas() {
         onConnect={(c) => { if (c.sourceHandle && c.targetHandle) void join({ node: c.source, handle: c.sourceHandle }, { node: c.target, handle: c.targetHandle }); }}
         onConnectEnd={release}
         onNodeClick={(_, node) => { setChosenEdges(new Set()); choose(node); }}
-        onNodeDoubleClick={(_, node) => { const id = idOf(node), found = nodeOf(now(), id); if (found && (found.kind === "block" || found.kind === "part")) set((s) => ({ blocks: { ...s.blocks, [id]: s.blocks[id] === "folded" ? "open" : "folded" } })); }}
+        onNodeDoubleClick={(_, node) => { const id = idOf(node), found = nodeOf(now(), id); if (found && (found.kind === "block" || found.kind === "part")) set((s) => ({ blocks: { ...s.blocks, [id]: s.blocks[id] === "folded" ? "open" : "folded" } })); else if (found) lookAtNode(found); }}
         onEdgeClick={(_, edge) => setChosenEdges(new Set([edge.id]))}
         onPaneClick={() => { set({ selected: null }); setChosenEdges(new Set()); useDrawing.setState({ choose: null }); }}>
         <Background variant={BackgroundVariant.Dots} gap={22} size={1.2} />
         <Controls showInteractive={false} position="bottom-left" />
-        {drawn.boxes.length > 14 && <MiniMap pannable zoomable position="bottom-right" nodeColor={mapColour} nodeBorderRadius={6} ariaLabel="overview of the graph" />}
+        {drawn.boxes.length > 14 && <MiniMap pannable zoomable position="bottom-right" style={{ width: 170, height: Math.min(110, Math.max(44, (170 * drawn.layout.height) / drawn.layout.width + 16)) }} offsetScale={2} nodeColor={mapColour} nodeBorderRadius={6} ariaLabel="overview of the graph" />}
       </ReactFlow>
       <div className="canvas-tools">
         <button onClick={() => setAllPorts(!allPorts)} aria-pressed={allPorts} title="show optional inputs that nothing is wired to">All ports</button>

@@ -5,7 +5,7 @@
 import { apart, crossings } from "./place";
 import type { BoxShape, FrameShape, Layout, Point, WireEnd, WireShape } from "./shapes";
 
-const GAP_ALONG = 54, GAP_ACROSS = 18, MARGIN = 22, TITLE = 30, WAY = 8;
+const GAP_ALONG = 40, GAP_ACROSS = 18, MARGIN = 22, TITLE = 30, WAY = 8;
 
 interface Key { kind: "box" | "way" | "in" | "out"; name: string; column: number; text: string }
 interface Link { left: Key; right: Key; source: string; wires: WireShape[]; from: WireEnd; to: WireEnd | null }
@@ -230,7 +230,7 @@ class Scope {
     rows.forEach((row, column) => {
       const border = this.path && (column === 0 || column === this.last), width = border ? 0 : Math.max(0, ...row.filter((key) => key.kind === "box").map((key) => this.size(key.name).width));
       left.push(x); right.push(x + width);
-      x += width + (border ? 70 : GAP_ALONG + Math.min(60, 2 * row.length));
+      x += width + (border ? 64 : GAP_ALONG + Math.min(50, 1.5 * row.length));
     });
     const end = right[right.length - 1] + (this.path ? 0 : MARGIN);
     const bottom = Math.max(0, ...[...this.keys.values()].map((key) => ys.get(key.text)! + this.across(key) / 2)) + MARGIN;

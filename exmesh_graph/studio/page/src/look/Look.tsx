@@ -46,10 +46,9 @@ export function Look() {
           <button aria-pressed={mode === "beside"} onClick={() => setLook({ mode: "beside" })}>Side by side</button>
           <button aria-pressed={mode === "wipe"} onClick={() => setLook({ mode: "wipe" })}>Wipe</button>
           <button title="swap the sides" aria-label="swap the sides" onClick={() => set((s) => ({ looked: [s.looked[1], s.looked[0]] }))}>⇄</button></span>}
-        <span className="spring" />
         {a.artifact && a.artifact.shows.length > 1 && <span className="group shows" role="tablist" aria-label="what is shown">{a.artifact.shows.map((each) => <button role="tab" key={each.id} aria-selected={each.id === show?.id} onClick={() => setLook({ show: each.id, single: false })}>{each.title || each.kind}</button>)}</span>}
+        {show && a.artifact && <LookTools show={show} />}
       </div>
-      {show && a.artifact && <LookTools show={show} />}
       <div className={`look-area${two ? (wipe ? " wipe" : " beside") : ""}`} ref={area}>
         <div className="side">{a.artifact && show ? <ShowView key={`${a.artifact.digest}${show.id}`} artifact={a.artifact} show={show} /> : <Waiting failed={a.failed} />}</div>
         {two && <div className="side" style={wipe ? { clipPath: `inset(0 0 0 ${100 * cut}%)` } : undefined}>
@@ -68,7 +67,7 @@ function Title({ looked, artifact, side, close }: { looked: Looked; artifact: Ar
   const two = useStudio((s) => s.looked[1] !== null);
   return (
     <span className={`look-title side-${side}`} title={artifact ? `${artifact.type}, ${bytes(artifact.bytes)}\n${looked.digest}` : ""}>
-      {two && <b className="badge">{side}</b>} <b>{looked.label}</b> <span className="soft">{artifact?.title}</span>
+      {two && <b className="badge">{side}</b>} <b>{looked.label}</b> <span className="soft">{artifact?.title.replace(/^\w+: /, "")}</span>
       <button className="quiet" onClick={close} aria-label={`close ${side}`}>✕</button>
     </span>
   );

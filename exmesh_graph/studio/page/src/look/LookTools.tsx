@@ -49,7 +49,7 @@ function ModelTools() {
 
 export function Choice({ label, value, values, pick }: { label: string; value: string; values: string[]; pick: (value: string) => void }) {
   if (values.length <= 6) return <span className="group" role="group" aria-label={label}>{values.map((each) => <button key={each} aria-pressed={each === value} onClick={() => pick(each)}>{each.replace(/_/g, " ")}</button>)}</span>;
-  return <label>{label} <select value={value} onChange={(event) => pick(event.target.value)}>{values.map((each) => <option key={each}>{each}</option>)}</select></label>;
+  return <label>{label} <select value={value} onChange={(event) => pick(event.target.value)}>{values.map((each) => <option key={each} value={each}>{each.split("/").pop()}</option>)}</select></label>;
 }
 
 function Slider({ label, unit, set, ...rest }: { label: string; min: number; max: number; step: number; value: number; set: (value: number) => void; unit: string }) {

@@ -26,6 +26,7 @@ export function ShowView({ artifact, show }: { artifact: Artifact; show: Show })
     case "table": return <TableOf digest={digest} show={show.id} />;
     case "curves": return <CurvesOf digest={digest} />;
     case "figures": return <FiguresOf digest={digest} />;
+    case "viewer": return <iframe className="viewer" title={show.title} sandbox="allow-scripts" src={address("/api/artifact/view", { digest })} />;
     case "files": return (
       <div className="told">
         <table><tbody>{(show.files ?? []).map((file) => <tr key={file.path}><td><a href={address("/api/artifact/file", { digest, path: file.path })} download>{file.path}</a>{file.path === show.main && <span className="chip">open this one</span>}</td><td className="n">{bytes(file.bytes)}</td></tr>)}</tbody></table>

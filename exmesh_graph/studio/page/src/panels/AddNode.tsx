@@ -47,7 +47,7 @@ export function AddNode() {
           {types.map(({ type, fits }, k) => (
             <button key={type.type} role="option" aria-selected={k === chosen} className={k === chosen ? "chosen" : ""} ref={(element) => { if (k === chosen) element?.scrollIntoView({ block: "nearest" }); }}
               onClick={() => setChosen(k)} onDoubleClick={() => void add(type)}>
-              <code>{type.type}</code> {type.kind === "component" && <span className="chip">component</span>}{!fits && <span className="soft"> does not fit the wire</span>}<br /><span className="soft">{type.title}</span>
+              <code>{type.type}</code> {type.kind === "component" && <span className="chip">component</span>}{!fits && <span className="soft"> does not fit the wire</span>}<span className="soft clamp">{type.doc || type.title}</span>
             </button>
           ))}
           {types.length === 0 && <p className="soft">Nothing found.</p>}
@@ -57,7 +57,7 @@ export function AddNode() {
             <h3><code>{picked.type.type}</code></h3>
             <p className="doc">{picked.type.doc || picked.type.title}</p>
             <p><span className="soft">takes</span> {picked.type.inputs.map((port) => `${port.port}: ${port.label}${port.optional ? "?" : ""}`).join(", ") || "nothing"}</p>
-            <p><span className="soft">{picked.type.kind === "component" ? "plugs in as" : "makes"}</span> {picked.type.kind === "component" ? picked.type.plug : picked.type.outputs.map((port) => `${port.port}: ${port.label}`).join(", ") || "nothing"}</p>
+            <p><span className="soft">{picked.type.kind === "component" ? "plugs in as" : "makes"}</span> {picked.type.kind === "component" ? picked.type.plug || picked.type.outputs[0]?.label : picked.type.outputs.map((port) => `${port.port}: ${port.label}`).join(", ") || "nothing"}</p>
             <p><label>Name <input value={name} placeholder={suggested(picked.type)} onChange={(event) => setName(event.target.value)} /></label></p>
             {blocks.length > 0 && <p><label>In <select value={block} onChange={(event) => setBlock(event.target.value)}><option value="">the graph</option>{blocks.map((node) => <option key={node.id} value={node.id}>{node.id}</option>)}</select></label></p>}
             <button className="run" onClick={() => void add(picked.type)}>Add{at ? " and wire" : ""}</button>

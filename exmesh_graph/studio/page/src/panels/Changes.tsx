@@ -23,7 +23,7 @@ export function Changes() {
       </div>
       {!document.ops.length && !whole && <p className="soft">No edits. What you change stands here as a patch on {document.file}.</p>}
       {document.ops.length > 0 && <div className="two">
-        <div><h3>Patch</h3><pre className="patch">{document.patch}</pre></div>
+        <div><h3>Patch</h3><pre className="patch">{dedent(document.patch)}</pre></div>
         <div><h3>What becomes of {document.file}</h3>{text?.why_not ? <p className="warning">It cannot be saved in place: {text.why_not.what} {text.why_not.fix}</p> : <Diff text={text?.diff ?? ""} />}</div>
       </div>}
       {whole && <pre className="patch">{text?.new_text || text?.text}</pre>}
@@ -34,3 +34,8 @@ export function Changes() {
 const Diff = ({ text }: { text: string }) => (
   <pre className="patch">{text.split("\n").map((line, k) => <span key={k} className={line.startsWith("+") && !line.startsWith("+++") ? "plus" : line.startsWith("-") && !line.startsWith("---") ? "minus" : ""}>{line}{"\n"}</span>)}</pre>
 );
+
+export const dedent = (text: string): string => {
+  const lines = text.split("\n"), margin = Math.min(...lines.filter((line) => line.trim()).map((line) => line.length - line.trimStart().length), 99);
+  return lines.map((line) => line.slice(margin)).join("\n");
+};

@@ -11,13 +11,15 @@ export function parse(parameter: Parameter, text: string): { value: Json } | { w
   if (/^\$\{[A-Za-z_]\w*\}$/.test(trimmed)) return { value: trimmed };
   if (trimmed === "auto" && parameter.auto) return { value: "auto" };
   if ((trimmed === "" || trimmed === "null" || trimmed === "none") && parameter.optional) return { value: null };
-  if (["int", "float", "number"].includes(parameter.type)) {
+  if (!parameter.choices && ["int", "float", "number"].includes(parameter.type)) {
     const value = Number(trimmed);
     if (trimmed === "" || Number.isNaN(value)) return /^[+-]?\.(inf|nan)$/i.test(trimmed) ? { value: trimmed } : { wrong: "a number, please" };
     if (parameter.type === "int" && !Number.isInteger(value)) return { wrong: "a whole number, please" };
     const range = outside(parameter, value);
     return range ? { wrong: range } : { value };
   }
+  if (parameter.type === "bool") return trimmed === "true" || trimmed === "false" ? { value: trimmed === "true" } : { wrong: "true or false" };
+  if (parameter.choices) return { value: parameter.choices.find((choice) => shown(choice) === text) ?? text };
   if (["list", "map", "any"].includes(parameter.type)) {
     try { return { value: JSON.parse(trimmed) as Json }; } catch { return parameter.type === "any" ? { value: trimmed } : { wrong: parameter.type === "list" ? "a list such as [1, 2]" : 'a map such as {"a": 1}' }; }
   }
@@ -67,13 +69,14 @@ export function Field({ parameter, target, readOnly }: { parameter: Parameter; t
   const abandon = () => { typing.current = false; clearTimeout(timer.current); forgetPreview(); setText(shown(parameter.value)); setWrong(""); };
 
   const id = `p-${target}`, number = ["int", "float", "number"].includes(parameter.type);
-  const bounded = number && parameter.le !== null && (parameter.ge !== null || parameter.gt !== null) && parameter.le - (parameter.ge ?? parameter.gt ?? 0) <= 1000 && typeof parameter.value === "number";
+  const bounded = number && parameter.le !== null && (parameter.ge !== null || parameter.gt !== null) && parameter.le - (parameter.ge ?? parameter.gt ?? 0) <= 100 && typeof parameter.value === "number";
   let control;
-  if (parameter.type === "bool") control = <input id={id} type="checkbox" disabled={readOnly} checked={parameter.value === true} onChange={(event) => void edit({ set: target, to: event.target.checked })} />;
-  else if (parameter.choices) control = (
+  const choices = parameter.choices ?? (parameter.type === "bool" && parameter.auto ? [true, false, "auto"] : null);
+  if (parameter.type === "bool" && !choices) control = <input id={id} type="checkbox" disabled={readOnly} checked={parameter.value === true} onChange={(event) => void edit({ set: target, to: event.target.checked })} />;
+  else if (choices) control = (
     <select id={id} disabled={readOnly} value={shown(parameter.value)} onChange={(event) => commit(event.target.value)}>
-      {!parameter.choices.some((choice) => shown(choice) === shown(parameter.value)) && <option>{shown(parameter.value)}</option>}
-      {parameter.choices.map((choice) => <option key={shown(choice)} value={shown(choice)}>{shown(choice)}</option>)}
+      {!choices.some((choice) => shown(choice) === shown(parameter.value)) && <option>{shown(parameter.value)}</option>}
+      {choices.map((choice) => <option key={shown(choice)} value={shown(choice)}>{shown(choice)}</option>)}
     </select>
   );
   else control = (
@@ -95,7 +98,7 @@ export function Field({ parameter, target, readOnly }: { parameter: Parameter; t
         {control}
         {parameter.unit && <span className="unit">{parameter.unit}</span>}
         {parameter.set && !readOnly && <button className="quiet" title={`back to ${shown(parameter.default) || "none"}`} aria-label={`reset ${parameter.name}`} onClick={() => void edit({ unset: target })}>↺</button>}
-        {!readOnly && parameter.type === "bool" && <span className="fill" />}
+        {!readOnly && parameter.type === "bool" && !choices && <span className="fill" />}
       </span>
       {bounded && !readOnly && <input type="range" className="slider" aria-label={`${parameter.name}, slider`} min={parameter.ge ?? parameter.gt ?? 0} max={parameter.le!} step={parameter.type === "int" ? 1 : (parameter.le! - (parameter.ge ?? parameter.gt ?? 0)) / 100}
         value={Number(text) || 0} onChange={(event) => change(String(Number(Number(event.target.value).toPrecision(4))))} onPointerUp={(event) => commit((event.target as HTMLInputElement).value && String(Number(Number((event.target as HTMLInputElement).value).toPrecision(4))))} onKeyUp={() => commit()} />}

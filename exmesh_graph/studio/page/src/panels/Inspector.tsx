@@ -1,12 +1,12 @@
 // The right side: the selected node, or the graph itself.
 import { useEffect, useState } from "react";
-import { shownGraph, nodeOf, set, useStudio } from "../state/store";
+import { nodeOf, now, set, shownGraph, useStudio } from "../state/store";
 import type { GraphNode } from "../types";
 import { GraphPanel } from "./GraphPanel";
 import { NodeHead } from "./NodeHead";
 import { Parameters } from "./Parameters";
 import { Ports } from "./Ports";
-import { Results } from "./Results";
+import { Results, lookAtNode } from "./Results";
 import { Why } from "./Why";
 
 type Tab = "parameters" | "ports" | "results" | "why";
@@ -23,6 +23,10 @@ function NodePanel({ node }: { node: GraphNode }) {
   const allowed = node.kind === "node" ? TABS : TABS.filter(([tab]) => tab === "parameters" || tab === "ports");
   const [tab, setTab] = useState<Tab>(() => (allowed.some(([name]) => name === last) ? last : "parameters"));
   useEffect(() => { last = tab; }, [tab]);
+  useEffect(() => { // what is looked at follows the selection, unless two things are compared
+    const s = now();
+    if (s.dock !== "closed" && s.tab === "look" && !s.looked[1]) lookAtNode(node);
+  }, [node.id]); // eslint-disable-line
   return (
     <>
       <NodeHead node={node} />

@@ -20,7 +20,7 @@ export function NodeHead({ node }: { node: GraphNode }) {
       <div className="buttons">
         {node.kind === "node" && !readOnly && <button onClick={() => void startRun([node.id])} title="Run this node and what it needs">▶ Run to here</button>}
         {can("bypass") && <button onClick={() => void edit({ bypass: node.id })} title="Take it out; what used its output gets what its input got (B)">Bypass</button>}
-        {can("replace") && node.type && <button onClick={() => get<{ types: { type: string; ok: boolean; why: string }[] }>("/api/swaps", { node: node.id }).then(({ types }) => setSwaps(types)).catch(tell)} title="Another type with the same ports">Swap…</button>}
+        {can("replace") && (node.kind === "node" || node.kind === "component") && <button onClick={() => get<{ types: { type: string; ok: boolean; why: string }[] }>("/api/swaps", { node: node.id }).then(({ types }) => setSwaps(types)).catch(tell)} title="Another type with the same ports">Swap…</button>}
         {can("remove") && <button className="danger" onClick={() => void edit({ remove: node.id, force: true })} title="Remove, with optional wires that lead to it (Del)">Remove</button>}
         {!readOnly && (node.kind === "node" || node.kind === "component") && <button aria-pressed={marked} onClick={() => toggleMark(node.id)} title="Mark for the comparison with and without it (M)">◆ {marked ? "Marked" : "Mark"}</button>}
       </div>

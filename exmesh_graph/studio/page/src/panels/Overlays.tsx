@@ -6,6 +6,7 @@ import { set, useStudio } from "../state/store";
 import type { Json } from "../types";
 import { SIGNS, WORDS, type Shown } from "../graph/states";
 import { AddNode } from "./AddNode";
+import { dedent } from "./Changes";
 
 export function Overlays() {
   const overlay = useStudio((s) => s.overlay);
@@ -20,7 +21,7 @@ export const close = () => set({ overlay: null, addAt: null });
 
 function Window({ title, children }: { title: string; children: ReactNode }) {
   const holder = useRef<HTMLDialogElement>(null);
-  useEffect(() => { holder.current?.showModal(); }, []);
+  useEffect(() => { holder.current?.showModal(); holder.current?.querySelector<HTMLElement>("input:not([type=radio])")?.focus(); }, []);
   return (
     <dialog ref={holder} className="window" aria-label={title} onCancel={close} onClose={close} onClick={(event) => { if (event.target === holder.current) close(); }}>
       <div className="window-head"><h2>{title}</h2><button className="quiet" onClick={close} aria-label="Close">✕</button></div>
@@ -65,7 +66,7 @@ function Save() {
       {as !== "file" && <p><label>Name <input autoFocus required pattern={as === "variant" ? "[A-Za-z_][A-Za-z0-9_]*" : "[A-Za-z0-9_\\-./]+"} title="letters, digits, _" value={name} onChange={(event) => setName(event.target.value)} placeholder={as === "variant" ? "direct" : "mine.yaml"} /></label></p>}
       {as === "variant" && <p><label>What it is for <input value={doc} onChange={(event) => setDoc(event.target.value)} placeholder="shown in tables" /></label></p>}
       <p className="soft">What is saved:</p>
-      <pre className="patch">{document.patch || "no edits"}</pre>
+      <pre className="patch">{dedent(document.patch) || "no edits"}</pre>
       {faulty && <p className="warning">The graph has faults. It can be saved, and cannot run before they are mended.</p>}
       <div className="buttons end"><button type="button" onClick={() => { void revert(); close(); }} className="danger">Throw the edits away</button><button type="submit" className="run">Save</button></div>
     </form>
@@ -73,7 +74,7 @@ function Save() {
 }
 
 const KEYS: [string, string][] = [["Ctrl Enter", "run"], ["A", "add a node"], ["← → ↑ ↓", "from node to node"], ["Enter", "look at what the node made"], ["B", "bypass"], ["Del", "remove"], ["M", "mark for with and without"],
-  ["Ctrl Z, Ctrl Shift Z", "undo, redo"], ["Ctrl S", "save"], ["F", "the whole graph"], ["L", "look larger, smaller"], ["Esc", "close, select nothing"], ["double click", "fold or open a block"]];
+  ["Ctrl Z", "undo"], ["Ctrl Shift Z", "redo"], ["Ctrl S", "save"], ["F", "the whole graph"], ["L", "look larger, smaller"], ["Esc", "close, select nothing"], ["double click", "fold or open a block"]];
 
 function Help() {
   return (

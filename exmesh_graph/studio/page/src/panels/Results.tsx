@@ -14,11 +14,11 @@ export function outputsOf(s: State, name: string, id: string): Outputs {
   return planned ?? run ?? {};
 }
 
-export function look(side: 0 | 1, digest: string, node: string, port: string, run = ""): void {
+export function look(side: 0 | 1, digest: string, node: string, port: string, type: string, run = ""): void {
   const label = `${node}${port ? `.${port}` : ""}${run ? ` · ${run}` : ""}`;
   set((s) => {
     const looked: State["looked"] = [...s.looked];
-    looked[side] = { digest, node, port, run, label };
+    looked[side] = { digest, node, port, run, label, type };
     if (side === 0 && !looked[1]) looked[1] = null;
     return { looked, tab: "look", dock: s.dock === "closed" ? "open" : s.dock };
   });
@@ -38,9 +38,27 @@ export function Results({ node }: { node: GraphNode }) {
           {made.map(({ name }) => <option key={name} value={name}>{node.names.indexOf(name) + 1}</option>)}
         </select></label>
       )}
-      {Object.entries(chosen.outputs).map(([port, output]) => <OutputCard key={`${port}${output.digest}`} digest={output.digest} type={output.type} size={output.bytes} name={chosen.name} port={port} />)}
+      {inOrder(node, chosen.outputs).map(([port, output]) => <OutputCard key={`${port}${output.digest}`} digest={output.digest} type={output.type} size={output.bytes} name={chosen.name} port={port} />)}
     </div>
   );
+}
+
+// As the type declares its outputs: the first is what the node is for.
+export function inOrder(node: GraphNode, outputs: Outputs): [string, Outputs[string]][] {
+  const place = (port: string) => { const at = node.outputs.findIndex((other) => other.port === port); return at < 0 ? 99 : at; };
+  return Object.entries(outputs).sort(([a], [b]) => place(a) - place(b));
+}
+
+const SURFACES = ["Mesh", "Carrier", "Stage1State", "Asset", "SceneTruth"];
+const alike = (one: string, two: string) => one === two || (SURFACES.includes(one) && SURFACES.includes(two));
+
+// The first output of the round that is chosen, or of the last one that is there.
+export function lookAtNode(node: GraphNode): void {
+  const s = now(), names = s.round !== null ? [node.names[s.round - 1]] : [...node.names].reverse();
+  for (const name of names) {
+    const first = inOrder(node, outputsOf(s, name ?? node.id, node.id))[0];
+    if (first) { look(0, first[1].digest, name ?? node.id, first[0], first[1].type); return; }
+  }
 }
 
 function OutputCard({ digest, type, size, name, port }: { digest: string; type: string; size: number; name: string; port: string }) {
@@ -56,10 +74,10 @@ function OutputCard({ digest, type, size, name, port }: { digest: string; type: 
     <div className="card output">
       <p><b>{port}</b> <span className="soft">{type} · {bytes(size)}</span></p>
       <p className="doc">{artifact?.title ?? "…"}</p>
-      {thumb && <button className="thumb" onClick={() => look(0, digest, name, port)} aria-label={`look at ${port}`}><img src={thumb} alt="" loading="lazy" /></button>}
+      {thumb && <button className="thumb" onClick={() => look(0, digest, name, port, type)} aria-label={`look at ${port}`}><img src={thumb} alt="" loading="lazy" /></button>}
       <div className="buttons">
-        <button onClick={() => look(0, digest, name, port)}>Look</button>
-        {other && other.digest !== digest && <button onClick={() => look(1, digest, name, port)} title={`beside ${other.label}`}>Beside {other.label}</button>}
+        <button onClick={() => look(0, digest, name, port, type)}>Look</button>
+        {other && other.digest !== digest && alike(other.type, type) && <button onClick={() => look(1, digest, name, port, type)} title={`beside ${other.label}`}>Beside {other.label}</button>}
       </div>
     </div>
   );

@@ -33,7 +33,7 @@ export function RunPair() {
         <div>
           <h3>Look at both</h3>
           <ul className="pairs">{found.nodes.filter((node) => !node.same && node.a && node.b).flatMap((node) => Object.keys(node.a!).filter((port) => node.b![port] && node.b![port].digest !== node.a![port].digest).map((port) => (
-            <li key={`${node.name}${port}`}><button className="link" onClick={() => { look(0, node.a![port].digest, node.name, port, "A"); look(1, node.b![port].digest, node.name, port, "B"); set({ tab: "look" }); }}>{node.name}.{port}</button> <span className="soft">{node.a![port].type}</span></li>)))}</ul>
+            <li key={`${node.name}${port}`}><button className="link" onClick={() => { look(0, node.a![port].digest, node.name, port, node.a![port].type, "A"); look(1, node.b![port].digest, node.name, port, node.b![port].type, "B"); set({ tab: "look" }); }}>{node.name}.{port}</button> <span className="soft">{node.a![port].type}</span></li>)))}</ul>
           {found.nodes.every((node) => node.same) && <p className="soft">Both made the same.</p>}
         </div>
       </div>}

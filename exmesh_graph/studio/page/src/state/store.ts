@@ -6,7 +6,7 @@ export type DockTab = "look" | "curves" | "log" | "changes" | "compare";
 export type BlockView = "folded" | "open" | "rounds";
 export interface Toast { id: number; kind: "info" | "error"; text: string; more?: string }
 // What is looked at: an artifact by digest, with where it came from.
-export interface Looked { digest: string; node: string; port: string; run: string; label: string }
+export interface Looked { digest: string; node: string; port: string; run: string; label: string; type: string }
 export interface Preview { for: string; seconds: number; run: number; names: string[] }
 
 export interface State {
