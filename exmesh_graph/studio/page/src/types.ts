@@ -64,7 +64,7 @@ export interface NodeType {
 export interface Catalog { types: NodeType[]; broken: { [pack: string]: string }; wire_types: { [type: string]: string[] } }
 
 export interface EndChoice { node: string; port: string; side?: string; link: string; ok: boolean; why: string; in_use: boolean; target?: string }
-export interface Ends { port: Port; ends: EndChoice[]; types: string[] }
+export interface Ends { port: Port; target?: string; ends: EndChoice[]; types: string[] }
 
 export interface Headline { value: Json; unit?: string; floor?: number | null; goal?: number | null; better?: string; node?: string; after_seconds?: number }
 

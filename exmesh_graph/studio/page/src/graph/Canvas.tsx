@@ -92,7 +92,10 @@ export function Canvas() {
         nodesDraggable={false} nodesConnectable={!readOnly} elementsSelectable deleteKeyCode={null} selectionOnDrag={false} multiSelectionKeyCode={null} zoomOnDoubleClick={false}
         disableKeyboardA11y connectionLineComponent={DrawnWire} connectionRadius={26} isValidConnection={valid} proOptions={{ hideAttribution: true }}
         onConnectStart={(_, { nodeId, handleId }) => { if (nodeId && handleId) void begin(nodeId, handleId); }}
-        onConnect={(c) => { if (c.sourceHandle && c.targetHandle) void join({ node: c.source, handle: c.sourceHandle }, { node: c.target, handle: c.targetHandle }); }}
+        onConnect={(c) => {
+          const { drawing } = useDrawing.getState();
+          if (drawing && c.sourceHandle && c.targetHandle) void join(drawing, drawing.output ? { node: c.target, handle: c.targetHandle } : { node: c.source, handle: c.sourceHandle });
+        }}
         onConnectEnd={release}
         onNodeClick={(_, node) => { setChosenEdges(new Set()); choose(node); }}
         onNodeDoubleClick={(_, node) => { const id = idOf(node), found = nodeOf(now(), id); if (found && (found.kind === "block" || found.kind === "part")) set((s) => ({ blocks: { ...s.blocks, [id]: s.blocks[id] === "folded" ? "open" : "folded" } })); else if (found) lookAtNode(found); }}

@@ -2,10 +2,10 @@
 import { create } from "zustand";
 import { edit, endsOf, tell } from "../state/actions";
 import { now, set, shownGraph, toast } from "../state/store";
-import type { EndChoice, Graph } from "../types";
+import type { EndChoice } from "../types";
 import { endOf, targetOf } from "./ends";
 
-interface Drawing { node: string; handle: string; output: boolean; ends: Map<string, EndChoice> | null; types: string[] }
+export interface Drawing { node: string; handle: string; output: boolean; target: string; ends: Map<string, EndChoice> | null; types: string[] }
 
 export const useDrawing = create<{ drawing: Drawing | null; choose: { node: string; at: [number, number]; ends: EndChoice[] } | null }>(() => ({ drawing: null, choose: null }));
 
@@ -16,12 +16,12 @@ export async function begin(node: string, handle: string): Promise<void> {
   const end = endOf(node, handle);
   asked?.abort();
   asked = new AbortController();
-  useDrawing.setState({ drawing: { node, handle, output: end.output, ends: null, types: [] }, choose: null });
+  useDrawing.setState({ drawing: { node, handle, output: end.output, target: "", ends: null, types: [] }, choose: null });
   try {
-    const { ends, types } = await endsOf(end.node, end.port, end.output, end.side, asked.signal);
+    const { ends, types, target } = await endsOf(end.node, end.port, end.output, end.side, asked.signal);
     const map = new Map(ends.map((choice) => [named(choice.node, choice.port, choice.side ?? ""), choice]));
     const { drawing } = useDrawing.getState();
-    if (drawing?.node === node && drawing.handle === handle) useDrawing.setState({ drawing: { ...drawing, ends: map, types } });
+    if (drawing?.node === node && drawing.handle === handle) useDrawing.setState({ drawing: { ...drawing, ends: map, types, target: target ?? "" } });
   } catch (error) { tell(error); }
 }
 
@@ -39,22 +39,13 @@ export function refusal(drawing: Drawing | null, node: string, handle: string): 
   return choice.ok ? null : choice.why || "these two cannot be joined";
 }
 
-export async function join(one: { node: string; handle: string }, two: { node: string; handle: string }): Promise<void> {
-  const a = endOf(one.node, one.handle), b = endOf(two.node, two.handle);
-  const [from, to] = a.output ? [a, b] : [b, a], graph = shownGraph(now());
-  if (!graph) return;
-  try {
-    await edit({ connect: targetOf(graph, to), to: await linkTo(graph, from, to) });
-  } catch (error) { tell(error); }
-}
-
-// How a file writes the source of a wire, seen from where it ends.
-async function linkTo(graph: Graph, from: { node: string; port: string; side: string }, to: { node: string; port: string; side: string }): Promise<string> {
-  const { ends } = await endsOf(to.node, to.port, false, to.side);
-  const found = ends.find((end) => end.node === from.node && end.port === from.port && (end.side ?? "") === from.side);
-  if (found?.link) return found.link;
-  const node = graph.nodes.find((other) => other.id === from.node);
-  return node?.kind === "component" || !from.port ? `@${from.node}` : `@${from.node}.${from.port}`;
+// Joins two ends. The server has said for each end which input is named and how a file writes the source.
+export async function join(drawing: Drawing, two: { node: string; handle: string }): Promise<void> {
+  const other = endOf(two.node, two.handle), graph = shownGraph(now());
+  const choice = drawing.ends?.get(named(other.node, other.port, other.side));
+  if (!graph || !choice) return;
+  const input = drawing.output ? other : endOf(drawing.node, drawing.handle);
+  await edit({ connect: (drawing.output ? choice.target : drawing.target) || targetOf(graph, input), to: choice.link });
 }
 
 // A wire let go over a box: the one input (or output) of it that fits, or a choice.

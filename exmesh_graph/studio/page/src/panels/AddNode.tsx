@@ -71,17 +71,8 @@ export function AddNode() {
 // Joins the new node to the end that the wire was drawn from.
 async function wire(name: string, at: { node: string; port: string; output: boolean }): Promise<void> {
   try {
-    const document = now().document!;
-    if (at.output) {
-      const { ends } = await endsOf(at.node, at.port, true);
-      const end = ends.find((choice) => choice.node === name && choice.ok);
-      if (!end) return;
-      const { ends: sources } = await endsOf(name, end.port, false), source = sources.find((choice) => choice.node === at.node && choice.port === at.port);
-      await edit({ connect: `${name}.${end.port}`, to: source?.link || `@${at.node}.${at.port}` });
-    } else {
-      const { ends } = await endsOf(at.node, at.port, false);
-      const end = ends.find((choice) => choice.node === name && choice.ok);
-      if (end) await edit({ connect: targetOf(document, { node: at.node, port: at.port, side: "" }), to: end.link });
-    }
+    const { ends, target } = await endsOf(at.node, at.port, at.output), end = ends.find((choice) => choice.node === name && choice.ok);
+    const input = at.output ? end?.target : target || targetOf(now().document!, { node: at.node, port: at.port, side: "" });
+    if (end && input) await edit({ connect: input, to: end.link });
   } catch (error) { tell(error); }
 }

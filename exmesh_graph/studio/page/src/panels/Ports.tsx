@@ -23,7 +23,7 @@ function Input({ node, port }: { node: GraphNode; port: Port }) {
   const graph = useStudio(shownGraph)!, readOnly = useStudio((s) => s.runGraph !== null) || !node.editable.includes("connect");
   const wires = graph.wires.filter((wire) => wire.to.node === node.id && wire.to.port === port.port && (wire.to.side === "" || node.kind === "node" || node.kind === "component"));
   const [ends, setEnds] = useState<Ends | null>(null);
-  const target = targetOf(graph, { node: node.id, port: port.port, side: "" });
+  const target = ends?.target || targetOf(graph, { node: node.id, port: port.port, side: "" });
   const ask = () => { if (!ends) endsOf(node.id, port.port, false).then(setEnds).catch(tell); };
   const now = wires.find((wire) => !wire.rounds)?.text ?? "";
   return (
