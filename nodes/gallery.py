@@ -20,7 +20,7 @@ def round_(ctx: Context, state: Carrier) -> GalleryOut:
     from exmesh_graph.gpu.torch_setup import sharing
 
     with sharing(0):
-        return GalleryOut(round_gallery(ctx.scratch / "gallery", state, ctx.node.rpartition(".")[0] or ctx.node))
+        return GalleryOut(round_gallery(ctx.scratch / "gallery", state))
 
 
 @node("gallery.stage1", version="1", libraries=(*_LIBRARIES, "pillow"))

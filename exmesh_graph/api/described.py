@@ -64,8 +64,15 @@ class TypeInfo:
 
 
 def node_types() -> dict[str, TypeInfo]:
-    """All node and component types at hand, by name."""
-    return {name: _described(definition) for name, definition in packs().types.items()}
+    """All node and component types at hand, by name; `broken` tells of those that are declared wrongly."""
+    return {name: _described(definition) for name, definition in packs().types.items() if not _fault(definition)}
+
+
+def broken() -> dict[str, str]:
+    """{module or type: why it cannot be used}"""
+    known = packs()
+    wrong = {name: fault for name, definition in known.types.items() if (fault := _fault(definition))}
+    return {module: f"cannot be imported: {why}" for module, why in known.broken.items()} | wrong
 
 
 def schema_text() -> str:
@@ -83,12 +90,23 @@ def describe(type: str) -> TypeInfo:
         broken = "".join(f"\n  cannot import {module}: {why}" for module, why in known.broken.items())
         near = ", ".join(nearest(type, known.types))
         raise ExmeshError(f"there is no node type {type!r}{broken}", expected=near, fix="exmesh nodes lists all")
+    if fault := _fault(definition):
+        raise ExmeshError(f"{definition.type} {fault}", where=definition.origin)
     return _described(definition)
 
 
 def as_json(types: Iterable[TypeInfo]) -> dict[str, Any]:
     """What `exmesh nodes --json` writes."""
-    return {"schema": SCHEMA, "types": [asdict(info) for info in types], "broken": packs().broken}
+    return {"schema": SCHEMA, "types": [asdict(info) for info in types], "broken": broken()}
+
+
+def _fault(definition: NodeDef) -> str:
+    """Why a declaration cannot be used."""
+    try:
+        signature(definition)
+    except (TypeError, NameError) as error:
+        return f"is declared wrongly: {error}"
+    return ""
 
 
 def _described(definition: NodeDef) -> TypeInfo:

@@ -30,7 +30,6 @@ def nodes(
 ) -> None:
     """List the node types, or describe one."""
     from exmesh_graph.api import described
-    from exmesh_graph.api.opening import packs
 
     if markdown is not None:
         from exmesh_graph.cli.pages import write_pages
@@ -41,7 +40,7 @@ def nodes(
     if as_json:
         put_json(described.as_json(listed))
     elif type is None:
-        _show_nodes(listed, packs().broken)
+        _show_nodes(listed, described.broken())
     else:
         _show_node(listed[0])
 
@@ -51,8 +50,8 @@ def _show_nodes(types: Sequence[TypeInfo], broken: Mapping[str, str]) -> None:
     width = max((len(info.type) for info in types), default=0)
     for info in types:
         typer.echo(f"{info.type:<{width + 2}}{info.title}".rstrip())
-    for module, why in broken.items():
-        typer.echo(f"cannot import {module}: {why}", err=True)
+    for name, why in broken.items():
+        typer.echo(f"{name} {why}", err=True)
 
 
 def _show_node(info: TypeInfo) -> None:

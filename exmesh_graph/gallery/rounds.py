@@ -21,19 +21,19 @@ _BACKGROUND = (0.78, 0.78, 0.78)
 _SMALL, _EVEN, _LARGE = np.array([0.13, 0.40, 0.67]), np.array([0.97, 0.97, 0.97]), np.array([0.70, 0.09, 0.17])
 
 
-def round_gallery(root: Path, carrier: Carrier, name: str) -> Gallery:
+def round_gallery(root: Path, carrier: Carrier) -> Gallery:
     """Two pictures: clay from six sides over wires from two and a close-up; the atlas with its stretch."""
     writer = GalleryWriter(root)
     size = f"{len(carrier.faces)} faces, {len(carrier.vertices)} vertices"
     writer.add(
         "shape",
-        f"{name}, shape",
+        "Shape",
         f"{size}. Above: from {DIRECTIONS} sides. Below: edges from two sides, and {_ZOOM:g} times closer "
         "where faces are smallest.",
         [stack([strip(_turntable(carrier)), strip(_wires(carrier))])],
     )
     panels, figures = atlas_panels(carrier, _panel(3))
-    writer.add("atlas", f"{name}, atlas", figures, panels)
+    writer.add("atlas", "Atlas", figures, panels)
     return writer.finish()
 
 

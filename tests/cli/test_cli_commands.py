@@ -218,7 +218,7 @@ def test_a_broken_pack_module_does_not_stop_others(
     (copy / "toy_pack" / "wrong.py").write_text("import does_not_exist\n")
     monkeypatch.setattr(sys.modules[__name__], "TOY", copy)
     shown = exmesh("nodes").stderr
-    assert "cannot import toy_pack.wrong: ModuleNotFoundError" in shown
+    assert "toy_pack.wrong cannot be imported: ModuleNotFoundError" in shown
     assert "toy_pack/wrong.py:1)" in shown
     exmesh("run", "g.yaml")
     (folder / "g.yaml").write_text("nodes: {a: {type: toy.wrong}}")

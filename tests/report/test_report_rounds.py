@@ -30,9 +30,9 @@ def sheet(width, height):
 
 def test_a_gallery_shows_the_shape_and_the_atlas(tmp_path):
     vertices, faces = icosphere(2, 0.5)
-    gallery = round_gallery(tmp_path, carrier_of(vertices, faces, *unwrap(vertices, faces, 64)), "round 3")
+    gallery = round_gallery(tmp_path, carrier_of(vertices, faces, *unwrap(vertices, faces, 64)))
     captions = json.loads((gallery.root / "captions.json").read_text())
-    assert [c["title"] for c in captions] == ["round 3, shape", "round 3, atlas"]
+    assert [c["title"] for c in captions] == ["Shape", "Atlas"]
     assert "320 faces" in captions[0]["caption"]
     for caption in captions:
         assert 5_000 < (tmp_path / caption["file"]).stat().st_size < 600_000
@@ -73,7 +73,7 @@ def test_faces_without_area_break_nothing(tmp_path):
     vertices, faces = icosphere(1)
     vertices = vertices * np.float32(0.0)
     uvs = np.zeros((len(vertices), 2), np.float32)
-    round_gallery(tmp_path, carrier_of(vertices, faces, uvs, faces), "point")
+    round_gallery(tmp_path, carrier_of(vertices, faces, uvs, faces))
 
 
 def test_a_stage_is_a_point_of_the_charts_and_no_headline():

@@ -197,7 +197,9 @@ class Sources:
                 continue  # the front door, which no room below uses; a package without a file of its own
             if "." in name:
                 todo.append((name.rpartition(".")[0], ""))
-            if self.find(name) is None and name not in sys.modules:  # an import that is tried and may fail
+            loaded = sys.modules.get(name)
+            if self.find(name) is None and (loaded is None or hasattr(loaded, "__path__")):
+                # an import that is tried and may fail; a package without a file of its own
                 yield name
                 continue
             module = self.module(name)

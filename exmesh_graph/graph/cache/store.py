@@ -136,7 +136,7 @@ class Store:
         target = self.root / "objects" / digest[:2] / digest
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists() and not self.holds(digest):
-            self.quarantine(target, "found broken when the same artifact was written again")
+            self.quarantine(target, "found broken when the same artifact was written again", whatever=True)
         try:
             os.rename(draft, target)
         except OSError:
@@ -219,7 +219,8 @@ class Store:
         for digest in action.digests:
             if not self.holds(digest):
                 self.quarantine(self._object(digest), "incomplete")
-                self.quarantine(path, f"its output {digest} is missing or incomplete")
+                if not self._object(digest).exists():
+                    self.quarantine(path, f"its output {digest} is missing or incomplete")
                 return None
         return action
 
@@ -287,10 +288,16 @@ class Store:
         objects = sum(1 for _ in (self.root / "objects").glob("*/*"))
         return objects, sum(1 for _ in (self.root / "actions").glob("*/*.json"))
 
-    def quarantine(self, path: Path, reason: str) -> None:
-        """Move away what is in doubt, and note why."""
+    def quarantine(self, path: Path, reason: str, whatever: bool = False) -> None:
+        """Move away what is in doubt, and note why; what another version wrote in its own format is left to it."""
         if not path.exists():
             return
+        with contextlib.suppress(OSError, ValueError):
+            found = files.read_sealed(path / "artifact.json" if path.is_dir() else path).get("format", FORMAT)
+            if found != FORMAT and not whatever:
+                own = f"another version of exmesh-graph wrote it (format {found}, here {FORMAT})"
+                self.notes.append(f"{path.name} is not used and left alone: {own}")
+                return
         if self.below is not None and path.is_relative_to(self.below):
             self.notes.append(f"{path} is not used: {reason}")
             return

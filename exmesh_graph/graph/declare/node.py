@@ -75,7 +75,7 @@ class Context(Protocol):
 
     @property
     def node(self) -> str:
-        """The node's name in the graph, e.g. `rounds[3].refine`."""
+        """What messages may call the node: its type. (Its name in the graph is in no key and must change no result.)"""
 
     @property
     def key(self) -> str:

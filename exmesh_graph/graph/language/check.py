@@ -28,6 +28,8 @@ from exmesh_graph.types import Gallery, Metrics
 
 REPORTED = (Metrics, Gallery)  # what a report shows
 
+OWN_FOLDERS = ("failures", "logs")  # of a run
+
 
 @dataclass(frozen=True)
 class Bound:
@@ -191,7 +193,9 @@ def _outputs(wiring: Wiring) -> dict[str, Link]:
     result = {}
     for name, value in wiring.graph.outputs.items():
         what, more = "", {}
-        if isinstance(value.value, Link):
+        if name in OWN_FOLDERS:
+            what = f"an output cannot be called {name!r}: a run keeps its own files there"
+        elif isinstance(value.value, Link):
             wire = wiring.connect(value.value, value.where, f"outputs.{name}")
             if wire is not None and wire[1].plugged:
                 what = f"outputs.{name}: {value.value} is a component, which has nothing to publish"

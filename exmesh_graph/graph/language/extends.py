@@ -6,6 +6,7 @@ Nodes, blocks and the settings of single rounds are merged key by key; an entry 
 
 from __future__ import annotations
 
+import os.path
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ def over_base(child: Map, path: Path, problems: Problems, chain: tuple[Path, ...
     where = child.lines["extends"]
     if not isinstance(child["extends"], str):
         fail("extends", where, "extends names one graph file", expected="extends: other.yaml")
-    base_path = path.parent / Path(child["extends"]).expanduser()
+    base_path = named_file(path.parent, child["extends"], where)
     if not base_path.is_file():
         fail("extends", where, f"no such graph file: {child['extends']}", nearest=files_like(base_path))
     base = load_merged(base_path.resolve(), problems, (*chain, path))
@@ -48,6 +49,14 @@ def over_base(child: Map, path: Path, problems: Problems, chain: tuple[Path, ...
     if "name" not in child:
         result.put("name", path.stem, where)
     return result
+
+
+def named_file(folder: Path, name: str, where: Where) -> Path:
+    """The file that a graph names. Only names of graph files are opened: messages show what they say."""
+    path = folder / Path(name).expanduser()
+    if path.is_file() and not {path.suffix, os.path.splitext(os.path.realpath(path))[1]} <= {".yaml", ".yml"}:
+        fail("file", where, f"{name} is not the name of a graph file", expected="a name that ends in .yaml")
+    return path
 
 
 def merge_nodes(base: Map, child: Map, problems: Problems) -> Map:

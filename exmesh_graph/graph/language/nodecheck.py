@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os.path
 from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePath
@@ -15,6 +16,7 @@ from exmesh_graph.graph.declare.ports import RESERVED, Port, link_form, signatur
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.language.wires import Wiring
+from exmesh_graph.graph.language.yamlfile import every
 from exmesh_graph.graph.problems import Where, nearest
 from exmesh_graph.params import Auto, Params
 
@@ -109,6 +111,10 @@ class NodeCheck:
                 if details["loc"][:1] not in [(port,) for port in self.kind.inputs]:  # told of as a wire
                     self._refuse_value(details)
             return None
+        for key, value in model.model_dump().items():
+            if any(isinstance(item, float) and not math.isfinite(item) for item in every(value)):
+                self._refuse_value({"loc": (key,), "type": "finite", "msg": "infinities and nan are no values"})
+                return None
         paths = self.kind.path_fields() & set(self.given)
         return model.model_copy(update={key: _absolute(getattr(model, key), self.given[key].base) for key in paths})
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Port, types_by_name
-from exmesh_graph.graph.language.extends import load_merged, merge_nodes
+from exmesh_graph.graph.language.extends import load_merged, merge_nodes, named_file
 from exmesh_graph.graph.language.spec import Tree, Value
 from exmesh_graph.graph.language.yamlfile import Map, copied, every, files_like
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
@@ -46,7 +46,7 @@ class PartFiles:
         if not isinstance(name.value, str):
             self.problems.add("graph", where, "graph: names one graph file", expected="{graph: part.yaml, ...}")
             return None
-        path = name.base / Path(name.value).expanduser()
+        path = named_file(name.base, name.value, where)
         if not path.is_file():
             self.problems.add("graph", where, f"no such graph file: {name.value}", nearest=files_like(path))
             return None

@@ -59,6 +59,9 @@ class Wiring:
             self.signatures[spec.name], self.definitions[spec.name] = signature(definition), definition
         except (TypeError, NameError) as error:
             self.problems.add("declaration", spec.where, f"{name} is declared wrongly: {error}")
+        if "<locals>" in definition.function.__qualname__ and definition.function.__module__ != "__main__":
+            what = f"{name}: {definition.origin} is made inside a function, so that no key can tell its code"
+            self.problems.add("declaration", spec.where, what, fix="define it at the top level of a module")
 
     def connect(
         self, link: Link, where: Where, end: str, port: Port | None = None, user: str = ""

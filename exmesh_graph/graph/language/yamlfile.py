@@ -29,6 +29,7 @@ _TAG = "tag:yaml.org,2002:"
 _HINTS = {
     "'@'": 'links are quoted: "@node.port"',
     "'\\t'": "indent with blanks, not with tabs",
+    "flow mapping": 'in { } and [ ], names with brackets are quoted: {set: "rounds[1].refine.steps", to: 5}',
     "mapping values": "a line above may lack its colon, its quotes or its closing bracket",
 }
 
@@ -77,7 +78,7 @@ def every(value: Any) -> Iterator[Any]:
     todo = [value]
     while todo:
         yield (item := todo.pop())
-        todo += item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
+        todo += item.values() if isinstance(item, dict) else item if isinstance(item, list | tuple) else ()
 
 
 class Reader:
@@ -179,7 +180,7 @@ def parse_yaml(text: str, file: Path | None) -> Any:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
         words = str(error.problem or error.context)
-        fix = next((hint for sign, hint in _HINTS.items() if sign in words), "")
+        fix = next((hint for sign, hint in _HINTS.items() if sign in f"{words} {error.context}"), "")
         fail("yaml", Where(file, line), f"not YAML: {words}", fix=fix)
     except YAMLError as error:
         fail("yaml", Where(file, 1), f"not YAML: {error}")
@@ -188,7 +189,9 @@ def parse_yaml(text: str, file: Path | None) -> Any:
     return None if root is None else _Builder(file, loader.constructor).build(root)
 
 
-_CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+_CONTROL = re.compile(
+    "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]"
+)  # the last turn the writing round
 
 
 class _Builder:

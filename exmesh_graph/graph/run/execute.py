@@ -18,13 +18,16 @@ from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.ports import Port, artifact_types
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.machine import machine_facts
+from exmesh_graph.graph.problems import in_short
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.hermetic import apart
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
-from exmesh_graph.graph.run.memory import Memory, mark_of
+from exmesh_graph.graph.run.memory import Memory, losses, mark_of
 from exmesh_graph.resources import peak_memory, reset_peak_memory
 from exmesh_graph.types import Artifact
 
+_LARGE = 256 * 2**20  # bytes
+_read_back: set[tuple[str, str, str]] = set()
 _CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time
 
 
@@ -49,7 +52,7 @@ class NodeContext:
     """The `Context` that a running node sees. `stopping` makes the next checkpoint the last step."""
 
     def __init__(self, job: Job, scratch: Path, checkpoints: Checkpoints | None, emit: Emit) -> None:
-        self.node, self.key, self.seed, self.threads = job.name, job.key, job.seed, job.threads
+        self.node, self.key, self.seed, self.threads = job.type, job.key, job.seed, job.threads
         self._job, self._scratch, self._checkpoints, self._emit = job, scratch, checkpoints, emit
         self._next = 0.0
         self._due = time.monotonic() + job.checkpoint_every
@@ -88,7 +91,7 @@ class NodeContext:
     def _kept(self) -> Checkpoints:
         if self._checkpoints is None:
             what = f"{self._job.type} uses checkpoints, which its declaration does not say"
-            raise GraphError(what, where=self.node, fix="@node(..., resumable=True)")
+            raise GraphError(what, where=self._job.name, fix="@node(..., resumable=True)")
         return self._checkpoints
 
     def progress(self, step: int, total: int, **figures: float) -> None:
@@ -96,14 +99,14 @@ class NodeContext:
         if now >= self._next or step >= total:
             self._next = now + 0.2
             plain = {name: float(value) for name, value in figures.items()}
-            self._emit({"event": "progress", "node": self.node, "step": step, "total": total, **plain})
+            self._emit({"event": "progress", "node": self._job.name, "step": step, "total": total, **plain})
 
     def log(self, message: str) -> None:
-        self._emit({"event": "log", "node": self.node, "message": message})
+        self._emit({"event": "log", "node": self._job.name, "message": message})
 
     def warn(self, message: str) -> None:
         self.warnings.append(message)
-        self._emit({"event": "warning", "node": self.node, "message": message})
+        self._emit({"event": "warning", "node": self._job.name, "message": message})
 
 
 def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
@@ -129,6 +132,7 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         stored = {port: NOTHING if v is None else store.put(v, attempt) for port, v in values.items()}
         for port, value in values.items():
             if value is not None and not value.read_back:  # what lies in the work folder goes away with it
+                check_saved(bound, port, value, stored[port], store)
                 memory.put(stored[port].digest, value)
     info = {
         "node": job.name, "graph": job.graph, "run": job.run, "seconds": seconds,
@@ -267,6 +271,22 @@ def _check_promise(bound: Bound, port: Port, value: Artifact) -> None:
                 f"but made one with {name}={measured[name]!r}",
                 fix="a fault of the node: mend it, or drop the promise from its annotation",
             )
+
+
+def check_saved(bound: Bound, port: str, value: Artifact, stored: Stored, store: Store) -> None:
+    """Raise when `save` lost something: others would read less than they get in memory. Once in a process for a type
+    of each version of a node; values above 256 MB are believed.
+    """
+    pair = value.type_name, bound.definition.type, bound.definition.version
+    if pair in _read_back or stored.bytes > _LARGE:
+        return
+    again = store.load(type(value), stored.digest)
+    lost = ["what `load` can read"] if again is None else losses(value, again)
+    if lost:
+        what = f"{value.type_name} loses on the way to its files and back: {in_short(lost, 3)}"
+        fix = f"mend save and load of {type(value).__name__}, or make the value in the types that they keep"
+        raise GraphError(what, where=f"{bound.name}.{port}", fix=fix)
+    _read_back.add(pair)
 
 
 def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mapping[str, int]) -> None:

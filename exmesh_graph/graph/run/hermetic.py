@@ -1,28 +1,44 @@
 """What nodes share because they share a process: set before each, and put back after it.
 
 A warm worker runs many nodes. Without this a node that sets an environment variable, a seed, torch's default type or
-the working folder would change what later nodes compute, and their keys would not know.
+the working folder would change what later nodes compute, and their keys would not know. Warnings filters: `execute`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import decimal
 import locale
 import os
 import random
 import sys
+import time
 from collections.abc import Iterator
 from typing import Any
+
+_ERRORS = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
+_STATES: tuple[tuple[str, str, str, Any], ...] = (  # (module, getter, setter, value where a node imported the module)
+    ("sys", "getrecursionlimit", "setrecursionlimit", None),
+    ("numpy", "geterr", "seterr", _ERRORS),
+    ("numpy", "geterrcall", "seterrcall", None),
+    ("numpy", "get_printoptions", "set_printoptions", None),
+    ("torch", "get_default_dtype", "set_default_dtype", "float32"),
+    ("torch", "get_default_device", "set_default_device", "cpu"),
+    ("torch", "get_num_threads", "set_num_threads", None),
+    ("torch", "is_grad_enabled", "set_grad_enabled", True),
+    ("torch", "get_float32_matmul_precision", "set_float32_matmul_precision", "highest"),
+    ("torch", "are_deterministic_algorithms_enabled", "use_deterministic_algorithms", False),
+)
 
 
 @contextlib.contextmanager
 def apart(seed: int) -> Iterator[None]:
     """Python's, numpy's and torch's (CPU) global generators start from `seed`.
 
-    They, the environment, the working folder, the locale, torch's default type and numpy's treatment of errors are
-    afterwards what they were.
+    They, the environment, the working folder, the locale, the standard streams, the decimal context and what is in
+    `_STATES` are afterwards what they were.
     """
-    environment, words = dict(os.environ), locale.setlocale(locale.LC_ALL)
+    environment, words, streams = dict(os.environ), locale.setlocale(locale.LC_ALL), (sys.stdout, sys.stderr)
     try:
         folder = os.getcwd()
     except OSError:  # it is gone: nothing to come back to
@@ -31,27 +47,37 @@ def apart(seed: int) -> Iterator[None]:
     random.seed(seed)
     numpy: Any = sys.modules.get("numpy")  # not imported for this alone
     torch: Any = sys.modules.get("torch")
+    before = {(m, get): getattr(sys.modules[m], get)() for m, get, _, _ in _STATES if m in sys.modules}
     if numpy is not None:
-        numpys, errors = numpy.random.get_state(), numpy.geterr()
+        numpys = numpy.random.get_state()
         numpy.random.seed(seed % 2**32)
     if torch is not None:
-        torchs, dtype = torch.get_rng_state(), torch.get_default_dtype()
+        torchs = torch.get_rng_state()
         torch.manual_seed(seed)
     try:
-        yield
+        with decimal.localcontext():
+            yield
     finally:
+        sys.stdout, sys.stderr = streams
         if dict(os.environ) != environment:
             os.environ.clear()
             os.environ.update(environment)
+            time.tzset()
         with contextlib.suppress(OSError):  # gone meanwhile
             os.chdir(folder)
         locale.setlocale(locale.LC_ALL, words)
         random.setstate(drawn)
         if numpy is not None:
             numpy.random.set_state(numpys)
-            numpy.seterr(**errors)
         if torch is not None:
             torch.set_rng_state(torchs)
-            torch.set_default_dtype(dtype)
-        elif (torch := sys.modules.get("torch")) is not None:
-            torch.set_default_dtype(torch.float32)
+        for name, get, put, fresh in _STATES:
+            _put_back(sys.modules.get(name), get, put, before.get((name, get), fresh))
+
+
+def _put_back(module: Any, get: str, put: str, value: Any) -> None:
+    """Undo what a node set; where it also imported the module, the value is the one that modules begin with."""
+    value = getattr(module, "float32", None) if value == "float32" else value
+    if module is not None and value is not None and str(getattr(module, get)()) != str(value):
+        setter = getattr(module, put)
+        setter(**value) if isinstance(value, dict) else setter(value)

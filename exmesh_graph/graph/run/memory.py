@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections import OrderedDict
+import hashlib
+import re
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from inspect import getattr_static
@@ -74,6 +76,19 @@ def mark_of(value: Artifact) -> int:
                 status = path.stat()
                 stamps.append((name, status.st_ino, status.st_size, status.st_mtime_ns))
     return hash((*stamps, *(_summed(item) if _is_array(item) else item for item in _contents(value))))
+
+
+def losses(value: Artifact, again: Artifact) -> list[str]:
+    """What a value holds and a copy read back from its files does not: arrays and their bytes, plain values."""
+    ours, theirs = (Counter(map(_told, _contents(item))) for item in (value, again))
+    return [text.split("\n")[0] for text in (ours - theirs) if text]
+
+
+def _told(item: Any) -> str:
+    """A part of a value in words that are equal for equal contents; lists and tuples are not told apart."""
+    if _is_array(item):
+        return f"{item.dtype} {list(item.shape)}\n{hashlib.sha256(item.tobytes()).hexdigest()}"
+    return re.sub(r"np\.\w+\((.*)\)", r"\1", item) if isinstance(item, str) else ""
 
 
 def _arrays(value: Any) -> list[Any]:

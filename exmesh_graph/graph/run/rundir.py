@@ -22,12 +22,12 @@ from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.cache.keys import NOTHING, Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import copy_files, is_locked, writing
-from exmesh_graph.graph.language.check import Bound, Checked
+from exmesh_graph.graph.language.check import OWN_FOLDERS, Bound, Checked
 from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.run.job import Job, Outcome
 from exmesh_graph.types import Files
 
-OWN_FILES = ("run.json", "graph.yaml", "events.jsonl", "failure.json", "failures", "logs", "report.json", "report.html")
+OWN_FILES = (*OWN_FOLDERS, "run.json", "graph.yaml", "events.jsonl", "failure.json", "report.json", "report.html")
 
 
 class RunFolder:

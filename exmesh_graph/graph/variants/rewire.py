@@ -113,7 +113,12 @@ def remove(draft: Draft, patch: Map) -> None:
     if left:
         users = in_short([f"{place.label} ({place.where})" for place in left], 4)
         outputs = [place.label for place in left if place.owner == "outputs"]
-        fix = f"{{disconnect: {outputs[0]}}} first" if outputs else f"{{bypass: {names}}}, or remove its users"
+        blocks = [address.path for address in gone if is_block(draft.entries[address.path])]
+        fix = f"{{set: {blocks[0]}.repeat, to: 0}}" if blocks else f"{{bypass: {gone[0].path}}}, or remove its users"
+        if outputs:
+            fix = f"{{disconnect: {outputs[0]}}} first"
+        elif any("graph" in draft.entries[address.path] for address in gone):
+            fix = "connect its users to something else, or remove them"
         refuse(where, f"{names} cannot be removed: {users} links to it", fix=fix)
     for address in sorted(gone, key=lambda a: a.path.count("."), reverse=True):
         del draft.inside(address.scope)[address.name]

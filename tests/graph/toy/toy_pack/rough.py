@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import decimal
+import io
 import os
 import signal
+import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -200,6 +204,19 @@ def untidy(ctx: Context, number: Number, *, p: UntidyParams) -> NumberOut:
     np.seterr(all="raise")
     torch.manual_seed(1)
     torch.set_default_dtype(torch.float64)
+    torch.set_num_threads(torch.get_num_threads() + 1)
+    torch.set_grad_enabled(False)
+    torch.set_default_device("meta")
+    torch.set_float32_matmul_precision("medium")
+    torch.use_deterministic_algorithms(True)
+    np.set_printoptions(precision=2)
+    np.seterrcall(print)
+    os.environ["TZ"] = "Asia/Tokyo"
+    time.tzset()
+    decimal.getcontext().prec = 3
+    sys.setrecursionlimit(sys.getrecursionlimit() + 1)
+    warnings.simplefilter("error")
+    sys.stdout = io.StringIO()
     return NumberOut(Number(number.value))
 
 
@@ -213,5 +230,10 @@ def found(ctx: Context, number: Number, *, p: NoParams) -> MetricsOut:
     return MetricsOut(Metrics({
         "left": os.environ.get("EXMESH_TOY", ""), "home": os.environ.get("HOME", ""), "folder": os.getcwd(),
         "random": random.random(), "numpy": float(np.random.rand()), "errors": np.geterr(), "pid": os.getpid(),  # noqa: NPY002
-        "torch": float(torch.rand(())), "dtype": str(torch.get_default_dtype()),
+        "torch": float(torch.rand((), device="cpu")), "dtype": str(torch.get_default_dtype()),
+        "threads": torch.get_num_threads(),
+        "grad": torch.is_grad_enabled(), "device": str(torch.get_default_device()), "clock": time.localtime(0).tm_hour,
+        "matmul": torch.get_float32_matmul_precision(), "strict": torch.are_deterministic_algorithms_enabled(),
+        "printed": str(np.array([1 / 3])), "call": repr(np.geterrcall()), "third": str(decimal.Decimal(1) / 3),
+        "depth": sys.getrecursionlimit(), "filters": len(warnings.filters), "stdout": type(sys.stdout).__name__,
     }))  # fmt: skip

@@ -1,0 +1,275 @@
+"""Holes that a third party's pack found: each is closed, refused with a message, or told."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from exmesh_graph import Session
+from exmesh_graph.api import described
+from exmesh_graph.errors import ExmeshError
+from exmesh_graph.graph import files
+from exmesh_graph.graph.cache import keys
+from exmesh_graph.graph.run.plan import HIT, RUN, plan
+from exmesh_graph.graph.run.runner import NodeFailed
+from exmesh_graph.types import Metrics
+
+HEAD = """
+from __future__ import annotations
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+import numpy as np
+from exmesh_graph.graph import Context, Params, node, param
+from exmesh_graph.types import Artifact, Metrics
+class Out(NamedTuple):
+    metrics: Metrics
+"""
+Opened = Callable[..., Any]
+
+
+@pytest.fixture
+def pack(bench: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Opened]:
+    """Writes a pack `holes_pack` and gives a bench whose session has it."""
+    monkeypatch.syspath_prepend(str(bench.root))
+    entered: list[Session] = []
+
+    def opened(text: str, **more: str) -> Any:
+        folder = bench.root / "holes_pack"
+        for name, words in {"__init__.py": "", "nodes.py": HEAD + text, **more}.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(words)
+        importlib.invalidate_caches()
+        entered.append(Session("holes_pack").__enter__())
+        bench.packs = entered[0].packs()
+        return bench
+
+    yield opened
+    for session in entered:
+        session.__exit__()
+    for name in [name for name in sys.modules if name.partition(".")[0] == "holes_pack"]:
+        del sys.modules[name]
+
+
+LOSSY = """
+@dataclass
+class {0}(Artifact):
+    type_name: ClassVar[str] = "{0}"
+    data: Any
+    def save(self, folder):
+        np.save(folder / "data.npy", {1})
+    @classmethod
+    def load(cls, folder):
+        return cls(np.load(folder / "data.npy"))
+class LossyOut(NamedTuple):
+    made: {0}
+class P(Params):
+    kind: str = param("float64", doc="Of the array.")
+@node("holes.lossy", version="1")
+def lossy(ctx: Context, *, p: P) -> LossyOut:
+    "Makes one."
+    return LossyOut({0}(np.array([1 / 3, 2 / 3], p.kind)))
+"""
+
+
+@pytest.mark.reliability("a wire type whose save loses: float64 to float32", "its node fails by name, nothing recorded")
+def test_a_save_that_loses_is_found(pack: Opened) -> None:
+    bench = pack(LOSSY.format("Lossy", 'self.data.astype("float32")'))
+    text = "nodes: {{a: {{type: holes.lossy, kind: {}}}}}"
+    with pytest.raises(NodeFailed, match=r"Lossy loses on the way to its files and back: float64 \[2\]"):
+        bench.run(text.format("float64"))
+    assert bench.store.count()[1] == 0
+    assert bench.run(text.format("float32"))["state"] == "done"
+
+
+def test_values_come_back_in_other_order_and_in_tuples(bench: Any, packs: Any) -> None:
+    from exmesh_graph.graph.run.memory import losses
+
+    assert losses(Metrics({"b": [1, 2.5], "a": (None, True)}), Metrics({"a": [None, True], "b": [1, 2.5]})) == []
+    assert losses(Metrics({"a": 1}), Metrics({"a": 1.0})) == ["1"]
+    assert losses(Metrics({1: 2}), Metrics({"1": 2})) == ["1"]
+
+
+@pytest.mark.reliability("a node reads its name in the graph", "it gets what its key holds: its type")
+def test_the_name_in_the_graph_changes_no_result(pack: Opened) -> None:
+    bench = pack("""
+@node("holes.named", version="1")
+def named(ctx: Context) -> Out:
+    "Its name."
+    return Out(Metrics({"name": ctx.node}))
+""")
+    record = bench.run("nodes: {a: {type: holes.named}, b: {type: holes.named}}")
+    assert [bench.value(record, name, "metrics").values for name in "ab"] == [{"name": "holes.named"}] * 2
+
+
+ANY = """
+class P(Params):
+    value: Any = param(None, doc="Anything.")
+@node("holes.any", version="1")
+def any_(ctx: Context, *, p: P) -> Out:
+    "Says what it got."
+    return Out(Metrics({"got": repr(p.value)}))
+"""
+
+
+@pytest.mark.parametrize("value", [".nan", ".inf", "-.inf", "[1, {a: .nan}]"])
+@pytest.mark.reliability("nan and infinities in a parameter that takes anything", "refused by `check`")
+def test_numbers_that_are_none(pack: Opened, value: str) -> None:
+    """They reached the node as None."""
+    bench = pack(ANY)
+    (problem,) = bench.problems(f"nodes: {{a: {{type: holes.any, value: {value}}}}}")
+    assert "a: value: infinities and nan are no values" in problem.what
+    record = bench.run("nodes: {a: {type: holes.any, value: [1.5, {a: 2}]}}")
+    assert bench.value(record, "a", "metrics").values == {"got": "[1.5, {'a': 2}]"}
+
+
+@pytest.mark.reliability("records and objects of another version's format", "left alone, told as such, made again")
+def test_what_another_version_wrote_stays(bench: Any) -> None:
+    text = "nodes: {a: {type: toy.const, value: 5}}"
+    record = bench.run(text)
+    key, digest = record["nodes"][0]["key"], record["nodes"][0]["outputs"]["number"]["digest"]
+    note = bench.store.data(digest).parent / "artifact.json"
+    action = bench.root / "store" / "actions" / key[:2] / f"{key}.json"
+    for moved, path in enumerate((note, action)):  # the object is put aside when its node writes it again
+        path.chmod(0o644)
+        path.write_text(files.seal_text({**files.read_sealed(path), "format": keys.FORMAT + 1}))
+        store = bench.store
+        (step,) = plan(bench.check(text), store)
+        assert step.state == RUN
+        assert all("left alone: another version of exmesh-graph wrote it (format 2" in said for said in store.notes)
+        assert store.notes
+        assert path.is_file()
+        assert len(list((store.root / "quarantine").glob("*"))) == moved
+        assert bench.run(text)["state"] == "done"
+        assert plan(bench.check(text), bench.store)[0].state == HIT
+
+
+@pytest.mark.reliability("a node type that a function makes", "refused by `check`: no key can tell its code")
+def test_a_node_made_by_a_factory(pack: Opened) -> None:
+    bench = pack("""
+def make(n):
+    @node(f"holes.made{n}", version="1")
+    def made(ctx: Context) -> Out:
+        "Made."
+        return Out(Metrics({"n": n}))
+make(1)
+""")
+    (problem,) = bench.problems("nodes: {a: {type: holes.made1}}")
+    assert "make.<locals>.made is made inside a function" in problem.what
+
+
+def test_a_package_without_a_file_below_a_pack(pack: Opened) -> None:
+    """A namespace sub-package: its nodes run, and its code is in the key."""
+    bench = pack(
+        """
+from holes_pack.deep.inner import answer
+import holes_pack.deep
+@node("holes.deep", version="1")
+def deep(ctx: Context) -> Out:
+    "By a package without a file."
+    return Out(Metrics({"n": answer()}))
+""",
+        **{"deep/inner.py": "from . import other\ndef answer():\n    return other.N\n", "deep/other.py": "N = 7\n"},
+    )
+    record = bench.run("nodes: {a: {type: holes.deep}}")
+    assert bench.value(record, "a", "metrics").values == {"n": 7}
+    parts = bench.store.read(next((bench.root / "store" / "actions").glob("*/*.json"))).info["code_parts"]
+    assert {"holes_pack.deep.inner", "holes_pack.deep.other"} <= set(parts)
+
+
+@pytest.mark.parametrize("name", ["logs", "failures"])
+def test_outputs_called_like_what_a_run_keeps(bench: Any, name: str) -> None:
+    text = 'nodes: {a: {type: toy.const}}\noutputs: {%s: "@a.number"}'
+    (problem,) = bench.problems(text % name)
+    assert "a run keeps its own files there" in problem.what
+
+
+def test_a_type_declared_wrongly_is_listed_as_such(pack: Opened) -> None:
+    pack("""
+@node("holes.right", version="1")
+def right(ctx: Context) -> Out:
+    "Right."
+@node("holes.wrong", version="1")
+def wrong(ctx: Context, number) -> Out:
+    "No annotation."
+""")
+    assert "holes.right" in described.node_types()
+    assert "holes.wrong" not in described.node_types()
+    assert "is declared wrongly: wrong: number has no annotation" in described.broken()["holes.wrong"]
+    assert described.as_json([])["broken"] == described.broken()
+    with pytest.raises(ExmeshError, match=r"holes\.wrong is declared wrongly"):
+        described.describe("holes.wrong")
+
+
+@pytest.mark.parametrize("how", ["extends: {0}", "nodes: {{x: {{graph: '{0}'}}}}"], ids=["extends", "graph"])
+@pytest.mark.reliability(
+    "an untrusted graph file: bombs, huge repeats, code, endless or far files", "refused at once, with a message"
+)
+def test_files_that_are_no_graphs_are_not_shown(bench: Any, how: str) -> None:
+    """By a name of their own, or behind one that looks like a graph's."""
+    secret = bench.root / "shadow"
+    secret.write_text("root: $6$secret\nparams: hidden\n")
+    (bench.root / "link.yaml").symlink_to(secret)
+    for name in (str(secret), "link.yaml"):
+        text = "\n".join(map(str, bench.problems(how.format(name))))
+        assert "is not the name of a graph file" in text
+        assert "secret" not in text
+        assert "hidden" not in text
+        assert "root" not in text.replace(str(bench.root), "")
+
+
+def test_writing_that_is_turned_round_is_refused(bench: Any) -> None:
+    (problem,) = bench.problems('nodes: {a: {type: toy.const, label: "a\\u202Eb"}}')
+    assert "control characters" in problem.what
+
+
+BLOCK = """
+nodes:
+  n: {type: toy.const, value: 1}
+  rounds:
+    repeat: 2
+    carry: {state: "@n.number"}
+    nodes: {up: {type: toy.step, state: "@carry.state"}}
+    next: {state: "@up.state"}
+  last: {type: toy.step, state: "@rounds.state"}
+variants: {v: [%s]}
+"""
+
+
+def test_what_is_said_of_a_block_that_cannot_be_removed(bench: Any) -> None:
+    """The patch that is suggested is one that is taken."""
+    from exmesh_graph.graph.variants.checked import check_variant
+
+    with pytest.raises(ExmeshError) as caught:
+        check_variant(bench.write(BLOCK % "{remove: rounds}"), (), bench.packs, "v")
+    assert "fix: {set: rounds.repeat, to: 0}" in str(caught.value)
+    graph = check_variant(bench.write(BLOCK % "{set: rounds.repeat, to: 0}"), (), bench.packs, "v")
+    assert set(graph.nodes) == {"n", "last"}
+
+
+def test_a_round_that_is_not_quoted_in_braces(bench: Any) -> None:
+    (problem,) = bench.problems(BLOCK % "{set: rounds[1].up.amount, to: 5}")
+    assert "not YAML" in problem.what
+    assert 'names with brackets are quoted: {set: "rounds[1].' in problem.fix
+
+
+def test_check_of_many_dangling_links_is_linear(bench: Any) -> None:
+    """Twice the nodes take about twice the work."""
+    import cProfile
+    import pstats
+
+    def calls(count: int) -> int:
+        text = "\n".join(
+            f'  n{k}: {{type: toy.step, state: "@m{k}.number", next: "@x.y", amount: 1}}' for k in range(count)
+        )
+        profile = cProfile.Profile()
+        profile.enable()
+        bench.problems(f"nodes:\n{text}\n")
+        profile.disable()
+        return sum(row[0] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
+
+    assert calls(400) < 2.5 * calls(200)
