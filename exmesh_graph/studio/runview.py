@@ -19,6 +19,19 @@ from exmesh_graph.graph.run.rundir import failure_file, is_alive
 _PLAIN = ("time", "event", "node", "step", "total", "message")
 POINTS = 500
 _HELD = 20_000
+_MOST_RECORD = 64 << 20
+_MOST_EVENTS = 64 << 20
+"""Bytes of an events file that are read at first, its end; a record that is larger is not read."""
+
+
+def is_own_file(path: Path, folder: Path) -> bool:
+    """Whether a plain file lies in a run folder itself; a link out of it, a pipe or a device is none."""
+    return path.is_file() and path.resolve().is_relative_to(folder.resolve())
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder can be looked at as a run."""
+    return all(is_own_file(folder / name, folder) for name in ("run.json", "events.jsonl"))
 
 
 class RunView:
@@ -34,6 +47,8 @@ class RunView:
         self.stopping = False
         self.alive = False
         self._tail = Tail(folder / "events.jsonl")
+        with contextlib.suppress(OSError):
+            self._tail.place = max(0, (folder / "events.jsonl").stat().st_size - _MOST_EVENTS)
         self._stamp = 0
         self._untold: dict[str, str] = {}  # nodes that are done, whose outputs the record does not show yet
 
@@ -122,6 +137,8 @@ class RunView:
     def failure(self, name: str) -> dict[str, Any] | None:
         """What the failure file of a node holds, in short, with its replay line."""
         path = self.folder / failure_file(name)
+        if not is_own_file(path, self.folder):
+            return None
         with contextlib.suppress(OSError, ValueError, AttributeError):
             told = json.loads(path.read_text(encoding="utf-8"))
             return {
@@ -144,9 +161,11 @@ class RunView:
             return
         self._stamp = stamp
         try:
+            if path.stat().st_size > _MOST_RECORD:
+                raise ValueError("run.json is larger than any that a run writes")
             self.record, self.reason = read_run(self.folder), ""
             json.dumps(self.record)  # what is passed on must be JSON
-        except (ExmeshError, ValueError, TypeError) as error:
+        except (ExmeshError, OSError, ValueError, TypeError, RecursionError) as error:
             self.reason = getattr(error, "what", str(error))
 
     def _note(
@@ -207,6 +226,8 @@ class RunView:
 
     def _headline(self) -> dict[str, Any]:
         path = self.folder / "report.json"
+        if not is_own_file(path, self.folder):
+            return {}
         with contextlib.suppress(OSError, ValueError, AttributeError):
             told = json.loads(path.read_text(encoding="utf-8")).get("headline") or {}
             return {label: {"value": entry.get("value"), "unit": entry.get("unit", "")} for label, entry in

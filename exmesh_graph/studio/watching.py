@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.studio.runview import RunView
+from exmesh_graph.studio.runview import RunView, is_run
 
 PAUSE = 0.25
 """Seconds between two looks at runs that go on."""
@@ -79,7 +79,7 @@ class Watcher:
             names = {path.name for path in self.runs.iterdir() if not path.is_symlink() and path.is_dir()}
         except OSError:
             names = set()
-        wanted = {name for name in sorted(names, reverse=True)[:SHOWN] if (self.runs / name / "run.json").is_file()}
+        wanted = {name for name in sorted(names, reverse=True)[:SHOWN] if is_run(self.runs / name)}
         for name in wanted - self.views.keys():
             view = RunView(self.runs / name)
             view.refresh()  # its past is no news

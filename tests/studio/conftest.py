@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -44,14 +45,19 @@ variants:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working folder, with `graphs/small.yaml`."""
-    monkeypatch.chdir(tmp_path)
+    return made_in(tmp_path, monkeypatch)
+
+
+def made_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with the small graph, and the toy pack at hand, also for processes."""
+    monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(TOY))
     monkeypatch.setenv("PYTHONPATH", str(TOY))
     monkeypatch.delenv("EXMESH_STORE", raising=False)
     assert "toy.const" in load_packs().types
-    (tmp_path / "graphs").mkdir()
-    (tmp_path / "graphs" / "small.yaml").write_text(GRAPH, encoding="utf-8")
-    return tmp_path
+    (folder / "graphs").mkdir()
+    (folder / "graphs" / "small.yaml").write_text(GRAPH, encoding="utf-8")
+    return folder
 
 
 @pytest.fixture
@@ -64,8 +70,14 @@ def workspace(folder: Path) -> Iterator[Workspace]:
 @pytest.fixture
 def client(workspace: Workspace) -> Iterator[TestClient]:
     """A browser that opened the address with the token."""
-    app = application(workspace, {HOST}, TOKEN)
-    with TestClient(app, base_url=f"http://{HOST}") as opened:
-        assert opened.get("/", params={"token": TOKEN}).status_code == 200
-        opened.headers["x-exmesh"] = "1"
-        yield opened
+    with opened(workspace) as browser:
+        yield browser
+
+
+@contextlib.contextmanager
+def opened(workspace: Workspace) -> Iterator[TestClient]:
+    """The application in this process, and a client with its cookie."""
+    with TestClient(application(workspace, {HOST}, TOKEN), base_url=f"http://{HOST}") as browser:
+        assert browser.get("/", params={"token": TOKEN}).status_code in (200, 404)  # 404: a page that is not built
+        browser.headers["x-exmesh"] = "1"
+        yield browser

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from exmesh_graph.gallery.atlas import atlas_panels
 from exmesh_graph.gallery.levels import bytes_of, reduced
 from exmesh_graph.gallery.pictures import error_map, false_colours, marked
-from exmesh_graph.gallery.rounds import atlas_panels
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import display
 from exmesh_graph.studio.artifacts.shelf import Arrays, NoArtifact, Shelf

@@ -21,6 +21,11 @@ _KEPT_BYTES = 768 << 20
 _MADE_BYTES = 256 << 20
 
 
+def is_digest(text: str) -> bool:
+    """Whether a text can name an artifact."""
+    return bool(_DIGEST.match(text))
+
+
 class NoArtifact(ExmeshError):
     """An artifact that is not in the store."""
 
@@ -46,7 +51,7 @@ class Shelf:
 
     def kind(self, digest: str) -> type[Artifact]:
         """The wire type of an artifact. Raises NoArtifact."""
-        name = self.store.type_of(digest) if _DIGEST.match(digest) else None
+        name = self.store.type_of(digest) if is_digest(digest) else None
         kind = None if name is None else artifact_types().get(name)
         if kind is None:
             why = "is not in the store" if name is None else f"is of the type {name}, which no node pack defines"
@@ -89,7 +94,11 @@ class Shelf:
 
     def arrays(self, digest: str) -> Arrays:
         """The arrays of an ArrayArtifact, each read when it is asked for. Raises NoArtifact."""
-        if not self.store.holds(digest) or not issubclass(self.kind(digest), ArrayArtifact | Artifact):
+        if (
+            not is_digest(digest)
+            or not self.store.holds(digest)
+            or not issubclass(self.kind(digest), ArrayArtifact | Artifact)
+        ):
             raise NoArtifact(f"the artifact {digest[:16]!r} is not whole", fix="run the graph again")
         return Arrays(self.store.data(digest))
 

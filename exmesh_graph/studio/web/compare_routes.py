@@ -12,6 +12,7 @@ from exmesh_graph.errors import GraphError
 from exmesh_graph.studio.ablation import Refused, study_lines, study_plan, study_tree, without_each
 from exmesh_graph.studio.comparing import headline_of, pair_facts, sweep_facts
 from exmesh_graph.studio.copies import text_of, written_copy
+from exmesh_graph.studio.runview import is_own_file
 from exmesh_graph.studio.web.answers import BadRequest, Query, Unknown, asked, posted
 from exmesh_graph.studio.web.run_routes import page_of, started, view_of
 from exmesh_graph.studio.workspace import Conflict, Workspace, write_text
@@ -69,14 +70,14 @@ def sweep(workspace: Workspace, body: dict[str, Any]) -> Any:
 
 def sweep_table(workspace: Workspace, query: Query) -> Any:
     view = view_of(workspace, query)
-    table = sweep_facts(view.folder)
+    table = sweep_facts(view.folder) if is_own_file(view.folder / "sweep.json", view.folder) else None
     if table is None:
         raise Unknown(f"{view.id} has no table yet", fix="it comes when the sweep has ended")
     return {"table": table, "page": f"/api/runs/{view.id}/sweep.html"}
 
 
 def sweep_page(workspace: Workspace, query: Query) -> Response:
-    return page_of(view_of(workspace, query).folder / "sweep.html")
+    return page_of(view_of(workspace, query), "sweep.html")
 
 
 def figures(workspace: Workspace, query: Query) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 
-from exmesh_graph.studio.artifacts.shelf import NoArtifact, Shelf
+from exmesh_graph.studio.artifacts.shelf import NoArtifact, Shelf, is_digest
 from exmesh_graph.studio.web.answers import BadRequest, Query, Unknown, asked, json_answer
 from exmesh_graph.studio.web.guard import SANDBOX
 from exmesh_graph.studio.workspace import Workspace
@@ -224,7 +224,7 @@ def _answer(data: bytes, kind: str, query: Query, more: Mapping[str, str] | None
 
 def _kept(query: Query, response: Response) -> Response:
     """An answer that browsers may keep: the bytes behind a digest never change."""
-    if "digest" in query:
+    if is_digest(query.get("digest", "")):
         tag = f'"{query["digest"][:40]}"'
         response.headers.update({**_KEEP, "etag": tag})
         if query.headers.get("if-none-match") == tag:

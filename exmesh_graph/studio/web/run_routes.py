@@ -11,7 +11,7 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from exmesh_graph.graph.run.rundir import log_file
-from exmesh_graph.studio.runview import RunView, log_lines
+from exmesh_graph.studio.runview import RunView, is_own_file, log_lines
 from exmesh_graph.studio.web.answers import Query, Unknown, asked, error_answer, json_answer, posted
 from exmesh_graph.studio.web.guard import SANDBOX
 from exmesh_graph.studio.workspace import Workspace
@@ -52,7 +52,7 @@ def log(workspace: Workspace, query: Query) -> Any:
         with (view.folder / "events.jsonl").open(encoding="utf-8", errors="replace") as events:
             lines = list(itertools.islice(log_lines(events, node), 5000))
     printed = log_file(view.folder, node) if node else None
-    if printed is not None and printed.is_file():
+    if printed is not None and is_own_file(printed, view.folder):
         with printed.open("rb") as file:
             size = file.seek(0, 2)
             file.seek(max(offset, size - _LOG_BYTES) if offset == 0 else min(offset, size))
@@ -64,7 +64,7 @@ def log(workspace: Workspace, query: Query) -> Any:
 
 
 def report(workspace: Workspace, query: Query) -> Any:
-    return page_of(view_of(workspace, query).folder / "report.html")
+    return page_of(view_of(workspace, query), "report.html")
 
 
 def start(workspace: Workspace, body: dict[str, Any]) -> Any:
@@ -102,10 +102,11 @@ def view_of(workspace: Workspace, query: Any) -> RunView:
     return view
 
 
-def page_of(path: Path) -> Response:
+def page_of(view: RunView, name: str) -> Response:
     """A page that a run left, sandboxed: its scripts run, but cannot ask this server for anything."""
-    if not path.is_file() or path.is_symlink():
-        raise Unknown(f"there is no {path.name} yet")
+    path = view.folder / name
+    if not is_own_file(path, view.folder):
+        raise Unknown(f"there is no {name} yet")
     return FileResponse(path, media_type="text/html", headers={"content-security-policy": SANDBOX})
 
 
