@@ -99,9 +99,10 @@ export interface Artifact {
 }
 export interface Table { columns: string[]; rows: Json[][]; note: string }
 
-export interface SweepFigure { mean: number | null; spread: number | null; difference: number | null; exceeds: boolean | null; unit: string; better: string }
+export interface SweepFigure { mean: number | null; spread: number | null; difference: number | null; exceeds: boolean | null; unit: string; better: string; text?: string; verdict?: string }
 export interface SweepRow { variant: string; state: string; figures: { [label: string]: SweepFigure }; seconds: number; shared: number; nodes: number }
-export interface SweepResult { table: { labels: string[]; rows: SweepRow[] }; page: string }
+export interface SweepMember { variant: string; repeat: number; nodes: { [name: string]: string } }
+export interface SweepResult { table: { labels: string[]; rows: SweepRow[]; members?: SweepMember[] }; page: string }
 export interface AblationVariant { name: string; patches: Op[]; how: string; why: string }
 export interface Ablation {
   variants: AblationVariant[]; text: string;

@@ -124,7 +124,8 @@ function choose(node: Node): void {
 function mapColour(node: Node): string {
   const box = (node.data as { box?: { node: { id: string; kind: string }; names: string[] } }).box;
   if (!box || box.node.kind === "component") return "transparent";
-  return `var(--state-${stateOf(now(), box.node.id, box.names).state})`;
+  const { state } = stateOf(now(), box.node.id, box.names);
+  return `var(--state-${state === "idle" ? "none" : state})`;
 }
 
 // The first picture of a graph is fitted, or begins at its left where it would be too small to read.

@@ -2,21 +2,21 @@
 import type { State } from "../state/store";
 import type { NodeState, Planned } from "../types";
 
-export type Shown = "hit" | "run" | "unknown" | "running" | "done" | "failed" | "blocked" | "waiting" | "interrupted" | "none";
+export type Shown = "hit" | "run" | "unknown" | "running" | "done" | "failed" | "blocked" | "waiting" | "interrupted" | "idle" | "none";
 
 export const WORDS: { [state in Shown]: string } = {
   hit: "in the store", run: "would run", unknown: "depends on what runs before", running: "running", done: "ran", failed: "failed",
-  blocked: "blocked by a failure", waiting: "waits", interrupted: "was stopped", none: "",
+  blocked: "blocked by a failure", waiting: "waits", interrupted: "was stopped", idle: "nothing needs it", none: "",
 };
 // Shapes as well as colours: each state has its own sign.
 export const SIGNS: { [state in Shown]: string } = {
-  hit: "●", run: "▷", unknown: "?", running: "◐", done: "✓", failed: "✕", blocked: "⊘", waiting: "…", interrupted: "❚❚", none: "",
+  hit: "●", run: "▷", unknown: "?", running: "◐", done: "✓", failed: "✕", blocked: "⊘", waiting: "…", interrupted: "❚❚", idle: "–", none: "",
 };
 
 export interface BoxState { state: Shown; seconds: number | null; expected: boolean; done: number; of: number; part: number; figures: string; memory: number; reason: string }
 
 const LIVE = new Set(["starting", "running", "stopping"]);
-const ORDER: Shown[] = ["failed", "running", "interrupted", "blocked", "waiting", "run", "unknown", "done", "hit"];
+const ORDER: Shown[] = ["failed", "running", "interrupted", "blocked", "waiting", "run", "unknown", "done", "hit", "idle"];
 
 export const worst = (states: Shown[]): Shown => ORDER.find((state) => states.includes(state)) ?? states[0] ?? "none";
 

@@ -25,10 +25,13 @@ function useArtifact(looked: Looked | null): { artifact: Artifact | null; failed
 const partner = (artifact: Artifact | null, show: Show | null): Show | null =>
   artifact?.shows.find((other) => other.id === show?.id) ?? artifact?.shows.find((other) => other.kind === show?.kind) ?? artifact?.shows[0] ?? null;
 
+// Decisions tell more than the figures beside them.
+const first = ({ shows }: Artifact): Show | null => (shows[0]?.kind === "figures" ? shows.find((show) => show.kind === "table") : undefined) ?? shows[0] ?? null;
+
 export function Look() {
   const [one, two] = useStudio((s) => s.looked), mode = useLook((s) => s.mode), wanted = useLook((s) => s.show), cut = useLook((s) => s.cut);
   const a = useArtifact(one), b = useArtifact(two);
-  const show = a.artifact ? a.artifact.shows.find((other) => other.id === wanted) ?? a.artifact.shows[0] ?? null : null;
+  const show = a.artifact ? a.artifact.shows.find((other) => other.id === wanted) ?? first(a.artifact) : null;
   const other = partner(b.artifact, show);
   const area = useRef<HTMLDivElement>(null);
   if (!one) return <div className="look empty"><p>Select a node, then <b>Look</b> at what it made. A second result can be put beside it.</p></div>;

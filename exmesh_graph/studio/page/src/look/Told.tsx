@@ -26,10 +26,12 @@ export function TableOf({ digest, show }: { digest: string; show: string }) {
 export function FiguresOf({ digest }: { digest: string }) {
   const told = useAnswer<{ headline: ({ label: string } & Headline)[]; values: { [name: string]: Json } }>("/api/artifact/figures", digest);
   if (!told) return <p className="soft pad">…</p>;
+  const plain = Object.entries(told.values).filter(([, value]) => value === null || typeof value !== "object");
+  if (!told.headline.length && !plain.length) return <p className="soft pad">No single figures; what it tells stands under the other names above.</p>;
   return (
     <div className="told">
       {told.headline.length > 0 && <div className="tiles">{told.headline.map((entry) => <div className="tile" key={entry.label}><p className="soft">{entry.label}</p><p className="large">{figure(entry.value)} <span className="soft">{entry.unit}</span></p>{entry.floor !== undefined && entry.floor !== null && <p className="soft">uninformed guess {figure(entry.floor)}</p>}</div>)}</div>}
-      <table><tbody>{Object.entries(told.values).filter(([, value]) => value === null || typeof value !== "object").map(([name, value]) => <tr key={name}><td>{name.replace(/_/g, " ")}</td><td className="n">{figure(value, 5)}</td></tr>)}</tbody></table>
+      <table><tbody>{plain.map(([name, value]) => <tr key={name}><td>{name.replace(/_/g, " ")}</td><td className="n">{figure(value, 5)}</td></tr>)}</tbody></table>
     </div>
   );
 }

@@ -50,6 +50,7 @@ export function RunCard({ run }: { run: Run }) {
     <section className={`card run-card is-${now.state}`}>
       <h3><span className={`sign is-${now.state}`}>{live ? <i className="spin" /> : SIGN[now.state]}</span> Run {now.label || now.id} <button className="quiet" onClick={() => void follow(null)} aria-label="Put away" title="Show the graph without this run">✕</button></h3>
       <p>{now.state}, {now.ready} of {now.nodes} nodes{now.hits ? `, ${now.hits} of them from the store` : ""}, {seconds(now.seconds)}{live && now.left ? `, about ${seconds(now.left)} left` : ""}</p>
+      {run.graph !== name && !own && <p className="warning">This run is of another graph, {run.graph}{run.sweep ? " (a sweep)" : ""}: only what has the same name shows its state here.</p>}
       <div className="meter"><i style={{ width: `${(100 * now.ready) / Math.max(1, now.nodes)}%` }} /></div>
       {failures.map((node) => <FailureNote key={node.name} name={node.name} failure={node.failure!} />)}
       {Object.keys(now.headline ?? {}).length > 0 && (

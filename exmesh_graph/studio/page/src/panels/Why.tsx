@@ -33,7 +33,7 @@ export function Why({ node }: { node: GraphNode }) {
           {reason.made && <p className="soft">made {reason.made}</p>}
           {reason.waits_for && <p className="soft">waits for {reason.waits_for}</p>}
           {reason.key && <p className="soft">key <code>{reason.key.slice(0, 16)}</code></p>}
-          {reason.state === "hit" && <button onClick={() => void startRun([node.id], node.names)} title="Although its result is in the store">Make it again</button>}
+          {reason.state === "hit" && <button onClick={() => void startRun([node.id], node.names)} title="Although its result is in the store">Make it again</button>} {reason.state === "hit" && <button onClick={() => void startRun([], [], [node.id])} title="This node and all that follows from it">and all below it</button>}
         </section>
       )}
       {told && (

@@ -96,8 +96,8 @@ export async function follow(id: string | null, itsGraph = false): Promise<void>
   try {
     await loadDetails(id);
     if (itsGraph) {
-      const graph = await get<Graph>(`/api/runs/${encodeURIComponent(id)}/graph`);
-      if (now().followed === id) set({ runGraph: { run: id, graph } });
+      const graph = await get<Graph>(`/api/runs/${encodeURIComponent(id)}/graph`).catch((error: unknown) => { if (error instanceof Refusal && error.status === 404) return null; throw error; });
+      if (graph && now().followed === id) set({ runGraph: { run: id, graph } });
     }
   } catch (error) { tell(error); }
 }
@@ -108,12 +108,12 @@ export async function loadDetails(id: string): Promise<void> {
   set((s) => ({ details, states: new Map<string, NodeState>(details.nodes_detail.map((node) => [node.name, node])), curvesTick: s.curvesTick + 1 }));
 }
 
-export async function startRun(nodes: string[] = [], force: string[] = []): Promise<void> {
+export async function startRun(nodes: string[] = [], force: string[] = [], start: string[] = []): Promise<void> {
   const { document } = now();
   if (!document) return;
   set({ busy: true });
   try {
-    const { run } = await post<{ run: Run }>("/api/runs", { nodes, force });
+    const { run } = await post<{ run: Run }>("/api/runs", { nodes, force, start });
     set((s) => ({ runGraph: null, ...(s.dock === "closed" ? { dock: "open" as const, tab: "curves" as const } : {}) }));
     await loadRuns();
     await follow(run.id);
