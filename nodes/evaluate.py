@@ -11,7 +11,7 @@ from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, Region, SceneTruth, ScoredViews, Views
 
 _DRAWN = ("torch", "warp-lang", "scipy", "OpenImageIO")
-_FOUND = (*_DRAWN, "open3d")  # where no region is wired in, what evaluate.region finds
+_FOUND = (*_DRAWN, "open3d", "scikit-image")  # where no region is wired in, what evaluate.region finds
 TestViews = Annotated[Views, facets(split="test")]
 TrainViews = Annotated[Views, facets(split="train")]
 
@@ -58,7 +58,7 @@ def _mask_files(p: RegionSettings) -> Mapping[str, Path]:
     return mask_files(p.masks)
 
 
-@node("evaluate.region", version="1", libraries=_FOUND, sources=_mask_files)
+@node("evaluate.region", version="2", libraries=_FOUND, sources=_mask_files)
 def region(ctx: Context, views: TestViews, train: TrainViews | None = None, *, p: RegionSettings) -> RegionOut:
     """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
 
@@ -107,7 +107,8 @@ def stage1(
     from exmesh_graph.evaluate.carrier import carrier_pairs, score_carrier
     from exmesh_graph.evaluate.scores import add_lpips
 
-    scores = score_carrier(carrier, views, max_views=p.max_views, region=_region_of(ctx, views, train, region))
+    region = _region_of(ctx, views, train, region)
+    scores = score_carrier(carrier, views, max_views=p.max_views, region=region, exposure=p.exposure)
     add_lpips(scores.values, p.lpips, scores.held_out, label="Held-out LPIPS, Stage I")
     return ScoredOut(Metrics(scores.values), carrier_pairs(scores, views, p.pictures))
 
@@ -159,7 +160,7 @@ def asset(
 
     scores = score_asset(
         asset, views, truth, train, max_views=p.max_views, quality=p, seed=ctx.seed, progress=ctx.progress,
-        region=_region_of(ctx, views, train, region),
+        region=_region_of(ctx, views, train, region), exposure=p.exposure,
     )  # fmt: skip
     add_lpips(scores.values, p.lpips, scores.held_out, scores.relit)
     return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))

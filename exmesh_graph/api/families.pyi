@@ -247,7 +247,7 @@ class _Data(Family):
         train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         keep: Find cameras by the whole picture, or (turntable) by what the masks show only.
         masks: Use masks where they are there.
-        frames: Frames of a video: the sharpest of so many equal parts of its time. [>= 3]
+        frames: Frames of a video: the sharpest of so many equal parts of the way that its pictures move. [>= 3]
         blurred: Pictures with less than this share of the set's median sharpness are left out; 0: none is. [>= 0, < 1]
         alike: Of neighbours between which nothing moves by this share of the width the less sharp is left out; 0: none. [>= 0, < 1]
         megapixels: Pictures above this size are reduced to it, before anything else; 0: none is. [Mpx, >= 0]
@@ -317,7 +317,7 @@ class _Edit(Family):
         bounces: Interreflections, where no transport is wired. [>= 0, <= 8]
         """
 class _Evaluate(Family):
-    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
+    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
         """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object.
 
         directions: Directions per surface point of the light transport. [>= 32]
@@ -326,6 +326,7 @@ class _Evaluate(Family):
         specular_samples: GGX rays per sample of a pixel. [>= 1]
         max_views: Score this many views, evenly spread; 0: all. [>= 0]
         lpips: LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.
+        exposure: Fitted: of each held-out photograph one factor per channel is fitted before it is compared, as Stage I fits those of the training photographs (gains); the report says so, and the figure without stands beside.
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
     def capture(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsNode:
@@ -335,7 +336,7 @@ class _Evaluate(Family):
 
         samples: Points on each surface for the Chamfer distance. [>= 100]
         """
-    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, table: Literal["auto", "keep"] | Parameter = "auto", tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, window: int | Parameter = 7, downscale: int | Parameter = 2, neighbours: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> RegionNode:
+    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, table: Literal["auto", "keep"] | Parameter = "auto", tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, downscale: int | Parameter = 2, neighbours: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> RegionNode:
         """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
 
         box: Two corners, normalised units: only surface inside counts. Default: the sphere around the object.
@@ -343,9 +344,8 @@ class _Evaluate(Family):
         table: Auto: a plane that the object stands on, and that goes on beside it, does not count; keep: it does.
         tolerance: How far from the photographs' depth surface may lie and cover a pixel; 1: the radius. [> 0, <= 1]
         incidence: Depth seen at a more grazing angle is left out. [degrees, > 0, <= 90]
-        window: Side of the compared windows, in reduced pictures; odd. [pixels, >= 3, <= 31]
         downscale: Look for depth in pictures reduced by this factor. [>= 1, <= 16]
-        neighbours: Views compared with, about 10 degrees away. [views, >= 1, <= 16]
+        neighbours: Training views near each that stereo may compare with. [views, >= 2, <= 32]
         """
     def round(self, name: str = "", *, state: Wire[Carrier] | Node, views: Wire[Views] | Node | None = None, truth: Wire[SceneTruth] | Node | None = None, region: Wire[Region] | Node | None = None, samples: int | Parameter = 10000, max_views: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsNode:
         """What a round of Stage I has reached: error against seconds and vertices.
@@ -353,11 +353,12 @@ class _Evaluate(Family):
         samples: Points on each surface for the Chamfer distance. [>= 100]
         max_views: Held-out views that the PSNR is taken on, evenly spread. [>= 1]
         """
-    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Region] | Node | None = None, train: Wire[Views] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
+    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Region] | Node | None = None, train: Wire[Views] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}) -> MetricsScoredNode:
         """Held-out PSNR and SSIM of the mesh with its Stage I appearance.
 
         max_views: Score this many views, evenly spread; 0: all. [>= 0]
         lpips: LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.
+        exposure: Fitted: of each held-out photograph one factor per channel is fitted before it is compared, as Stage I fits those of the training photographs (gains); the report says so, and the figure without stands beside.
         pictures: Scored views handed on for pictures (gallery.stage1). [>= 0]
         """
 class _Export(Family):

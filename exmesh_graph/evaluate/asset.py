@@ -34,8 +34,15 @@ from exmesh_graph.evaluate.renders import (
     shown,
     take,
 )
-from exmesh_graph.evaluate.scores import Pictures, compare, headline_figure, held_out_pairs, pairs_for_pictures
-from exmesh_graph.evaluate.settings import Quality, ScaleRule
+from exmesh_graph.evaluate.scores import (
+    Pictures,
+    compare,
+    exposure_words,
+    headline_figure,
+    held_out_pairs,
+    pairs_for_pictures,
+)
+from exmesh_graph.evaluate.settings import Exposure, Quality, ScaleRule
 from exmesh_graph.io.images import display
 from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Asset, Region, SceneTruth, ScoredViews, Views
@@ -78,6 +85,7 @@ def score_asset(
     progress: Progress | None = None,
     rule: ScaleRule = "median",
     region: Region | None = None,
+    exposure: Exposure = "fixed",
 ) -> AssetScores:
     """Score `asset` on held-out `views`, and on `truth`'s relit images and materials where there are any.
 
@@ -85,6 +93,7 @@ def score_asset(
     max_views  score this many, evenly spread; 0: all
     rule       how the albedo's scale is found (metrics.material)
     region     what counts in views without masks; DataError where these come without one
+    exposure   of the held-out pictures, see `coverage.compare_views`; `psnr_as_exposed` is the PSNR without
     """
     quality = quality or Quality()
     chosen = spread(len(views), max_views)
@@ -108,10 +117,11 @@ def score_asset(
     (rendered,) = ours.render(chosen)
     if quality.bounces:
         scores.indirect = _indirect(ours, chosen[len(chosen) // 2])
-    _score_held_out(scores, rendered, guess, views, chosen, train, region, asset)
+    _score_held_out(scores, rendered, guess, views, chosen, train, region, asset, exposure)
     floor = scores.values["floor"]["held_out_psnr"]
     headline: list[dict[str, Any]] = scores.values["headline"]
-    headline.append(headline_figure("Held-out PSNR", scores.values["held_out"]["psnr"], "dB", floor, "held-out PSNR"))
+    label = "Held-out PSNR" + exposure_words(exposure)
+    headline.append(headline_figure(label, scores.values["held_out"]["psnr"], "dB", floor, "held-out PSNR"))
     if not views.has_masks:
         headline += share_figures(scores.values["held_out"])
     scores.values["held_out"]["casting"] = casting_share(asset, casts)
@@ -177,21 +187,25 @@ def _score_held_out(
     train: Views | None,
     region: Region | None,
     asset: Asset,
+    exposure: Exposure,
 ) -> None:
     """Fill `held_out` and its floor."""
-    compared = compare_views(shown(rendered), list(rendered.alpha), asset, views, chosen, region)
+    ours = shown(rendered), list(rendered.alpha), asset, views, chosen, region
+    compared = compare_views(*ours, exposure)
     if views.has_masks:
         (gray,) = guess.render(chosen)  # light is linear: the level scales the image
         lit = train if train is not None and train.has_masks else views
         level = _uniform_level(lit, gray)
         flat = [display(level * image, alpha) for image, alpha in zip(gray.images, gray.alpha, strict=True)]
-        floor = compare_views(flat, list(gray.alpha), asset, views, chosen)
+        floor = compare_views(flat, list(gray.alpha), asset, views, chosen, exposure=exposure)
     else:
         assert region is not None
-        floor, radiance = compare_flat(views, chosen, region)
+        floor, radiance = compare_flat(views, chosen, region, exposure)
         level = radiance / GRAY_ALBEDO
     scores.views, scores.held_out, scores.marks = compared.rows, compared.pairs, compared.marks
     scores.values["held_out"] = compared.figures(views.names)
+    if exposure == "fitted":
+        scores.values["held_out"]["psnr_as_exposed"] = float(np.mean(compare_views(*ours).psnr))
     scores.values["floor"] |= {
         "held_out_psnr": float(np.mean(floor.psnr)),
         "held_out_ssim": float(np.mean(floor.ssim)),

@@ -9,7 +9,8 @@ import numpy as np
 
 from exmesh_graph.evaluate.coverage import Compared, compare_views, region_rows, share_figures
 from exmesh_graph.evaluate.mesh import score_mesh
-from exmesh_graph.evaluate.scores import Pictures, held_out_pairs, pairs_for_pictures
+from exmesh_graph.evaluate.scores import Pictures, exposure_words, held_out_pairs, pairs_for_pictures
+from exmesh_graph.evaluate.settings import Exposure
 from exmesh_graph.io.shots import spread
 from exmesh_graph.types import Carrier, Region, SceneTruth, ScoredViews, Stage1State, Views
 
@@ -27,12 +28,20 @@ class CarrierScores:
         return self.compared.pairs
 
 
-def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region: Region | None = None) -> CarrierScores:
+def score_carrier(
+    carrier: Carrier,
+    views: Views,
+    *,
+    max_views: int = 0,
+    region: Region | None = None,
+    exposure: Exposure = "fixed",
+) -> CarrierScores:
     """Held-out PSNR and SSIM of the mesh with its appearance model (no light model: what Stage I itself has learnt).
 
     Compared is the whole picture over black, or, without masks, what counts by `region` (evaluate.coverage).
     Where the model is not the texture, `psnr_baked` is the PSNR with the texture that was baked from it, which is what
-    Stage II and exports see. Raises DataError for views without masks and without a region.
+    Stage II and exports see. With `exposure` fitted (coverage.compare_views) `psnr_as_exposed` is the PSNR without.
+    Raises DataError for views without masks and without a region.
     """
     from exmesh_graph.stage1.render import render_carrier
 
@@ -40,11 +49,14 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
     if not views.has_masks:
         region_rows(region, views, chosen)
     shown, alpha = render_carrier(carrier, views.subset(chosen), blended=views.has_masks)
-    compared = compare_views(list(shown), list(alpha), carrier, views, chosen, region)
+    compared = compare_views(list(shown), list(alpha), carrier, views, chosen, region, exposure)
     held_out = compared.figures(views.names)
+    if exposure == "fitted":
+        fixed = compare_views(list(shown), list(alpha), carrier, views, chosen, region)
+        held_out["psnr_as_exposed"] = float(np.mean(fixed.psnr))
     headline: list[dict[str, Any]] = [
         {
-            "label": "Held-out PSNR, Stage I",
+            "label": "Held-out PSNR, Stage I" + exposure_words(exposure),
             "value": held_out["psnr"],
             "unit": "dB",
             "better": "higher",
@@ -57,7 +69,7 @@ def score_carrier(carrier: Carrier, views: Views, *, max_views: int = 0, region:
     if isinstance(carrier, Stage1State) and carrier.appearance != "uv_texture":
         plain = replace(carrier, appearance="uv_texture", model={})
         baked, alpha = render_carrier(plain, views.subset(chosen), blended=views.has_masks)
-        again = compare_views(list(baked), list(alpha), carrier, views, chosen, region)
+        again = compare_views(list(baked), list(alpha), carrier, views, chosen, region, exposure)
         held_out["psnr_baked"] = float(np.mean(again.psnr))
     return CarrierScores({"headline": headline, "held_out": held_out}, compared)
 

@@ -10,7 +10,7 @@ and none by a sheet that stands elsewhere. Surface outside the region is counted
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,13 @@ import torch
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.metrics.image import psnr, ssim, ssim_map
 from exmesh_graph.evaluate.scores import Pictures
+from exmesh_graph.evaluate.settings import Exposure
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.io.images import display
 from exmesh_graph.raster import rasterize
 from exmesh_graph.types import Mesh, Region, ScoredViews, Views
 
+FITTED = "one factor per photograph and channel, fitted to it"
 _DIMMED = 0.25  # the photograph outside the region, the same in both pictures of a pair
 
 
@@ -34,6 +36,7 @@ class Compared:
     rows   indices into the views of those that could be scored: all but those whose region is empty
     pairs  (ours, truth) as compared, display values;  marks  uint8 [H, W], as in ScoredViews
     psnr [dB], ssim: of each;  region, covered, leaked: shares of each, see `shares`
+    exposures  factors [3] of each that ours was multiplied by, where they were fitted
     """
 
     rows: list[int]
@@ -45,6 +48,7 @@ class Compared:
     covered: list[float]
     leaked: list[float]
     source: str
+    exposures: list[list[float]] | None = None
 
     def figures(self, names: Sequence[str]) -> dict[str, Any]:
         """`held_out` of a score: means over the views, each view's, and the shares."""
@@ -56,11 +60,13 @@ class Compared:
             "ssim_per_view": dict(zip(own, self.ssim, strict=True)),
             "region": self.source,
             "shares": self.shares(),
+            "exposure": "as it is" if self.exposures is None else FITTED,
             "shares_per_view": {
                 name: {"region": a, "covered": b, "leaked": c}
                 for name, a, b, c in zip(own, self.region, self.covered, self.leaked, strict=True)
             },
             "views": len(own),
+            **({} if self.exposures is None else {"exposures_per_view": dict(zip(own, self.exposures, strict=True))}),
         }
 
     def shares(self) -> dict[str, float]:
@@ -75,29 +81,59 @@ def compare_views(
     views: Views,
     chosen: Sequence[int],
     region: Region | None = None,
+    exposure: Exposure = "fixed",
 ) -> Compared:
     """Compare pictures of `surface`, display values over black [H, W, 3] with coverage [H, W], with the chosen views.
 
-    Without masks `region` says what counts. Raises DataError where it is missing, belongs to other views, or is empty
-    in all of them.
+    Without masks `region` says what counts. `exposure` fitted: each picture is first multiplied by the factor of each
+    channel that is best over what counts and is covered, for photographs whose exposure wanders. Raises DataError where
+    the region is missing, belongs to other views, or is empty in all of them.
     """
     if views.has_masks:
-        return _whole(ours, alpha, views, chosen)
+        parts = [(views.alpha[i] > 0.5) & (part > 0.5) for i, part in zip(chosen, alpha, strict=True)]
+        ours, factors = exposed(ours, parts, views, chosen, exposure)
+        return replace(_whole(ours, alpha, views, chosen), exposures=factors)
     rows = region_rows(region, views, chosen)
     assert region is not None
     depths = surface_depths(surface, views.subset(chosen))
     parts = [region.inside[row] & (depth >= region.near[row]) & (depth <= region.far[row])
              for row, depth in zip(rows, depths, strict=True)]  # fmt: skip
-    return _within(ours, parts, depths, views, chosen, region)
+    ours, factors = exposed(ours, parts, views, chosen, exposure)
+    compared = _within(ours, parts, depths, views, chosen, region)
+    if factors is not None:
+        factors = [factors[list(chosen).index(row)] for row in compared.rows]
+    return replace(compared, exposures=factors)
 
 
-def compare_flat(views: Views, chosen: Sequence[int], region: Region) -> tuple[Compared, float]:
+def exposed(
+    ours: Sequence[np.ndarray], parts: Sequence[np.ndarray], views: Views, chosen: Sequence[int], exposure: Exposure
+) -> tuple[Sequence[np.ndarray], list[list[float]] | None]:
+    """(pictures, factors [3] of each): under the exposure that brings them to the photographs, where it is fitted.
+
+    Factors of display values, of least squares over `parts` (bool [H, W], where ours and the photograph show the same),
+    within two stops of display values; 1 where there is too little to tell.
+    """
+    if exposure == "fixed":
+        return ours, None
+    pictures, factors = [], []
+    for picture, part, i in zip(ours, parts, chosen, strict=True):
+        own, true = picture[part].astype(np.float64), display(views.images[i], views.alpha[i])[part]
+        power = np.square(own).sum(axis=0)
+        factor = np.where(power > 1e-6, (own * true).sum(axis=0) / np.maximum(power, 1e-12), 1.0).clip(0.5, 2)
+        pictures.append(np.clip(picture * factor, 0, 1).astype(picture.dtype))
+        factors.append([round(float(one), 4) for one in factor])
+    return pictures, factors
+
+
+def compare_flat(
+    views: Views, chosen: Sequence[int], region: Region, exposure: Exposure = "fixed"
+) -> tuple[Compared, float]:
     """The guess of one gray all over the region, and its level: the photographs' mean linear radiance there."""
     rows = region_rows(region, views, chosen)
     inside = region.inside[rows]
     level = float(views.images[list(chosen)][inside].mean())
     gray = display(np.full((views.height, views.width, 3), level, np.float32), np.ones((views.height, views.width)))
-    flat = [gray.astype(np.float32)] * len(rows)
+    flat, _ = exposed([gray.astype(np.float32)] * len(rows), list(inside), views, chosen, exposure)
     return _within(flat, list(inside), np.zeros(inside.shape, np.float32), views, chosen, region), level
 
 

@@ -1,6 +1,6 @@
 """What counts in held-out views that have no masks, found in the photographs and in nothing that is to be scored.
 
-A pixel counts where the held-out view's own multi-view depth (`priors.plane_sweep`, with the training views as its
+A pixel counts where the held-out view's own multi-view depth (`priors.patch_match`, with the training views as its
 neighbours) lies inside the object's box and above the table that it stands on, or where a mask that was given for
 scoring only says so. With the depth goes the interval in which the surface lies, so that a sheet behind the object
 covers nothing; with a mask goes the box's: what stands in the wrong place shows the wrong colour, as in views with
@@ -15,18 +15,21 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.ndimage import binary_closing, binary_erosion, distance_transform_edt, label
+from scipy.ndimage import binary_closing, binary_erosion, distance_transform_edt, label, maximum_filter, minimum_filter
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.evaluate.settings import RegionSettings
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
+from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import read_image
+from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.io.train_size import reduced
+from exmesh_graph.masks.cut import moved_to_edges
 from exmesh_graph.masks.plane import plane_below
-from exmesh_graph.priors.depth_filter import agreed, neighbours, normals_of_depth
-from exmesh_graph.priors.plane_sweep import search_depths
-from exmesh_graph.priors.settings import SweepSettings
+from exmesh_graph.priors.depth_filter import neighbours, normals_of_depth
+from exmesh_graph.priors.patch_match.estimate import patch_match
+from exmesh_graph.priors.settings import PatchMatchSettings
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Region, Views
@@ -35,8 +38,12 @@ from exmesh_graph.types.pictures import Pictures
 _FLAT = 0.003  # deviation [display units] of 3 x 3 pixels that hold nothing of their own: their depth is a neighbour's
 _CLOSED = 3  # reduced pixels: holes that are closed, which the flat parts of a surface leave
 _HOLE = 30  # reduced pixels: larger holes stay open
+_FILLED = 0.02  # of what counts: holes in it that are filled
+_SPECK = 0.05  # of the largest part: smaller ones are windows that match by chance
+_BAND = 5.0  # reduced pixels by which the rim may move in, to the edge in the picture
 _PARED = 2  # reduced pixels taken off the rim, where windows carry the object's depth onto the background
 _SLOPE = 2.0  # a surface's steepest change of depth, in pixels' widths a pixel, where depth is carried over holes
+_LEAST_SIDE = 32  # pixels, of stereo
 _VOXELS = 128  # along the sphere's diameter, of the surface in which the table is looked for
 _THICK = 1.5 * 2 / _VOXELS  # half the thickness of the table, which stereo's noise gives it
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
@@ -64,9 +71,14 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
     depth = np.zeros(views.alpha.shape, np.float32) if given is not None else _own_depth(views, train, settings)
     start, end = _box_depths(views, settings)
     known = (depth > start) & (depth < end)
+    known &= ~_between(depth, known, settings)
     if given is None and settings.table == "auto":
         known &= ~_table(np.where(known, depth, 0), views, settings.downscale)
-    inside = np.stack([_tidied(one, settings.downscale) for one in known]) if given is None else given & (end > start)
+    inside = (
+        np.stack([_tidied(one, views.images[i], settings.downscale) for i, one in enumerate(known)])
+        if given is None
+        else given & (end > start)
+    )
     near, far = np.zeros_like(depth), np.zeros_like(depth)
     for i in range(len(views)):
         near[i], far[i] = _interval(np.where(known[i], depth[i], 0), views, i, settings.tolerance)
@@ -117,22 +129,18 @@ def _own_depth(views: Views, train: Views | None, settings: RegionSettings) -> n
         large = small.repeat(ratio, axis=1).repeat(ratio, axis=2)
         return np.pad(large, ((0, 0), (0, views.height - large.shape[1]), (0, views.width - large.shape[2])))
     factor = settings.downscale
-    sweep = SweepSettings(window=settings.window, neighbours=settings.neighbours, downscale=factor)
     everyone = _joined(views, train)
-    targets = prepare_targets(everyone, downscale=factor)
-    grey = torch.stack([image.mean(dim=-1) for image in targets.images])
     near = neighbours(everyone.camera_to_world, settings.neighbours)
     asked = sorted({*range(len(views)), *(int(other) for i in range(len(views)) for other in near[i])})
-    found = torch.zeros(grey.shape)
-    for i in asked:
-        found[i] = search_depths(i, near[i], targets, grey, sweep)
+    side = max(_LEAST_SIDE, -(-max(views.width, views.height) // factor))
+    stereo = patch_match(everyone.subset(asked), PatchMatchSettings(side=side)).depths.depth[: len(views)]
+    targets = prepare_targets(views, downscale=factor)
+    size, middle = (targets.height, targets.width), factor // 2
     out = np.zeros((len(views), views.height, views.width), np.float32)
-    for i in range(len(views)):
-        cameras = targets.intrinsics, targets.world_to_camera
-        needed = min(sweep.agreeing, len(near[i]))
-        kept = agreed(i, near[i], found, *cameras, needed, sweep.tolerance) if needed else torch.zeros(grey.shape[1:])
-        kept = torch.where(_structured(grey[i]) & ~_grazing(kept, targets, i, settings.incidence), kept, 0.0)
-        large = kept.numpy().repeat(factor, axis=0).repeat(factor, axis=1)
+    for i, full in enumerate(stereo):
+        seen = torch.from_numpy(np.ascontiguousarray(full[middle::factor, middle::factor][: size[0], : size[1]]))
+        trusted = _structured(targets.images[i].mean(dim=-1)) & ~_grazing(seen, targets, i, settings.incidence)
+        large = (seen * trusted).numpy().repeat(factor, axis=0).repeat(factor, axis=1)
         out[i, : large.shape[0], : large.shape[1]] = large
     return out
 
@@ -199,13 +207,32 @@ def _grazing(depth: torch.Tensor, targets: Targets, view: int, limit: float) -> 
     return known & (-(normals * rays).sum(-1) / rays.norm(dim=-1) < np.cos(np.radians(limit)))
 
 
-def _tidied(known: np.ndarray, factor: int) -> np.ndarray:
-    """bool [H, W] without the holes of a few reduced pixels, and without a rim."""
+def _between(depth: np.ndarray, known: np.ndarray, settings: RegionSettings) -> np.ndarray:
+    """bool [N, H, W], where depths nearby lie further apart than a surface may be off: windows there hold two surfaces,
+    and carry the depth of one onto the other."""
+    reach = (1, 2 * settings.downscale + 1, 2 * settings.downscale + 1)
+    near = minimum_filter(np.where(known, depth, np.inf), size=reach)
+    far = maximum_filter(np.where(known, depth, -np.inf), size=reach)
+    return far - near > settings.tolerance
+
+
+def _tidied(known: np.ndarray, picture: np.ndarray, factor: int) -> np.ndarray:
+    """bool [H, W] without the holes of a few reduced pixels, without specks, and without a rim.
+
+    Windows carry depth onto what stands behind: the rim is cut to the edge in the picture [H, W, 3], inwards alone.
+    """
     height, width = known.shape
     small, reach = known[::factor, ::factor], _CLOSED + 1
     closed = binary_closing(np.pad(small, reach), iterations=_CLOSED)[reach:-reach, reach:-reach]
+    parts, _ = label(closed)
+    size = np.bincount(parts.ravel())
+    closed &= (size >= _SPECK * size[1:].max(initial=0))[parts]
     holes, _ = label(~closed)
-    closed |= (np.bincount(holes.ravel()) < _HOLE)[holes]
+    closed |= (np.bincount(holes.ravel()) < max(_HOLE, _FILLED * closed.sum()))[holes]
+    whole = np.asarray(picture)[: height // factor * factor, : width // factor * factor]
+    shown = linear_to_srgb(np.clip(downscale_area(whole, factor), 0, 1))
+    rows, columns = shown.shape[:2]
+    closed[:rows, :columns] &= moved_to_edges(shown.astype(np.float32), closed[:rows, :columns], _BAND)
     pared = binary_erosion(closed, iterations=_PARED, border_value=1)
     return pared.repeat(factor, axis=0).repeat(factor, axis=1)[:height, :width]
 

@@ -107,6 +107,11 @@ def benchmark_row(table: str, scene: str, row: dict[str, float | None], better: 
     return {"benchmark": {"table": table, "scene": scene, "row": row}, "headline": figures}
 
 
+def exposure_words(exposure: str) -> str:
+    """What a label says of figures for which exposures were fitted."""
+    return ", exposure fitted" if exposure == "fitted" else ""
+
+
 def points_to_dataset(points: np.ndarray, frame: Frame) -> np.ndarray:
     """Normalised points in the axes and units of the data set's files, float64 [N, 3]."""
     matrix = frame.dataset_from_scene @ frame.scene_from_normalised

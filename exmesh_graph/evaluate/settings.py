@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-from pydantic import field_validator
-
 from exmesh_graph.evaluate.metrics.weights import lpips_source
 from exmesh_graph.io.settings import Box
 from exmesh_graph.params import Params, param
-from exmesh_graph.priors.settings import SweepSettings
 
+Exposure = Literal["fixed", "fitted"]
 ScaleRule = Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"]
 
 
@@ -42,14 +40,8 @@ class RegionSettings(Params):
         0.1, gt=0, le=1, doc="How far from the photographs' depth surface may lie and cover a pixel; 1: the radius."
     )
     incidence: float = param(80.0, gt=0, le=90, unit="degrees", doc="Depth seen at a more grazing angle is left out.")
-    window: int = param(7, ge=3, le=31, unit="pixels", doc="Side of the compared windows, in reduced pictures; odd.")
     downscale: int = param(2, ge=1, le=16, doc="Look for depth in pictures reduced by this factor.")
-    neighbours: int = param(4, ge=1, le=16, unit="views", doc="Views compared with, about 10 degrees away.")
-
-    @field_validator("window")
-    @classmethod
-    def _has_a_middle(cls, window: int) -> int:
-        return SweepSettings(window=window).window
+    neighbours: int = param(8, ge=2, le=32, unit="views", doc="Training views near each that stereo may compare with.")
 
 
 class SpeedParams(Quality):
@@ -68,13 +60,23 @@ class ViewsParams(Params):
     lpips: Path | None = param(None, doc="LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.")
 
 
-class Stage1Params(ViewsParams):
+class HeldOutParams(ViewsParams):
+    """Of scores on photographs whose exposure may wander."""
+
+    exposure: Exposure = param(
+        "fixed",
+        doc="Fitted: of each held-out photograph one factor per channel is fitted before it is compared, as Stage I "
+        "fits those of the training photographs (gains); the report says so, and the figure without stands beside.",
+    )
+
+
+class Stage1Params(HeldOutParams):
     """`evaluate.stage1`."""
 
     pictures: int = param(2, ge=0, doc="Scored views handed on for pictures (gallery.stage1).")
 
 
-class AssetParams(ViewsParams, Quality):
+class AssetParams(HeldOutParams, Quality):
     """`evaluate.asset`."""
 
     pictures: int = param(3, ge=0, doc="Held-out views handed on for pictures (gallery.asset).")

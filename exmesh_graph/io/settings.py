@@ -176,7 +176,9 @@ class PhotosOptions(TrainSize, MotionSettings):
         "all", doc="Find cameras by the whole picture, or (turntable) by what the masks show only."
     )
     masks: bool = param(True, doc="Use masks where they are there.")
-    frames: int = param(60, ge=3, doc="Frames of a video: the sharpest of so many equal parts of its time.")
+    frames: int = param(
+        60, ge=3, doc="Frames of a video: the sharpest of so many equal parts of the way that its pictures move."
+    )
     blurred: float = param(
         0.4,
         ge=0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate import region
 from exmesh_graph.evaluate.settings import RegionSettings
 from exmesh_graph.io.train_size import reduced
+from exmesh_graph.types import DepthMaps
 
 SETTINGS = RegionSettings(downscale=1)
 
@@ -26,15 +28,19 @@ def photographs():
 
 def test_depth_is_found_at_the_size_of_the_training_pictures(photographs, monkeypatch):
     held, train = photographs
-    ramp = torch.arange(1.0, 145.0).reshape(12, 12)
-    monkeypatch.setattr(region, "neighbours", lambda poses, count: [np.array([2, 3])] * len(poses))
-    monkeypatch.setattr(region, "search_depths", lambda *_: ramp)
-    monkeypatch.setattr(region, "agreed", lambda i, near, found, *_: found[i])
+    ramp = np.arange(1.0, 145.0, dtype=np.float32).reshape(12, 12)
+
+    def found_by(views, settings):
+        assert settings.side == 32
+        depth = np.stack([ramp] * len(views))
+        return SimpleNamespace(depths=DepthMaps(views.names, depth))
+
+    monkeypatch.setattr(region, "patch_match", found_by)
     monkeypatch.setattr(region, "_structured", lambda grey: torch.ones_like(grey, dtype=torch.bool))
     monkeypatch.setattr(region, "_grazing", lambda depth, *_: torch.zeros_like(depth, dtype=torch.bool))
     found = region._own_depth(held, reduced(train, 2), SETTINGS)
     assert found.shape == held.alpha.shape
-    np.testing.assert_array_equal(found[1, :24, :24], ramp.numpy().repeat(2, axis=0).repeat(2, axis=1))
+    np.testing.assert_array_equal(found[1, :24, :24], ramp.repeat(2, axis=0).repeat(2, axis=1))
     assert not found[:, 24:].any()
     assert not found[:, :, 24:].any()
 
@@ -70,8 +76,10 @@ def _from_above(views):
 
 
 def test_the_table_that_the_object_stands_on_does_not_count(monkeypatch):
-    views = _from_above(testing.views(count=24, size=96))
+    views = _from_above(testing.views(count=24, size=160))
     depth, ball = _ball_on_a_disc(views)
+    shown = np.where(ball, 0.8, np.where(depth > 0, 0.3, 0.0))  # the pictures' edges are the depths'
+    views = replace(views, images=shown[..., None].repeat(3, axis=-1).astype(np.float32))
     monkeypatch.setattr(region, "_own_depth", lambda *_: depth)
     kept = region.find_region(views, None, RegionSettings(table="keep", downscale=1))
     found = region.find_region(views, None, RegionSettings(downscale=1))

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from exmesh_graph.errors import DataError, MissingLibraryError
 from exmesh_graph.io.images import read_raw
 from exmesh_graph.io.photos import list_photos
-from exmesh_graph.io.video import extract_frames
+from exmesh_graph.io.video import extract_frames, sharpest_of_parts
 
 WIDTH, HEIGHT, COUNT, SHARP = 96, 64, 30, (2, 9, 12, 19, 24)
 
@@ -41,6 +41,35 @@ def test_the_sharpest_frame_of_each_part_by_its_time(video, tmp_path):
     codes = read_raw(frames[0])
     assert codes.shape == (HEIGHT, WIDTH, 3)
     assert np.abs(codes[4:24, 4:40].astype(int) - [200, 20, 20]).mean() < 12
+
+
+def test_a_camera_that_stands_still_gives_few_frames(tmp_path):
+    """It moves for a second, stands for four, and moves for another: by time two thirds would be of one place."""
+    av = pytest.importorskip("av", reason="pip install 'exmesh-graph[video]'")
+    path = tmp_path / "pan.mp4"
+    rng = np.random.default_rng(1)
+    wall = gaussian_filter(rng.random((HEIGHT, 4 * WIDTH)), 1.5)
+    wall = 255 * (wall - wall.min()) / np.ptp(wall)
+    places = [*range(0, 60, 6), *[60] * 40, *range(66, 126, 6)]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = WIDTH, HEIGHT, "yuv420p", 4_000_000
+        for left in places:
+            grey = wall[:, left : left + WIDTH] + rng.normal(0, 2, (HEIGHT, WIDTH))
+            rgb = np.repeat(grey.clip(0, 255)[..., None], 3, axis=2).astype(np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
+        container.mux(stream.encode())
+    frames, _ = extract_frames(path, 6, tmp_path / "f")
+    still = [frame for frame in frames if "t0001_000" <= frame.stem < "t0005_000"]
+    assert len(frames) == 6
+    assert len(still) <= 2
+
+
+def test_the_sharpest_of_equal_parts_of_the_way():
+    way = np.array([0.0, 0.1, 0.2, 0.2, 0.2, 0.6, 1.0])
+    sharp = np.array([1.0, 3.0, 2.0, 5.0, 1.0, 2.0, 3.0])
+    assert sharpest_of_parts(way, sharp, 2) == [3, 6]
+    assert sharpest_of_parts(np.zeros(3), np.array([1.0, 2.0, 0.0]), 4) == [1]
 
 
 def test_more_frames_than_there_are_gives_all(video, tmp_path):

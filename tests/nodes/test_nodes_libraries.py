@@ -31,7 +31,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "data.usd": {"scipy"},
     "usd.compose": {"scipy"},
     "gallery.blender": {"embreex", "scipy", "torch", "warp-lang"},
-    "evaluate.round": {"pymeshlab", "open3d"},
+    "evaluate.round": {"pymeshlab", "open3d", "scikit-image"},
     "evaluate.capture": {"pymeshlab", "open3d"},
     "evaluate.mesh": {"pymeshlab", "open3d"},
     "evaluate.stage1": {"pymeshlab"},
