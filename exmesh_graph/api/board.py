@@ -68,6 +68,8 @@ class Board:
         if kind == "run_started":
             self.began = event["time"]
             self.states = dict.fromkeys(event["nodes"], "waiting")
+        elif kind == "nodes_added":
+            self.states |= dict.fromkeys(event["nodes"], "waiting")
         elif kind == "expected":
             self.expected = dict(event["seconds"])
         elif kind == "node_started":

@@ -23,6 +23,7 @@ from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, fail
 from exmesh_graph.graph.run.execute import check_input, check_untouched, outputs_of
+from exmesh_graph.graph.run.lists import arguments
 from exmesh_graph.graph.run.memory import mark_of
 from exmesh_graph.graph.session import Session, current_session
 from exmesh_graph.types import Artifact
@@ -95,7 +96,9 @@ def call(
     words: dict[str, Any] = {name: plug.value for name, plug in bound.components.items()}
     if known.params_name:
         words[known.params_name] = bound.params
-    result = definition.function(CallContext(kind, seed, _folder(folder), progress), **inputs, **words)
+    result = definition.function(
+        CallContext(kind, seed, _folder(folder), progress), **arguments(known, inputs), **words
+    )
     check_untouched(bound, inputs, marks)
     outputs_of(bound, result)
     return result
@@ -120,8 +123,13 @@ class _Written:
                 given[key] = plain(value, what, where, self.problems)
             elif value is not None:
                 given[key] = self._plugged(what, value, port) or Broken()
-                if isinstance(given[key], Broken) and self._fits(what, value, port):
-                    self.artifacts[own] = value
+                items = enumerate(value, 1) if port.many and isinstance(value, list | tuple) else ()
+                table = {f"{own}[{number}]": item for number, item in items} if port.many else {own: value}
+                if port.many and not isinstance(value, list | tuple):
+                    self.problems.add("wrong-type", where, f"{what} takes a list", expected=str(port))
+                for name_, item in table.items() if isinstance(given[key], Broken) else ():
+                    if self._fits(f"{name}.{name_}", item, port):
+                        self.artifacts[name_] = item
         present = {known.renamed.get(key, key) for key in given}
         for own, port in known.inputs.items():
             if not port.optional and own not in present:

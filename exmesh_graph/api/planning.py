@@ -52,7 +52,7 @@ class Plan(list["Step"]):
     def unseen(self) -> list[str]:
         """What the code of its nodes depends on that no key holds (see `unseen`)."""
         with self.graph.packs:
-            definitions = {d.type: d for step in self for d in self.graph.nodes[step.name].definitions()}
+            definitions = {d.type: d for step in self for d in self.graph.node(step.name).definitions()}
             told = unseen(definitions.values())
         self.store.save()
         return told
@@ -60,7 +60,7 @@ class Plan(list["Step"]):
     def as_json(self) -> dict[str, Any]:
         """What `exmesh plan --json` writes."""
         steps = [
-            {"name": s.name, "type": self.graph.nodes[s.name].definition.type, "state": s.state, "reason": s.reason,
+            {"name": s.name, "type": self.graph.node(s.name).definition.type, "state": s.state, "reason": s.reason,
              "key": s.key}
             for s in self
         ]  # fmt: skip

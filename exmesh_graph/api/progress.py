@@ -76,7 +76,7 @@ def view(graph: Checked, run: str) -> Iterator[Listener]:
     from rich.console import Console
 
     console = Console(stderr=False)
-    types = {name: bound.definition.type for name, bound in graph.nodes.items()}
+    types = _Types({name: bound.definition.type for name, bound in graph.nodes.items()})
     if not console.is_terminal:
         yield Plain(types).listen
         return
@@ -86,6 +86,13 @@ def view(graph: Checked, run: str) -> Iterator[Listener]:
     with Live(get_renderable=table.render, console=console, refresh_per_second=5) as live:
         table.say = live.console.print
         yield table.listen
+
+
+class _Types(dict[str, str]):
+    """Node types by name; `fit[2]` is one of the nodes that `fit` stands for."""
+
+    def __missing__(self, name: str) -> str:
+        return self.get(name.rpartition("[")[0], "")
 
 
 class Plain:

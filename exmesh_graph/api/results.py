@@ -74,7 +74,7 @@ class NodeRun:
     @property
     def outputs(self) -> list[str]:
         """The names of its outputs; of those that are there once it has run."""
-        return [port for port, stored in self.info["outputs"].items() if stored["type"] != "none"]
+        return [port for port, stored in self.info["outputs"].items() if stored["type"] != "none" and "[" not in port]
 
     def __getitem__(self, port: str) -> Any:
         stored = self.info["outputs"].get(port)
@@ -83,7 +83,14 @@ class NodeRun:
             if not self.info["outputs"]:
                 raise _unknown("output", port, (), f"{self.info['name']}, which is {state},")
             raise _unknown("output", port, self.outputs, self.info["name"])
+        if stored["type"] == "list":
+            return tuple(self._element(port, number) for number in range(1, stored["bytes"] + 1))
         return None if stored["type"] == "none" else self._run.artifact(stored["digest"], f"{self.info['name']}.{port}")
+
+    def _element(self, port: str, number: int) -> Any:
+        """An element of a list: made by this node, or by one of those that it stands for."""
+        made_here = f"{port}[{number}]" in self.info["outputs"]
+        return self[f"{port}[{number}]"] if made_here else self._run[f"{self.info['name']}[{number}]"][port]
 
     def __getattr__(self, port: str) -> Any:
         if port.startswith("_"):
@@ -103,7 +110,7 @@ class Run(Mapping[str, NodeRun]):
 
     def __init__(self, folder: Path, record: Mapping[str, Any], store: Store) -> None:
         self.folder, self.record, self.store = folder, record, store
-        self.rows = {row["name"]: row for row in record["nodes"]}
+        self._rows: dict[str, Mapping[str, Any]] = {}
         self.kept: dict[str, Artifact] = {}
         self.report_error = ""
         self.failures: list[Mapping[str, Any]] = []  # what the failure files hold, of this run
@@ -112,6 +119,13 @@ class Run(Mapping[str, NodeRun]):
     def keep(self, close: Callable[[], Any]) -> None:
         """Call `close` when this handle goes away: for a store that lives no longer than it."""
         weakref.finalize(self, close)
+
+    @property
+    def rows(self) -> Mapping[str, Mapping[str, Any]]:
+        """The rows of the record by name; a node with `each` adds some while it runs."""
+        if len(self._rows) != len(self.record["nodes"]):
+            self._rows = {row["name"]: row for row in self.record["nodes"]}
+        return self._rows
 
     @property
     def id(self) -> str:
@@ -189,7 +203,7 @@ class Run(Mapping[str, NodeRun]):
         return NodeRun(self, self.rows[name])
 
     def __getattr__(self, name: str) -> Any:
-        rows = self.__dict__.get("rows", {})
+        rows = self.rows if "_rows" in self.__dict__ else {}
         if name.startswith("_") or not rows:
             raise AttributeError(name)
         near = [other for other in (name, *nearest(name, rows)) if other in rows]

@@ -170,7 +170,7 @@ def run_checked(
                 work.run()
             except NodeFailed as failure:
                 result.failures = failure.records
-                place = checked.nodes[failure.node].where
+                place = checked.node(failure.node).where
                 local = any(bound.definition.function.__module__ == "__main__" for bound in checked.nodes.values())
                 raise RunFailed(result, failure.records, failure.cause, str(place), local=local) from failure.cause
             except KeyboardInterrupt as interrupt:

@@ -57,6 +57,9 @@ def matching(checked: Checked, names: Names) -> list[str]:
         if given in checked.nodes:
             found[given] = None
             continue
+        if given.endswith("]") and (home := given.rpartition("[")[0]) in checked.nodes and checked.nodes[home].each:
+            found[home] = None  # one of the nodes that it stands for
+            continue
         fits = [name for key in _fitting(given, plain) for name in plain[key]] or _fitting(given, checked.nodes)
         if not fits:
             _refuse(checked, given, plain)

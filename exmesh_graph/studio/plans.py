@@ -25,9 +25,7 @@ def plan_facts(checked: Checked, store: Store, targets: set[str] | None = None) 
     total, complete = 0.0, True
     for step in steps:
         counts[step.state] += 1
-        seconds = (
-            _spent(step) if step.state == HIT else expected.of(step.name, checked.nodes[step.name].definition.type)
-        )
+        seconds = _spent(step) if step.state == HIT else expected.of(step.name, checked.node(step.name).definition.type)
         if step.state != HIT:
             total += seconds or 0.0
             complete = complete and seconds is not None

@@ -56,8 +56,10 @@ class Bench:
             self.check(text, *sets)
         return list(caught.value.problems)
 
-    def run(self, text: str, *sets: str, **options: Any) -> dict[str, Any]:
+    def run(self, text: str, *sets: str, idle: bool = True, **options: Any) -> dict[str, Any]:
+        """Run a graph, by default with the nodes that nothing needs."""
         graph = self.check(text, *sets)
+        graph = graph.with_idle() if idle else graph
         folder = RunFolder(self.root / "runs", graph.name)
         self.events.clear()
         try:

@@ -127,7 +127,7 @@ nodes:
     row = next(row for row in record["nodes"] if row["name"] == "c")
     action = store.look_up(row["key"])
     assert action is not None
-    job = job_of(bound, graph.nodes, action.preimage, store, checkpoint_every=0.0)
+    job = job_of(bound, graph, action.preimage, store, {}, checkpoint_every=0.0)
     saved: list[Path] = []
 
     class Seen(Checkpoints):
@@ -237,7 +237,7 @@ def test_a_source_edited_before_its_node_ran_is_not_recorded(bench: Any) -> None
     (step,) = plan(graph, bench.store)
     assert step.preimage is not None
     path.write_text("22")
-    job = job_of(graph.nodes["a"], graph.nodes, step.preimage, bench.store)
+    job = job_of(graph.nodes["a"], graph, step.preimage, bench.store, {})
     outcome = execute(job, bench.store, Memory(), bench.events.append)
     assert "the source file number changed while a ran" in outcome.info["message"]
     assert bench.store.look_up(job.key) is None

@@ -122,7 +122,7 @@ def test_differences_in_words() -> None:
 def test_a_job_carries_components_as_json(bench: Any) -> None:
     graph = bench.check(GRAPH)
     bound = graph.nodes["end"]
-    job = job_of(bound, graph.nodes, {"inputs": {}}, bench.store)
+    job = job_of(bound, graph, {"inputs": {}}, bench.store, {})
     value = Job.from_json(job.to_json()).bound().components["curve"].value
     assert value == bound.components["curve"].value
     assert type(value) is type(bound.components["curve"].value)

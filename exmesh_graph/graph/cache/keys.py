@@ -127,7 +127,10 @@ _DIGEST = re.compile(r"[0-9a-f]{64}\Z")
 
 @dataclass(frozen=True)
 class Stored:
-    """An artifact in the store; (`none`, `none`, 0) stands for an optional output that stayed empty."""
+    """An artifact in the store; (`none`, `none`, 0) stands for an optional output that stayed empty.
+
+    (`list`, `none`, n) stands for a list of n artifacts, which stand beside it as `port[1]`, ... `port[n]`.
+    """
 
     type: str
     digest: str
@@ -135,6 +138,18 @@ class Stored:
 
 
 NOTHING = Stored(*ABSENT, 0)
+LIST = "list"
+
+
+def listed(count: int) -> Stored:
+    """What stands for a list."""
+    return Stored(LIST, ABSENT[1], count)
+
+
+def elements(outputs: Mapping[str, Stored], port: str) -> list[str]:
+    """The names of what is in an output: those of its elements where it is a list, else its own."""
+    stored = outputs[port]
+    return [f"{port}[{n}]" for n in range(1, stored.bytes + 1)] if stored.type == LIST else [port]
 
 
 @dataclass(frozen=True)
@@ -149,7 +164,7 @@ class Action:
     @property
     def digests(self) -> tuple[str, ...]:
         """The objects of its outputs, each once."""
-        return tuple(dict.fromkeys(stored.digest for stored in self.outputs.values() if stored != NOTHING))
+        return tuple(dict.fromkeys(stored.digest for stored in self.outputs.values() if stored.digest != ABSENT[1]))
 
 
 def sound_action(key: str, text: str) -> Action | None:
@@ -164,7 +179,7 @@ def action_of(key: str, record: dict[str, Any]) -> Action:
     """The action in an unsealed record. Raises ValueError, KeyError or TypeError when it is not that of `key`."""
     outputs = {port: Stored(**entry) for port, entry in record.pop("outputs").items()}
     preimage = record.pop("preimage")
-    if not all(_DIGEST.match(stored.digest) or stored == NOTHING for stored in outputs.values()):
+    if not all(_DIGEST.match(stored.digest) or stored.digest == ABSENT[1] for stored in outputs.values()):
         raise ValueError("a digest is none")  # and could name any folder
     if record.pop("key") != key or key_of(preimage) != key or record.pop("format") != FORMAT:
         raise ValueError("the key does not belong to the pre-image")

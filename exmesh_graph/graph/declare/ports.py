@@ -8,7 +8,7 @@ import inspect
 import pathlib
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -19,18 +19,23 @@ from exmesh_graph.params import Auto, Params
 from exmesh_graph.types import Artifact
 
 B = TypeVar("B")
-RESERVED = ("type", "graph", "seed", "doc", "every", "at", "repeat", "carry", "next", "nodes")
+RESERVED = ("type", "graph", "seed", "doc", "every", "at", "each", "repeat", "carry", "next", "nodes")
+_LISTS = (list, tuple, Sequence)
 
 
 @dataclass(frozen=True)
 class Port:
-    """One end of a wire: the nominal types it takes (outputs have one), its facets, whether it may be absent."""
+    """One end of a wire: the nominal types it takes (outputs have one), its facets, whether it may be absent.
+
+    `many`: a list of such values, of a length that is known when it is made. Its elements are called `views[1]`, ...
+    """
 
     name: str
     types: tuple[type, ...]
     facets: Mapping[str, Any] = field(default_factory=dict)
     optional: bool = False
     was: tuple[str, ...] = ()
+    many: bool = False
 
     @property
     def type(self) -> Any:
@@ -70,7 +75,8 @@ class Port:
 
     def __str__(self) -> str:
         extra = ", ".join(f"{key}={value!r}" for key, value in self.facets.items())
-        return " | ".join(map(type_name, self.types)) + (f"[{extra}]" if extra else "")
+        words = " | ".join(map(type_name, self.types)) + (f"[{extra}]" if extra else "")
+        return f"list of {words}" if self.many else words
 
 
 @dataclass(frozen=True)
@@ -144,8 +150,15 @@ def type_name(kind: type) -> str:
     return kind.type_name if issubclass(kind, Artifact) else kind.__name__
 
 
+def base_name(port: str) -> str:
+    """The port that `views[2]`, an element of a list, belongs to."""
+    return port.partition("[")[0]
+
+
 def link_form(port: Port) -> str:
     """How a link to this port is written."""
+    if port.many:
+        return '["@node.port", ...] or "@node.port", a list'
     return '"@component"' if port.plugged else '"@node.port" or "@component"' if port.mixed else '"@node.port"'
 
 
@@ -239,21 +252,24 @@ def _outputs(function: Callable[..., Any], returned: Any) -> dict[str, Port]:
     hints = typing.get_type_hints(returned, include_extras=True)
     ports = {name: _port(function, name, hints[name], False) for name in returned._fields}
     for port in ports.values():
-        if len(port.types) > 1 or port.plugged:
+        if len(port.types) > 1 or port.plugged or (port.many and port.optional):
             raise TypeError(f"{function.__qualname__}: output {port.name} must be one Artifact type, not {port}")
     return ports
 
 
 def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Port:
-    """A port from `T`, `A | B`, `T | None` and `Annotated[..., facets(...)]` around any of them.
+    """A port from `T`, `A | B`, `T | None`, `list[T]` and `Annotated[..., facets(...)]` around any of them.
 
     `Artifact | Component` makes a mixed port: one solver takes a finished artifact or the spec of how to do without.
     """
     notes: list[Note] = []
     kinds: tuple[Any, ...] = (hint,)
-    composed = (typing.Annotated, typing.Union, types.UnionType)
+    composed = (typing.Annotated, typing.Union, types.UnionType, *_LISTS)
+    many = False
     while len(kinds) == 1 and (origin := typing.get_origin(kinds[0])) in composed:
         args = typing.get_args(kinds[0])
+        many = many or origin in _LISTS
+        args = tuple(arg for arg in args if arg is not Ellipsis)
         if origin is typing.Annotated:
             notes += [note for note in args[1:] if isinstance(note, Note)]
             args = args[:1]
@@ -262,7 +278,10 @@ def _port(owner: Callable[..., Any], name: str, hint: Any, optional: bool) -> Po
     facets = {name: value for note in notes for name, value in note.facets.items()}
     old = tuple(name for note in notes for name in note.was)
     if all(_is_subclass(kind, Artifact) or _is_subclass(kind, Component) for kind in kinds):
-        return Port(name, kinds, facets, optional, old)
+        port = Port(name, kinds, facets, optional, old, many)
+        if many and (port.plugged or port.mixed):
+            raise TypeError(f"{owner.__qualname__}: port {name} is a list of components; lists hold artifacts")
+        return port
     shown = " | ".join(map(str, kinds))
     raise TypeError(f"{owner.__qualname__}: port {name} is {shown}, not an Artifact type or Component class")
 

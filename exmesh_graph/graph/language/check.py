@@ -33,7 +33,10 @@ OWN_FOLDERS = ("failures", "logs")  # of a run
 
 @dataclass(frozen=True)
 class Bound:
-    """A node ready to run: definition, signature, parameters, wires and components by input port, sources by name."""
+    """A node ready to run: definition, signature, parameters, wires and components by input port, sources by name.
+
+    `each` names inputs that are lists: the node stands for one node for each element, and gathers what they make.
+    """
 
     name: str
     definition: NodeDef
@@ -44,6 +47,7 @@ class Bound:
     seed: int
     where: Where
     components: Mapping[str, BoundComponent] = field(default_factory=dict)
+    each: tuple[str, ...] = ()
 
     def plugged(self) -> list[BoundComponent]:
         """All components plugged into it and into these."""
@@ -95,6 +99,7 @@ class Checked:
                 "params": bound.params.model_dump(mode="json"),
                 "inputs": {port: str(link) for port, link in bound.inputs.items()},
                 **({"components": {p: f"@{c.name}" for p, c in bound.components.items()}} if bound.components else {}),
+                **({"each": list(bound.each)} if bound.each else {}),
             }
             for name, bound in {**self.nodes, **self.idle}.items()
         }
@@ -102,6 +107,11 @@ class Checked:
         graph = {"name": self.name, "variant": self.variant, "params": dict(self.params)}
         components = {name: plug.describe() for name, plug in self.components.items()}
         return {**graph, "nodes": nodes, "components": components, "outputs": outputs}
+
+    def node(self, name: str) -> Bound:
+        """A node by its name; for an element of one with `each`, `fit[2]`, that one."""
+        known = {**self.nodes, **self.idle}
+        return known[name] if name in known else known[name.rpartition("[")[0]]
 
     def needed_for(self, targets: Iterable[str]) -> set[str]:
         """The names of `targets` and of everything upstream of them."""
@@ -185,7 +195,8 @@ def _bound(node: NodeCheck, components: Mapping[str, BoundComponent]) -> Bound |
     elif model is not None:
         node.check_decided(model, plugs.values())
         wires = {port: link for port, link in node.links.items() if link.port}
-        return Bound(spec.name, node.definition, node.kind, model, wires, node.sources(model), spec.seed, where, plugs)
+        files = node.sources(model)
+        return Bound(spec.name, node.definition, node.kind, model, wires, files, spec.seed, where, plugs, node.each)
     return None
 
 

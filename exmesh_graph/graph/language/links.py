@@ -66,15 +66,52 @@ class Links:
     names: set[str] = field(default_factory=set)
 
     def value(self, value: Any, scope: Scope, where: Where) -> Value:
-        """Substitute parameters; a string that begins with one @ becomes a Link (`@@` is a literal @)."""
+        """Substitute parameters; a string that begins with one @ becomes a Link (`@@` is a literal @).
+
+        So do the items of a list; `@rounds[*].x` becomes a list with a link for each round.
+        """
         result = substitute(value, scope.params, where, self.problems)
-        text = result.value
-        if isinstance(text, str) and text.startswith("@@"):
-            return Value(text[1:], where, result.base)
-        if isinstance(text, str) and text.startswith("@"):
-            link = self.link(text, scope, where)
-            return Value(None if link == ABSENT else link or Broken(), where, result.base)
-        return result
+        given = result.value
+        several = isinstance(given, list) or (isinstance(given, str) and "[*]" in given)
+        items = given if isinstance(given, list) else [given]
+        if not any(isinstance(item, str) and item.startswith("@") for item in items):
+            return result
+        meant = [one for item in items for one in self._meant(item, scope, where)]
+        return Value(meant if several else meant[0], where, result.base)
+
+    def _meant(self, item: Any, scope: Scope, where: Where) -> list[Any]:
+        """What one item stands for: itself, or links."""
+        if not isinstance(item, str) or not item.startswith("@"):
+            return [item]
+        if item.startswith("@@"):
+            return [item[1:]]
+        if "[*]" in item:
+            return self._in_each_round(item, scope, where)
+        link = self.link(item, scope, where)
+        return [None if link == ABSENT else link or Broken()]
+
+    def _in_each_round(self, text: str, scope: Scope, where: Where) -> list[Any]:
+        """The links that `@rounds[*].x`, a carried value, or `@rounds[*].node.port` stands for."""
+        name, _, rest = text[1:].partition("[*].")
+        level: Scope | None = scope
+        while level is not None and name not in level.nodes:
+            level = level.parent
+        block = None if level is None else level.nodes[name]
+        if not isinstance(block, Block):
+            self.problems.add("link", where, f"{text}: there is no repeat block {name!r} here")
+            return [Broken()]
+        first, dot, _ = rest.partition(".")
+        links: list[Any] = []
+        for number, inner in enumerate(block.scopes, 1):
+            if not dot:
+                links.append(block.carried(number, rest, where) or Broken())
+            elif first.partition("[")[0] in inner.nodes:
+                links += self._meant(f"@{rest}", inner, where)
+            else:
+                what = f"{text}: the block {name} has no node {first!r}"
+                self.problems.add("unknown-node", where, what, nearest=closest(first, inner.nodes))
+                return [Broken()]
+        return links
 
     def link(self, text: Any, scope: Scope, where: Where) -> Link | None:
         """The link that `@node.port` means in `scope`; None after a problem was noted."""

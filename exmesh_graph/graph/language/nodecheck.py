@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os.path
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -17,7 +18,7 @@ from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.language.wires import Wiring
 from exmesh_graph.graph.language.yamlfile import every
-from exmesh_graph.graph.problems import Where, nearest
+from exmesh_graph.graph.problems import Where, closest, nearest
 from exmesh_graph.params import Auto, Params
 
 
@@ -33,6 +34,7 @@ class NodeCheck:
         self.links: dict[str, Link] = {}
         self.given: dict[str, Value] = {}
         self.fields = self._in_present_names()
+        self.each = self._each()
         if self.kind.component is not None and self.spec.seeded is not None:
             wiring.problems.add("seed", self.spec.seeded, f"{name} is a component, which has no seed")
         for key, value in self.fields.items():
@@ -73,15 +75,50 @@ class NodeCheck:
     def _connect(self, port: Port, value: Value) -> None:
         """Judge what stands at an input port."""
         name, link = self.spec.name, value.value
-        if isinstance(link, Link):
-            wire = self.wiring.connect(link, value.where, f"{name}.{port.name}", port, name)
-            self.links |= {} if wire is None else {port.name: wire[0]}
+        items = [one for one in link if one is not None] if isinstance(link, list) else [link]
+        if port.many and items and all(isinstance(one, Link | Broken) for one in items):
+            for number, one in enumerate(items, 1):
+                self._wire(f"{port.name}[{number}]", replace(port, optional=True), one, value.where)
+        elif isinstance(link, Link):
+            self._wire(port.name, port, link, value.where)
+        elif port.many and isinstance(link, list) and not items:
+            return
         elif not isinstance(link, Broken) and not (link is None and port.optional):
             self.add_problem(
                 "link", value.where, f"{port.name} is an input port, not a parameter",
                 expected=f"a link {link_form(port)} that carries {port}",
                 found="nothing" if link is None else repr(link), nearest=self.wiring.suitable(port, name),
             )  # fmt: skip
+
+    def _wire(self, key: str, port: Port, link: Link | Broken, where: Where) -> None:
+        """Judge one wire into an input, or into an element of a list."""
+        wire = None
+        if isinstance(link, Link):
+            wire = self.wiring.connect(link, where, f"{self.spec.name}.{key}", port, self.spec.name)
+        if wire is None:
+            return
+        self.links[key], source = wire
+        if source.many and not port.many and key not in self.each:
+            self.add_problem("list", where, f"{link} is a list, but {key} takes one", expected=str(port),
+                             found=str(source), fix=f"each: {key} makes a node for each element")  # fmt: skip
+        elif key in self.each and not source.many:
+            self.add_problem("list", where, f"each: {key}, but {link} is no list", found=str(source))
+
+    def _each(self) -> tuple[str, ...]:
+        """The inputs that `each` names: lists, of which every element makes a node of its own."""
+        given = self.spec.each
+        if given is None:
+            return ()
+        names = given.value if isinstance(given.value, list) else [given.value]
+        known = [name for name, port in self.kind.inputs.items() if not (port.many or port.plugged)]
+        for name in names:
+            if name not in known:
+                self.add_problem("list", given.where, f"each names inputs that take one value, not {name!r}",
+                                 nearest=closest(name, known))  # fmt: skip
+        if any(port.many or port.optional for port in self.kind.outputs.values()):
+            what = f"{self.definition.type} makes lists, or what may be absent: each makes no lists of these"
+            self.add_problem("list", given.where, what)
+        return tuple(str(name) for name in names)
 
     def add_problem(self, code: str, where: Where, what: str, **more: Any) -> None:
         """Note a fault of this node."""
@@ -94,7 +131,8 @@ class NodeCheck:
         raw: dict[str, Any] = dict(nested)
         failed = False
         for key, value in self.given.items():
-            if isinstance(value.value, Link | Broken):
+            items = value.value if isinstance(value.value, list) else [value.value]
+            if any(isinstance(item, Link | Broken) for item in items):
                 self.add_problem("link", value.where, f"{key} is a parameter, not an input port")
                 failed = True
             elif isinstance(value.value, bool) and self.kind.params.model_fields[key].annotation in (int, float):

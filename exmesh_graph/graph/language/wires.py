@@ -103,6 +103,8 @@ class Wiring:
             refuse("unknown-port", f"{link}: {type} has no output {new!r}", expected=expected, nearest=near)
             return None
         source = kind.outputs[new] if kind.component is None else Port("", (kind.component,))
+        if self.graph.nodes[link.node].each is not None:  # a list of what its nodes make
+            source = replace(source, many=True)
         if port is not None and not issubclass(source.type, port.types):
             what, name = f"{link} does not fit {end}", source.type.__name__
             if source.plugged != port.plugged and not port.mixed:

@@ -13,15 +13,16 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in, sources_changed
-from exmesh_graph.graph.cache.keys import NOTHING, Stored
+from exmesh_graph.graph.cache.keys import NOTHING, Stored, listed
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.ports import Port, artifact_types
+from exmesh_graph.graph.declare.ports import Port, artifact_types, base_name
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.problems import in_short
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.hermetic import apart
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
+from exmesh_graph.graph.run.lists import arguments
 from exmesh_graph.graph.run.memory import Memory, losses, mark_of
 from exmesh_graph.resources import peak_memory, reset_peak_memory
 from exmesh_graph.types import Artifact
@@ -129,9 +130,9 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         check_untouched(bound, inputs, marks)
         values = outputs_of(bound, result)
         del result
-        stored = {port: NOTHING if v is None else store.put(v, attempt) for port, v in values.items()}
+        stored = {port: store.put(v, attempt) if isinstance(v, Artifact) else v for port, v in values.items()}
         for port, value in values.items():
-            if value is not None and not value.read_back:  # what lies in the work folder goes away with it
+            if isinstance(value, Artifact) and not value.read_back:  # what lies in the work folder goes away with it
                 check_saved(bound, port, value, stored[port], store)
                 memory.put(stored[port].digest, value)
     info = {
@@ -172,7 +173,7 @@ def _call(bound: Bound, context: NodeContext, inputs: Mapping[str, Artifact]) ->
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         warnings.showwarning = lambda message, category, *_, **__: context.log(f"{category.__name__}: {message}")
-        return bound.definition.function(context, **inputs, **extra)
+        return bound.definition.function(context, **arguments(bound.signature, inputs), **extra)
 
 
 @contextlib.contextmanager
@@ -232,7 +233,8 @@ def _codes(plugs: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, str
 
 def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str, Any]) -> None:
     """Facets that the port asks for and the wire does not promise, measured on the value itself."""
-    wanted = bound.signature.inputs[port].wanted(type(value))
+    asked_by = bound.signature.inputs[base_name(port)]
+    wanted = asked_by.wanted(type(value))
     open_facets = {k: v for k, v in wanted.items() if k not in promised}
     if not open_facets:
         return
@@ -241,24 +243,34 @@ def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str,
         if measured.get(name) != asked:
             found = f"{name}={measured[name]!r}" if name in measured else f"no facet {name!r}"
             what = f"the wire {bound.wire(port)} carries {value.type_name} with {found}"
-            expected = f"{bound.signature.inputs[port]}, {name}={asked!r}"
+            expected = f"{asked_by}, {name}={asked!r}"
             fix = f"put a node before {bound.name} whose output has {name}={asked!r}"
             raise GraphError(what, where=str(bound.where), expected=expected, fix=fix)
 
 
-def outputs_of(bound: Bound, result: Any) -> dict[str, Artifact | None]:
-    """The values a node returned, by port; refuses wrong types and facets it promised but does not keep."""
+def outputs_of(bound: Bound, result: Any) -> dict[str, Artifact | Stored]:
+    """The values a node returned, by port; refuses wrong types and facets it promised but does not keep.
+
+    Lists have an entry for each element beside their own; NOTHING stands for what is absent.
+    """
     ports = bound.signature.outputs
     if not isinstance(result, tuple) or len(result) != len(ports):
         raise GraphError(f"{bound.definition.type} returned {type(result).__name__}", expected=", ".join(ports))
-    values = dict(zip(ports, result, strict=True))
+    values: dict[str, Any] = {}
+    for name, value in zip(ports, result, strict=True):
+        if ports[name].many and isinstance(value, list | tuple):
+            values[name] = listed(len(value))
+            values |= {f"{name}[{number}]": item for number, item in enumerate(value, 1)}
+        else:
+            values[name] = NOTHING if value is None and ports[name].optional else value
     for name, value in values.items():
-        if value is None and ports[name].optional:
+        port = ports[base_name(name)]
+        if isinstance(value, Stored):
             continue
-        if not isinstance(value, ports[name].type):
+        if not isinstance(value, port.type) or port.many != (name != port.name):
             what = f"{bound.definition.type} returned {type(value).__name__} for its output {name}"
-            raise GraphError(what, expected=str(ports[name]))
-        _check_promise(bound, ports[name], value)
+            raise GraphError(what, expected=str(port))
+        _check_promise(bound, port, value)
     return values
 
 

@@ -14,14 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, GraphError
-from exmesh_graph.graph.cache.keys import NOTHING, Stored, key_of
+from exmesh_graph.graph.cache.keys import ABSENT, Stored, key_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.components import rebuild, validated_again
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.declare.ports import artifact_types, signature
-from exmesh_graph.graph.language.check import Bound
+from exmesh_graph.graph.declare.ports import artifact_types, base_name, signature
+from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.problems import Where
+from exmesh_graph.graph.run.lists import Outputs, fed
 from exmesh_graph.graph.run.plan import preimage_for
 
 Emit = Callable[[Mapping[str, Any]], None]
@@ -97,16 +98,18 @@ class Job:
 
 
 def job_of(
-    bound: Bound, nodes: Mapping[str, Bound], preimage: Mapping[str, Any], store: Store, **more: Any
+    bound: Bound, graph: Checked, preimage: Mapping[str, Any], store: Store, outputs: Outputs, **more: Any
 ) -> Job:  # fmt: skip
-    """The job of a node whose inputs are all known. `more`: graph, run, threads, devices, log, packs."""
-    file, links = bound.where.file, bound.inputs.items()
+    """The job of a node whose inputs are all known. `more`: run, threads, devices, log, packs."""
+    file = bound.where.file
+    links = [(port, link) for port, (link, _) in fed(bound, outputs).items()]
     return Job(
         bound.name, bound.definition.type, bound.params.model_dump(mode="json"), bound.seed, preimage["inputs"],
         wires={port: f"{link.node}.{link.port}" for port, link in links},
-        promised={port: dict(nodes[link.node].signature.outputs[link.port].promises) for port, link in links},
+        promised={port: graph.nodes[lk.node].signature.outputs[base_name(lk.port)].promises for port, lk in links},
         sources={name: str(path) for name, path in bound.sources.items()},
-        preimage=preimage, store=str(store.root), where=(None if file is None else str(file), bound.where.line),
+        preimage=preimage, graph=graph.name, store=str(store.root),
+        where=(None if file is None else str(file), bound.where.line),
         components={port: plug.describe() for port, plug in bound.components.items()},
         **more,
     )  # fmt: skip
@@ -115,8 +118,11 @@ def job_of(
 def rekeyed(job: Job, store: Store) -> Job:
     """The job with the key that it has now, on `store`: code, libraries or source files may have changed since."""
     bound = job.bound()
-    known = {job.wires[port]: Stored(kind, digest, 0) for port, (kind, digest) in job.inputs.items()}
-    preimage = preimage_for(bound, store, lambda node, port: known.get(f"{node}.{port}", NOTHING))
+    known: dict[str, dict[str, Stored]] = {}
+    for port, link in bound.inputs.items():
+        kind, digest = job.inputs.get(port, ABSENT)
+        known.setdefault(link.node, {})[link.port] = Stored(kind, digest, 0)
+    preimage = preimage_for(bound, store, known)
     return replace(job, preimage=preimage, store=str(store.root))
 
 

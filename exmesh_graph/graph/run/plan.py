@@ -6,16 +6,17 @@ Why a node is no hit is the difference of key pre-images, in words.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, GraphError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in
-from exmesh_graph.graph.cache.keys import ABSENT, Action, Stored, key_of, preimage_of
+from exmesh_graph.graph.cache.keys import NOTHING, Action, Stored, key_of, preimage_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.problems import in_short
+from exmesh_graph.graph.run.lists import Outputs, fed, gathered, mapped, whole
 from exmesh_graph.graph.variants.compare import unlike
 
 HIT, RUN, UNKNOWN = "hit", "run", "unknown"
@@ -52,29 +53,37 @@ def _steps(graph: Checked, store: Store, targets: set[str] | None, reasons: bool
             steps.append(Step(name, UNKNOWN, f"waits for {', '.join(waits)}"))
             continue
         try:
-            preimage = preimage_for(bound, store, lambda node, port: outputs[node][port])
+            nodes = mapped(bound, outputs) if bound.each else [bound]
+            made = [_step(node, store, outputs, reasons) for node in nodes]
         except ExmeshError as error:
             steps.append(Step(name, UNKNOWN, error.what))
             continue
-        key = key_of(preimage)
-        action = store.find(preimage, key, fetch=False)
-        if action is not None and set(action.outputs) == set(bound.signature.outputs):
-            outputs[name] = action.outputs
-            far = store.remote is not None and store.look_up(key) is None
-            steps.append(Step(name, HIT, "in the shared store" if far else "", key, preimage, action))
-        else:
-            words = explain(bound, preimage, store) if reasons else []
-            steps.append(Step(name, RUN, "; ".join([*words[:3], *(["..."] if words[3:] else [])]), key, preimage))
+        steps += made
+        missing = [step.name for step in made if step.action is None]
+        if not missing:
+            known = [step.action.outputs for step in made if step.action is not None]
+            outputs[name] = gathered(bound, known) if bound.each else known[0]
+        if bound.each:
+            words = f"waits for {in_short(missing, 3)}" if missing else f"gathers {len(made)}"
+            steps.append(Step(name, UNKNOWN if missing else HIT, words))
     return steps
 
 
-def preimage_for(bound: Bound, store: Store, output: Callable[[str, str], Stored]) -> dict[str, Any]:
+def _step(bound: Bound, store: Store, outputs: Outputs, reasons: bool) -> Step:
+    preimage = preimage_for(bound, store, outputs)
+    key = key_of(preimage)
+    action = store.find(preimage, key, fetch=False)
+    if action is not None and whole(action.outputs, bound.signature):
+        far = store.remote is not None and store.look_up(key) is None
+        return Step(bound.name, HIT, "in the shared store" if far else "", key, preimage, action)
+    words = explain(bound, preimage, store) if reasons else []
+    return Step(bound.name, RUN, "; ".join([*words[:3], *(["..."] if words[3:] else [])]), key, preimage)
+
+
+def preimage_for(bound: Bound, store: Store, outputs: Outputs) -> dict[str, Any]:
     """The pre-image of a node's key, given the recorded outputs of the nodes before it."""
-    inputs = {}
-    for port, link in bound.inputs.items():
-        stored = output(link.node, link.port)
-        if (stored.type, stored.digest) != ABSENT:
-            inputs[port] = (stored.type, stored.digest)
+    given = fed(bound, outputs).items()
+    inputs = {port: (stored.type, stored.digest) for port, (_, stored) in given if stored != NOTHING}
     remember_in(store.code)
     try:
         sources = {name: store.sources.digest(path) for name, path in bound.sources.items()}

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph.cache.keys import NOTHING, Stored
+from exmesh_graph.graph.cache.keys import NOTHING, Stored, elements
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import copy_files, is_locked, writing
 from exmesh_graph.graph.language.check import OWN_FOLDERS, Bound, Checked
@@ -126,6 +126,11 @@ def is_alive(run: Path) -> bool:
     return is_locked(run / "events.jsonl")
 
 
+def _row(bound: Bound) -> dict[str, Any]:
+    return {"name": bound.name, "type": bound.definition.type, "state": WAITING, "key": None, "seconds": 0.0,
+            "spent": 0.0, "outputs": {}, "warnings": []}  # fmt: skip
+
+
 Listener = Callable[[Mapping[str, Any]], None]
 HIT, WAITING, RUNNING, BLOCKED, INTERRUPTED = "hit", "waiting", "running", "blocked", "interrupted"
 
@@ -139,17 +144,24 @@ class RunRecord:
     ) -> None:  # fmt: skip
         self.graph, self.store, self.folder, self.listener = graph, store, folder, listener
         self.saved, self.save_cost = 0.0, 0.0
-        self.rows: dict[str, dict[str, Any]] = {
-            name: {"name": name, "type": bound.definition.type, "state": WAITING, "key": None, "seconds": 0.0,
-                   "spent": 0.0, "outputs": {}, "warnings": []}
-            for name, bound in nodes.items()
-        }  # fmt: skip
+        self.rows: dict[str, dict[str, Any]] = {name: _row(bound) for name, bound in nodes.items()}
         self.record: dict[str, Any] = {
             "id": folder.id, "graph": graph.name, "file": str(graph.file), "command": command,
             "overrides": list(overrides), "state": "unfinished", "started": time.time(), "machine": machine_facts(),
             "store": str(store.below or store.root), "resolved": graph.resolved(), "nodes": list(self.rows.values()),
             "published": {}, "idle": list(graph.idle),
         }  # fmt: skip
+
+    def add(self, parts: Iterable[Bound], name: str) -> None:
+        """Note the nodes that one with `each` stands for, before it."""
+        own, rows = self.rows[name], self.record["nodes"]
+        place = next(index for index, row in enumerate(rows) if row is own)
+        own["inputs"] = {}
+        for part in parts:
+            self.rows[part.name] = {**_row(part), "inputs": {port: str(link) for port, link in part.inputs.items()}}
+            own["inputs"][part.name] = f"@{part.name}.{next(iter(part.signature.outputs), '')}"
+        rows[place:place] = [self.rows[part] for part in own["inputs"]]
+        self.emit("nodes_added", nodes=[*own["inputs"]], of=name)
 
     def emit(self, event: str, **facts: Any) -> None:
         """Tell the listener, and events.jsonl."""
@@ -165,9 +177,11 @@ class RunRecord:
         """Copy what the graph publishes of a node into the run's folder, once."""
         published = self.record["published"]
         for name, link in self.graph.outputs.items():
-            if link.node == node and outputs[link.port] != NOTHING and name not in published:
-                path = self.folder.publish(name, outputs[link.port], self.store)
-                published[name] = str(path.relative_to(self.folder.path))
+            for port in elements(outputs, link.port) if link.node == node else ():
+                label = name + port.removeprefix(link.port).replace("[", "-").rstrip("]")  # meshes-1, meshes-2, ...
+                if outputs[port] != NOTHING and label not in published:
+                    path = self.folder.publish(label, outputs[port], self.store)
+                    published[label] = str(path.relative_to(self.folder.path))
 
     def failed(
         self, bound: Bound, outcome: Outcome, inputs: Mapping[str, Stored], job: Job | None, command: str, first: bool

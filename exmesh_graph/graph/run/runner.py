@@ -15,11 +15,13 @@ from typing import Any
 
 from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in
-from exmesh_graph.graph.cache.keys import NOTHING, Action, Stored, key_of
+from exmesh_graph.graph.cache.keys import LIST, NOTHING, Action, Stored, elements, key_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
+from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.run.backends import Backend, Inline
 from exmesh_graph.graph.run.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
+from exmesh_graph.graph.run.lists import fed, gathered, mapped, whole
 from exmesh_graph.graph.run.plan import preimage_for
 from exmesh_graph.graph.run.rundir import BLOCKED, HIT, INTERRUPTED, RUNNING, WAITING, Listener, RunFolder, RunRecord
 from exmesh_graph.graph.run.schedule import Dataflow, KeyLeases, Pool, remaining_seconds
@@ -79,7 +81,8 @@ class Runner:
         self.cause: BaseException | None = None
         self.pool: Pool | None = None
         self.packs = tuple(graph.packs.modules())
-        self.remaining: Mapping[str, float] = {}
+        self.remaining: dict[str, float] = {}
+        self.parts: dict[str, list[str]] = {}  # of nodes with `each`, the nodes that they stand for
 
     def run(self) -> dict[str, Any]:
         """Run everything; returns the record. Raises NodeFailed or KeyboardInterrupt, with the record written."""
@@ -176,8 +179,11 @@ class Runner:
         bound = self.nodes[name]
         if self.flow.waits(name) or self.rows[name]["state"] != WAITING or name in self.planned:
             return  # an input is being made again, or it was offered twice
+        if bound.each:
+            self._map(bound)
+            return
         try:
-            preimage = preimage_for(bound, self.store, lambda node, port: self.flow.outputs[node][port])
+            preimage = preimage_for(bound, self.store, self.flow.outputs)
             action = self._look_up(bound, preimage)
         except ExmeshError as error:
             self._fail(name, failure(name, error), None)
@@ -193,12 +199,34 @@ class Runner:
         self.planned[name] = preimage
         bisect.insort(self.queue, (-self.remaining[name], self.flow.rank[name]))
 
+    def _map(self, bound: Bound) -> None:
+        """A node for each element of a list, when that is known; what they make is gathered when it is all there."""
+        name = bound.name
+        if name not in self.parts:
+            try:
+                parts = mapped(bound, self.flow.outputs)
+            except ExmeshError as error:
+                self._fail(name, failure(name, error), None)
+                return
+            self.parts[name] = [part.name for part in parts]
+            self.nodes.update({part.name: part for part in parts})
+            self.remaining.update({part: self.remaining.get(name, 0.0) for part in self.parts[name] if self.remaining})
+            self.force |= {*self.parts[name]} if name in self.force else set()
+            self.log.add(parts, name)
+            self.flow.spread(name, parts)
+        if not self.flow.waits(name):
+            hits = all(self.rows[part]["state"] == HIT for part in self.parts[name])
+            made = gathered(bound, [self.flow.outputs[part] for part in self.parts[name]])
+            self._settle(name, HIT if hits else DONE, made, {}, 0.0)
+
     def _look_up(self, bound: Bound, preimage: Mapping[str, Any]) -> Action | None:
         """The sound record of a node, unless it is to run in any case."""
         action = None if bound.name in self.force else self.store.find(preimage)
-        if action is None or set(action.outputs) != set(bound.signature.outputs):
+        if action is None or not whole(action.outputs, bound.signature):
             return None
-        shown = [link.port for link in self.graph.outputs.values() if link.node == bound.name]
+        owner = bound.name if bound.name in self.graph.nodes else bound.name.rpartition("[")[0]
+        ports = [link.port for link in self.graph.outputs.values() if link.node == owner]
+        shown = [one for port in ports for one in elements(action.outputs, port)]
         sound = all(self.store.sound(action.outputs[p].digest) for p in shown if action.outputs[p] != NOTHING)
         return action if sound else None
 
@@ -241,7 +269,7 @@ class Runner:
         assert self.pool is not None
         threads = max(1, int(self.pool.most["cpu"] if name in self.pool.any_number else wanted["cpu"]))
         job = job_of(
-            self.nodes[name], self.graph.nodes, preimage, self.store, graph=self.graph.name, run=self.folder.id,
+            self.nodes[name], self.graph, preimage, self.store, self.flow.outputs, run=self.folder.id,
             threads=threads, devices=devices, log=str(self.folder.log(name)),
             checkpoint_every=self.checkpoint_every, packs=self.packs,
         )  # fmt: skip
@@ -284,7 +312,8 @@ class Runner:
     ) -> None:
         """A node's outputs are known: publish them, let go of its inputs, look at the nodes below."""
         row = self.rows[name]
-        row.update(state=state, outputs={port: vars(stored) for port, stored in outputs.items()}, spent=spent)
+        shown = {p: s for p, s in outputs.items() if not self.nodes[name].each or s.type == LIST}  # once, by its nodes
+        row.update(state=state, outputs={port: vars(stored) for port, stored in shown.items()}, spent=spent)
         row.update({figure: info[figure] for figure in FIGURES if figure in info})
         try:
             self.log.publish(name, outputs)
@@ -299,9 +328,14 @@ class Runner:
 
     def _make_again(self, name: str, outcome: Outcome) -> None:
         """An input's bytes in the store are broken: run the node that made it again, then this one."""
-        link = self.nodes[name].inputs[outcome.info["port"]]
+        link, _ = fed(self.nodes[name], self.flow.outputs)[outcome.info["port"]]
         self.rows[name]["state"] = WAITING
         del self.planned[name]
+        if link.node in self.parts:  # made by one of the nodes that it stands for
+            port, _, number = link.port.partition("[")
+            self.rows[link.node]["state"] = WAITING
+            self.flow.lose(link.node)
+            link = Link(f"{link.node}[{number}", port)
         stored = self.flow.outputs.get(link.node, {}).get(link.port)
         if stored is not None and not self.store.sound(stored.digest):
             if link.node in self.remade:

@@ -6,14 +6,16 @@ import heapq
 import math
 import threading
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache.lease import BEAT, Holder, Lease, Leases
 from exmesh_graph.graph.cache.store import Stored
 from exmesh_graph.graph.declare.node import wanted_of
+from exmesh_graph.graph.declare.ports import base_name
 from exmesh_graph.graph.language.check import Bound
+from exmesh_graph.graph.run.lists import fed
 from exmesh_graph.resources import gpu_memory
 
 Tokens = Mapping[str, float]
@@ -216,14 +218,13 @@ class Dataflow:
 
     def inputs(self, name: str) -> dict[str, Stored]:
         """The inputs of a node that are known, by port."""
-        links = self.nodes[name].inputs.items()
-        return {port: self.outputs[link.node][link.port] for port, link in links if link.node in self.outputs}
+        return {port: stored for port, (_, stored) in fed(self.nodes[name], self.outputs).items()}
 
     def settle(self, name: str, outputs: Mapping[str, Stored]) -> list[str]:
         """Note a node's outputs and offer the nodes below; returns the digests that no node to come reads."""
         self.outputs[name] = outputs
         for port, stored in outputs.items():
-            self.needed[stored.digest] += self.readers[name, port]
+            self.needed[stored.digest] += sum(self.readers[name, one] for one in {port, base_name(port)})
         self.readers.subtract((link.node, link.port) for link in self.nodes[name].inputs.values())
         read = [stored.digest for stored in self.inputs(name).values()]  # without those that are being made again
         self.needed.subtract(read)
@@ -231,6 +232,21 @@ class Dataflow:
             self.look_again(user)
         own = [stored.digest for stored in outputs.values()]
         return [digest for digest in (*own, *read) if self.needed[digest] <= 0]
+
+    def spread(self, name: str, parts: Sequence[Bound]) -> None:
+        """From now on a node waits for `parts`, which are in `nodes`, and no longer for what it is wired to."""
+        self.sources[name] = {part.name for part in parts}
+        for part in parts:
+            self.rank[part.name] = len(self.names)
+            self.names.append(part.name)
+            self.sources[part.name] = {link.node for link in part.inputs.values()}
+            self.users[part.name] = [name]
+            for source in self.sources[part.name]:
+                self.users[source].append(part.name)
+            self._count(part)
+            for link in part.inputs.values():  # what is known already has one more reader
+                self.needed[self.outputs[link.node][link.port].digest] += 1
+            self.look_again(part.name)
 
     def lose(self, name: str) -> None:
         """The outputs of a node are no longer known: it will run again."""

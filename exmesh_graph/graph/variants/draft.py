@@ -95,21 +95,31 @@ class Source(Place):
 
 @dataclass(frozen=True)
 class LinkPlace:
-    """A place where a link stands: `holder[key]`, read in `scope`. `owner` is the node or block it belongs to."""
+    """A place where a link stands: `holder[key]`, read in `scope`. `owner` is the node or block it belongs to.
 
-    holder: Map
+    In a list of links, `holder` is the list, which stands at `at`.
+    """
+
+    holder: Any
     key: Any
     scope: str
     owner: str
     label: str
+    at: Where | None = None
 
     @property
     def text(self) -> str:
         return str(self.holder[self.key])
 
+    def put(self, text: str, where: Where) -> None:
+        """Write another link there."""
+        self.holder[self.key] = text
+        if self.at is None:
+            self.holder.lines[self.key] = where
+
     @property
     def where(self) -> Where:
-        return self.holder.lines[self.key]
+        return self.at or self.holder.lines[self.key]
 
 
 @dataclass
@@ -220,10 +230,12 @@ class Draft:
             for key, value in holder.items() if isinstance(holder, Map) else ():
                 if is_link(value) and key != "doc":
                     yield LinkPlace(holder, key, scope, owner, f"{label}.{key}")
+                for index in [i for i, item in enumerate(value) if is_link(item)] if isinstance(value, list) else ():
+                    yield LinkPlace(value, index, scope, owner, f"{label}.{key}", holder.lines[key])
 
     def source(self, text: str, scope: str) -> Source | None:
         """What a link means in `scope`; None where it means nothing."""
-        match = _LINK.fullmatch(text)
+        match = _LINK.fullmatch(text.replace("[*]", "[1]"))
         node, port = match.groups() if match else (text.removeprefix("@"), "")
         if node == "carry":
             return Source("", port, text)

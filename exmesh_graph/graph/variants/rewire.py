@@ -72,7 +72,7 @@ def insert(draft: Draft, patch: Map) -> None:
     output = _pick(patch, "out", kind.outputs, wire, new, there)
     for place, read in places:
         block, dot, _ = ("", "", "") if place.scope == scope else read.rpartition(".")[0].rpartition(".")
-        place.holder.put(place.key, f"{block}{dot or '@'}{name}.{output}", there)
+        place.put(f"{block}{dot or '@'}{name}.{output}", there)
     _put_new(draft, scope, name, new, where).put(source_port, text, there)
 
 
@@ -100,7 +100,7 @@ def bypass(draft: Draft, patch: Map) -> None:
                        fix=f"{{connect: {name}.{port}, to: ...}} first")  # fmt: skip
     for place, source in used:
         text = draft.moved(entry[through[source.port]], address.scope, place, source, where)
-        place.holder.put(place.key, text, where)
+        place.put(text, where)
     del draft.inside(address.scope)[address.name]
 
 
