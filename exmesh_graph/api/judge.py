@@ -10,6 +10,7 @@ from exmesh_graph.graph.language.check import check_part
 from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
+from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef
     from exmesh_graph.graph.declare.packs import Packs
 
-_OWN = ("type", "every", "at", "doc", "seed")  # of a node's entry, what is neither port nor parameter
+_OWN = ("type", "every", "at", "each", "doc", "seed")  # of a node's entry, what is neither port nor parameter
 
 
 def judge(scope: NodeScope, name: str) -> Problems:
@@ -39,11 +40,14 @@ def judge(scope: NodeScope, name: str) -> Problems:
         elif "${" in repr(value):
             judged = Broken()
         elif isinstance(value, str) and value.startswith("@"):
-            judged = _link(scope, value, specs)
+            judged = Broken() if "[*]" in value else _link(scope, value, specs)
+        elif isinstance(value, list) and any(isinstance(item, str) and item.startswith("@") for item in value):
+            judged = [_link(scope, item, specs) if isinstance(item, str) else item for item in value]
+            judged = Broken() if "[*]" in str(value) else judged
         if isinstance(judged, Broken) and key in names:
             continue
         fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
-    specs[name] = NodeSpec(name, kind, fields, entry.where, 0)
+    specs[name] = NodeSpec(name, kind, fields, entry.where, 0, each=_each(entry))
     return check_part(Unrolled(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)
 
 
@@ -75,7 +79,8 @@ def _neighbours(scope: NodeScope | None, name: str) -> dict[str, NodeSpec]:
         for other in scope:
             kind = scope.type_of(other)
             if other != name and scope.graph.packs.find(kind) is not None:
-                specs.setdefault(other, NodeSpec(other, kind, {}, scope.where_of(other), 0))
+                each = _each(scope.entry(other))
+                specs.setdefault(other, NodeSpec(other, kind, {}, scope.where_of(other), 0, each=each))
         scope = scope.outer
     return specs
 
@@ -90,5 +95,10 @@ def _link(scope: NodeScope, text: str, specs: dict[str, NodeSpec]) -> Link | Bro
     if home.graph.packs.find(kind) is None:
         return Broken()
     shown = name if home.outer is None or home == scope else f"{home.name}.{name}"
-    specs.setdefault(shown, NodeSpec(shown, kind, {}, home.where_of(name), 0))
+    specs.setdefault(shown, NodeSpec(shown, kind, {}, home.where_of(name), 0, each=_each(home.entry(name))))
     return Link(shown, port)
+
+
+def _each(entry: Map) -> Value | None:
+    """What a node's entry says of `each`."""
+    return Value(entry["each"], entry.lines["each"], entry.lines["each"].base) if "each" in entry else None

@@ -44,6 +44,10 @@ def _node(definition: NodeDef) -> dict[str, Any]:
     properties |= {name: _param(kind, name, plain[name]) for name in own}
     if kind.component is None:
         properties |= {name: _ref(name) for name in ("seed", "every", "at")}
+        if single := [port.name for port in kind.inputs.values() if not (port.many or port.plugged)]:
+            one: dict[str, Any] = {"enum": single}
+            words = "Inputs that are lists: a node for each element."
+            properties["each"] = {"description": words, "anyOf": [one, {"type": "array", "items": one}]}
     properties["doc"] = {"type": "string"}
     needed = [port.name for port in kind.inputs.values() if not port.optional]
     needed += [name for name in own if kind.params.model_fields[name].is_required()]
@@ -51,7 +55,13 @@ def _node(definition: NodeDef) -> dict[str, Any]:
 
 
 def _port(port: Port) -> dict[str, Any]:
-    link = {"type": "string", "pattern": r"^@[^@\s]+$" if port.plugged or port.mixed else r"^@[^@\s]+\.[A-Za-z_]\w*$"}
+    link: dict[str, Any] = {
+        "type": "string",
+        "pattern": r"^@[^@\s]+$" if port.plugged or port.mixed else r"^@[^@\s]+\.[A-Za-z_]\w*$",
+    }
+    if port.many:
+        several = {"type": "array", "items": {"anyOf": [link, _ref("reference")]}}
+        link = {"anyOf": [link, several]}
     words = "component" if port.plugged else "component or link to" if port.mixed else "link to"
     return {"description": f"{words} {port}", "anyOf": [link, _ref("reference"), *([{"type": "null"}] * port.optional)]}
 

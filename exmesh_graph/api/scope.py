@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from exmesh_graph.api.arguments import by_name, path_of
@@ -188,6 +189,9 @@ class NodeScope:
 
     def _value(self, what: str, value: Any, port: Port | None, where: Where, problems: Problems) -> Any:
         """A field's value as a graph file holds it. A plug becomes a component of its own, called `node_field`."""
+        if port is not None and port.many and isinstance(value, list | tuple):
+            one = replace(port, many=False)
+            return [self._value(f"{what}[{n}]", item, one, where, problems) for n, item in enumerate(value, 1)]
         plug = plug_of(value, self.graph.packs, where)
         if isinstance(value, str) and port is not None and (port.plugged or port.mixed):
             plug = Plug(value, {}) if self.graph.is_component(value) else None

@@ -71,6 +71,7 @@ def _method(definition: NodeDef, info: TypeInfo, results: dict[Any, str], used: 
     words: dict[bool, list[str]] = {True: [], False: []}  # what must be given, what may be
     for port in known.inputs.values():
         kind = _wire(port, used)
+        kind = f"list[{kind}] | {kind}" if port.many else kind
         words[not port.optional].append(f"{port.name}: {kind}" + (" | None = None" if port.optional else ""))
     for parameter in info.parameters:
         field = known.params.model_fields[parameter.name]
@@ -80,7 +81,8 @@ def _method(definition: NodeDef, info: TypeInfo, results: dict[Any, str], used: 
         default = "" if needed else f" = {_default(field.get_default(call_default_factory=True))}"
         words[needed].append(f"{parameter.name}: {kind} | Parameter{default}")
     if known.component is None:
-        words[False] += ["seed: int | Parameter = 0", "at: dict[int, Any] = {}", "every: dict[int, Any] = {}"]
+        words[False] += ["seed: int | Parameter = 0", "at: dict[int, Any] = {}", "every: dict[int, Any] = {}",
+                         "each: str | list[str] = []"]  # fmt: skip
     taken = "name" in known.params.model_fields or "name" in known.inputs
     first = ["self", *(['node_name: str = ""', "/"] if taken else ['name: str = ""'])]
     given = ", ".join([*first, *(["*", *words[True], *words[False]] if any(words.values()) else [])])

@@ -84,10 +84,10 @@ class NodeCheck:
         elif port.many and isinstance(link, list) and not items:
             return
         elif not isinstance(link, Broken) and not (link is None and port.optional):
+            shown = "nothing" if link is None else "a list" if isinstance(link, list) else repr(link)
             self.add_problem(
-                "link", value.where, f"{port.name} is an input port, not a parameter",
-                expected=f"a link {link_form(port)} that carries {port}",
-                found="nothing" if link is None else repr(link), nearest=self.wiring.suitable(port, name),
+                "link", value.where, f"{port.name} is an input port, not a parameter", found=shown,
+                expected=f"a link {link_form(port)} that carries {port}", nearest=self.wiring.suitable(port, name),
             )  # fmt: skip
 
     def _wire(self, key: str, port: Port, link: Link | Broken, where: Where) -> None:
