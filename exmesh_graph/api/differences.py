@@ -12,7 +12,8 @@ from exmesh_graph.api.arguments import file_of
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Settings, Source, checked_graph, stem_of, using
 from exmesh_graph.api.results import Run, read_run
-from exmesh_graph.graph.variants.compare import Difference, compare, identities, named_in_short, rerun
+from exmesh_graph.graph.variants.compare import identities
+from exmesh_graph.report.differences import Difference, compare, named_in_short, rerun
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.session import Session

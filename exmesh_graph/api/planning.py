@@ -15,7 +15,7 @@ from exmesh_graph.api.unseen import undeclared, unseen
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, differences, explain, record_time
 from exmesh_graph.graph.run.plan import plan as steps_of
-from exmesh_graph.graph.variants.compare import named_in_short
+from exmesh_graph.report.differences import named_in_short
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store

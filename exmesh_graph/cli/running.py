@@ -11,7 +11,7 @@ import typer
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.results import Run
 from exmesh_graph.cli.options import show_notes
-from exmesh_graph.graph.variants.compare import named_in_short
+from exmesh_graph.report.differences import named_in_short
 
 
 @contextlib.contextmanager

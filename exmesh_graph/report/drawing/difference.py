@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from exmesh_graph.graph.variants.compare import CHANGED, REMOVED, Difference, component_words
 from exmesh_graph.report.collect import wires_of
+from exmesh_graph.report.differences import CHANGED, REMOVED, Difference, component_words
 from exmesh_graph.report.drawing.states import fold_boxes, plugged_components, wire_lines
 from exmesh_graph.report.drawing.svg import Box, GraphPicture, fold_edges, fold_loops
 

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.language.check import Checked
-from exmesh_graph.graph.variants.compare import compare, identities, named_in_short, rerun
+from exmesh_graph.graph.variants.compare import identities
+from exmesh_graph.report.differences import compare, named_in_short, rerun
 
 Patched = Callable[..., Checked]
 
