@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 import secrets
 import socket
+import stat
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
@@ -22,8 +26,10 @@ def serve(workspace: Workspace, port: int = 0, ready: Callable[[str], None] | No
     port  0: any that is free. Raises MissingLibraryError without the extra `studio`, ExmeshError for a taken port.
     """
     uvicorn = _library()
-    listener = _listener(port)
+    home = workspace.store_folder / "studio"
+    listener = _listener(port or remembered_port(home), port == 0)
     number = int(listener.getsockname()[1])
+    remember_port(home, number)
     token = secrets.token_urlsafe(32)
     server = uvicorn.Server(configuration(workspace, number, token))
     address = f"http://{HOST}:{number}/?token={token}"
@@ -48,12 +54,44 @@ def configuration(workspace: Workspace, port: int, token: str) -> Any:
     from exmesh_graph.studio.web.app import application
 
     hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
-    app = application(workspace, hosts, token, cookie=f"exmesh_studio_{port}")
+    app = application(workspace, hosts, token, f"exmesh_studio_{port}", secret_of(workspace.store_folder / "studio"))
     return uvicorn.Config(
         app, host=HOST, port=port, http=_protocol(), ws="none", lifespan="on", log_level="error", access_log=False,
         server_header=False, proxy_headers=False, limit_concurrency=_MOST_CONNECTIONS, timeout_keep_alive=20,
         timeout_graceful_shutdown=2, h11_max_incomplete_event_size=16 << 10,
     )  # fmt: skip
+
+
+def secret_of(home: Path) -> bytes:
+    """What cookies of this store's studios are sealed with: made once, readable by its user alone."""
+    file = home / "secret"
+    with contextlib.suppress(OSError):
+        status = file.lstat()
+        if stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077:
+            known = file.read_bytes()
+            if len(known) == 32:
+                return known
+    made = secrets.token_bytes(32)
+    with contextlib.suppress(OSError):  # a store that cannot be written: browsers are asked again after a restart
+        home.mkdir(parents=True, exist_ok=True)
+        file.unlink(missing_ok=True)
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as out:
+            out.write(made)
+    return made
+
+
+def remembered_port(home: Path) -> int:
+    """The port of the last studio over this store, so that open pages find it again; 0 where there was none."""
+    with contextlib.suppress(OSError, ValueError):
+        number = int((home / "port").read_text(encoding="ascii"))
+        return number if 1024 <= number <= 65535 else 0
+    return 0
+
+
+def remember_port(home: Path, number: int) -> None:
+    with contextlib.suppress(OSError):
+        home.mkdir(parents=True, exist_ok=True)
+        (home / "port").write_text(f"{number}\n", encoding="ascii")
 
 
 def _protocol() -> Any:
@@ -72,16 +110,18 @@ def _protocol() -> Any:
     return Patient
 
 
-def _listener(port: int) -> socket.socket:
+def _listener(port: int, any_other: bool = False) -> socket.socket:
+    """A socket on this machine's own address; with `any_other` a free port where the wanted one is taken."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((HOST, port))
     except OSError as error:
         listener.close()
-        raise ExmeshError(
-            f"port {port} cannot be used: {error.strerror}", fix="leave out --port, or name another"
-        ) from error
+        if any_other and port:
+            return _listener(0)
+        fix = "leave out --port, or name another"
+        raise ExmeshError(f"port {port} cannot be used: {error.strerror}", fix=fix) from error
     return listener
 
 

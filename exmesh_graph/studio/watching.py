@@ -20,9 +20,9 @@ Publish = Callable[[str, Mapping[str, Any]], None]
 
 
 class Watcher:
-    """All runs of a folder. `changed` is called when a run ended or finished nodes, which changes plans."""
+    """All runs of a folder. `changed` is called when one finished nodes (False), or began or ended (True)."""
 
-    def __init__(self, runs: Path, publish: Publish, changed: Callable[[], None]) -> None:
+    def __init__(self, runs: Path, publish: Publish, changed: Callable[[bool], None]) -> None:
         self.runs, self.publish, self.changed = runs, publish, changed
         self.views: dict[str, RunView] = {}
         self.lock = threading.RLock()
@@ -70,8 +70,9 @@ class Watcher:
             self.publish(kind, data)
         if view.state != before:
             self.publish("runs", {"id": view.id})
-        if view.state != before or any(kind == "node" and data["state"] == "done" for kind, data in told):
-            self.changed()
+        done = any(kind == "node" and data["state"] == "done" for kind, data in told)
+        if view.state != before or done:
+            self.changed(view.state != before)
 
     def _list(self) -> None:
         """Take in new run folders, and let go of those that are gone."""

@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import threading
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotYet
@@ -40,6 +41,8 @@ from exmesh_graph.version import __version__
 
 PLAN_WAIT = 0.4
 """Seconds that an answer waits for its plan; a later one is told of by the event `plan`."""
+PLAN_EVERY = 5.0
+"""Seconds at least between two plans while a run goes on."""
 
 
 class Outside(ExmeshError):
@@ -82,6 +85,7 @@ class Workspace:
         self.shelf = Shelf(self.store)
         self._work = ThreadPoolExecutor(1, "studio-plan")
         self._plan: tuple[Judged, int, Future[dict[str, Any]]] | None = None
+        self._again_after = 0.0
         self._ticks = 0  # grows when runs may have changed the plan
         self.document = self._opened(self.file, variant, [_as_edit(text) for text in sets])
 
@@ -368,13 +372,24 @@ class Workspace:
     def _tell_plan(self, revision: int) -> None:
         self.hub.publish("plan", {"revision": revision})
 
-    def _ran(self) -> None:
-        """A run finished nodes: what is planned may be another now."""
+    def _ran(self, ended: bool) -> None:
+        """A run finished nodes, or ended: what is planned may be another now.
+
+        While runs go on this costs them at most a fiftieth: plans are made again after a while only.
+        """
+        if not ended and time.monotonic() < self._again_after:
+            return
         self._ticks += 1
         judged = self.document.judged()
         if judged.checked is not None and self.hub.clients:
-            revision = self.document.revision
-            self._planning(self.document, judged).add_done_callback(lambda done: self._tell_plan(revision))
+            revision, began = self.document.revision, time.monotonic()
+
+            def done(work: Future[dict[str, Any]]) -> None:
+                self._again_after = time.monotonic() + max(PLAN_EVERY, 50 * (time.monotonic() - began))
+                self._tell_plan(revision)
+
+            self._again_after = began + 600
+            self._planning(self.document, judged).add_done_callback(done)
 
 
 def _variant_name(name: Any) -> str:

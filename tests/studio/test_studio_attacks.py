@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
+from exmesh_graph.studio.serving import secret_of
 from exmesh_graph.studio.web.app import application
 from exmesh_graph.studio.workspace import Workspace
 from tests.studio.conftest import HOST, TOKEN, made_in, opened
@@ -161,6 +162,19 @@ def test_a_token_is_good_in_one_place_only(stranger: TestClient, workspace: Work
 )
 def test_wrong_cookies(stranger: TestClient, cookie: str) -> None:
     assert stranger.get("/api/session", headers={b"cookie": cookie.encode("latin-1")}).status_code == 401
+
+
+def test_a_server_that_was_started_again_knows_its_browsers(workspace: Workspace, home: Path) -> None:
+    secret = secret_of(home / "studio")
+    assert secret == secret_of(home / "studio")
+    assert (home / "studio" / "secret").stat().st_mode & 0o077 == 0
+    (home / "studio" / "secret").chmod(0o644)  # anybody may have read it
+    assert secret_of(home / "studio") != secret
+    browser = TestClient(application(workspace, {HOST}, TOKEN, secret=secret), base_url=f"http://{HOST}")
+    assert browser.get("/", params={"token": TOKEN}).status_code in (200, 404)
+    for other, status in ((secret, 200), (b"x" * 32, 401)):
+        again = TestClient(application(workspace, {HOST}, "new", secret=other), base_url=f"http://{HOST}")
+        assert again.get("/api/session", cookies=dict(browser.cookies)).status_code == status
 
 
 def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(stranger: TestClient) -> None:

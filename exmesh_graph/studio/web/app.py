@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import secrets
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,10 @@ _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".
           ".txt": "text/plain", ".map": "application/json", ".ico": "image/x-icon"}  # fmt: skip
 
 
-def application(workspace: Workspace, hosts: set[str], token: str, cookie: str = "exmesh_studio") -> Any:
-    """The ASGI application. `hosts` are the values of Host that are its own; see `guard`."""
+def application(
+    workspace: Workspace, hosts: set[str], token: str, cookie: str = "exmesh_studio", secret: bytes = b""
+) -> Any:
+    """The ASGI application. `hosts` are the values of Host that are its own; `secret` seals cookies (see `guard`)."""
 
     @contextlib.asynccontextmanager
     async def living(app: Starlette) -> AsyncIterator[None]:
@@ -46,7 +49,7 @@ def application(workspace: Workspace, hosts: set[str], token: str, cookie: str =
         lifespan=living,
     )  # fmt: skip
     app.state.workspace = workspace
-    return Guard(app, {host.lower() for host in hosts}, token, cookie)
+    return Guard(app, {host.lower() for host in hosts}, token, cookie, secret or secrets.token_bytes(32))
 
 
 async def page(request: Request) -> Response:

@@ -18,7 +18,6 @@ from urllib.parse import parse_qs
 MOST_BYTES = 1 << 20
 BODY_SECONDS = 10.0
 """How long a request may take to send its body."""
-_MOST_LOGINS = 1000
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -38,11 +37,14 @@ SANDBOX = (
 
 
 class Guard:
-    """An ASGI application around another one. `token` is what the URL must name once for each browser."""
+    """An ASGI application around another one. `token` is what the URL must name once for each browser.
 
-    def __init__(self, app: Any, hosts: set[str], token: str, cookie: str) -> None:
-        self.app, self.hosts, self.token, self.cookie = app, hosts, token, cookie
-        self.logins: dict[str, None] = {}
+    A cookie is a random name with its HMAC under `secret`, so that a server that was ended and started again with the
+    same secret knows its browsers.
+    """
+
+    def __init__(self, app: Any, hosts: set[str], token: str, cookie: str, secret: bytes) -> None:
+        self.app, self.hosts, self.token, self.cookie, self.secret = app, hosts, token, cookie, secret
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -88,9 +90,13 @@ class Guard:
         for line in headers.get("cookie", []):
             for part in line.split(";"):
                 name, _, value = part.strip().partition("=")
-                if name == self.cookie and any(hmac.compare_digest(value.encode(), k.encode()) for k in self.logins):
+                login, _, seal = value.partition(".")
+                if name == self.cookie and login and hmac.compare_digest(seal.encode(), self._seal(login).encode()):
                     return True
         return False
+
+    def _seal(self, login: str) -> str:
+        return hmac.new(self.secret, f"{self.cookie}:{login}".encode(), "sha256").hexdigest()
 
     async def _log_in(self, scope: Scope, send: Send) -> None:
         """Exchange the token for a cookie of this browser's own."""
@@ -99,11 +105,8 @@ class Guard:
             fix = "open the address that `exmesh studio` printed; each start has another one"
             await _answer(send, 401, _error("auth", "this token is not that of this server", fix))
             return
-        login = secrets.token_urlsafe(32)
-        self.logins[login] = None
-        for old in list(self.logins)[:-_MOST_LOGINS]:
-            del self.logins[old]
-        cookie = f"{self.cookie}={login}; Path=/; HttpOnly; SameSite=Strict"
+        login = secrets.token_urlsafe(16)
+        cookie = f"{self.cookie}={login}.{self._seal(login)}; Path=/; HttpOnly; SameSite=Strict"
         headers = [(b"location", b"/"), (b"set-cookie", cookie.encode()), (b"content-length", b"0")]
         await send({"type": "http.response.start", "status": 303, "headers": headers})
         await send({"type": "http.response.body", "body": b""})
