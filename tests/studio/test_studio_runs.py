@@ -104,7 +104,8 @@ def test_runs_started_elsewhere_are_seen_and_replayed(client: TestClient, folder
         ex.run(graph, workers=0, progress=False, store=folder / ".exmesh", runs=folder / "runs")
     except ex.RunFailed as failure:
         name = failure.run.id
-    told = until(lambda: next((r for r in client.get("/api/runs").json()["runs"] if r["id"] == name), None))
+    until(lambda: next((r for r in client.get("/api/runs").json()["runs"] if r["id"] == name), None))
+    told = ended(client, name)
     assert (told["state"], told["ours"], told["failed"]) == ("failed", False, ["bad"])
     (bad,) = [n for n in client.get(f"/api/runs/{name}").json()["nodes_detail"] if n["name"] == "bad"]
     assert "the number is too small" in bad["failure"]["message"]

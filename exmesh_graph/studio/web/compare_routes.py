@@ -12,10 +12,11 @@ from exmesh_graph.errors import GraphError
 from exmesh_graph.studio.ablation import Refused, study_lines, study_plan, study_tree, without_each
 from exmesh_graph.studio.comparing import headline_of, pair_facts, sweep_facts
 from exmesh_graph.studio.copies import text_of, written_copy
+from exmesh_graph.studio.places import Conflict, write_text
 from exmesh_graph.studio.runview import is_own_file
 from exmesh_graph.studio.web.answers import BadRequest, Query, Unknown, asked, posted
 from exmesh_graph.studio.web.run_routes import page_of, started, view_of
-from exmesh_graph.studio.workspace import Conflict, Workspace, write_text
+from exmesh_graph.studio.workspace import Workspace
 
 
 def ablation(workspace: Workspace, body: dict[str, Any]) -> Any:
@@ -33,7 +34,7 @@ def ablation(workspace: Workspace, body: dict[str, Any]) -> Any:
         told["text"] = text_of(top, document.file, document.file.parent)
         told["plan"] = study_plan(document, top, workspace.store())
     if body.get("save"):
-        path = workspace.graph_file(str(body["save"]), new=True)
+        path = workspace.places.graph_file(str(body["save"]), new=True)
         if path.parent.resolve() != document.file.parent.resolve():
             raise BadRequest("a file of variants stands beside the graph", expected=str(document.file.parent))
         if path.exists():
@@ -47,7 +48,7 @@ def sweep(workspace: Workspace, body: dict[str, Any]) -> Any:
     """Sweep marked things, given variants, or a file that declares some; in a process of its own."""
     document, only = workspace.document, None
     if body.get("file"):
-        graph = workspace.graph_file(str(body["file"]))
+        graph = workspace.places.graph_file(str(body["file"]))
         only = _names(body["only"]) if body.get("only") else None
     else:
         given = body.get("variants")

@@ -8,8 +8,9 @@ from typing import Any
 from starlette.routing import Route
 
 from exmesh_graph.errors import GraphError
+from exmesh_graph.studio.places import Conflict
 from exmesh_graph.studio.web.answers import BadRequest, Query, asked, posted
-from exmesh_graph.studio.workspace import Conflict, Workspace
+from exmesh_graph.studio.workspace import Workspace
 
 MOST_OPS = 200
 
@@ -89,7 +90,7 @@ def reload(workspace: Workspace, body: dict[str, Any]) -> Any:
 
 
 def graphs(workspace: Workspace, query: Query) -> Any:
-    return {"graphs": workspace.graphs()}
+    return {"graphs": workspace.places.graphs()}
 
 
 def open_graph(workspace: Workspace, body: dict[str, Any]) -> Any:

@@ -130,11 +130,11 @@ def light(workspace: Workspace, query: Query) -> Any:
 
     name = query.needed("name")
     made = {"studio": studio, "overcast": overcast}.get(name)
-    return _light(made() if made is not None else workspace.light(name), query)
+    return _light(made() if made is not None else workspace.places.light(name), query)
 
 
 def lights(workspace: Workspace, query: Query) -> Any:
-    return {"lights": [*_LIGHTS, *workspace.lights()]}
+    return {"lights": [*_LIGHTS, *workspace.places.lights()]}
 
 
 def file(workspace: Workspace, query: Query) -> Any:
