@@ -126,7 +126,14 @@ def watch(args: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
     import httpx
 
     folder.mkdir(parents=True)
-    words = [sys.executable, "-m", "exmesh_graph.cli", "studio", str(args.graph.resolve()), "--no-browser"]
+    words = [
+        sys.executable,
+        "-c",
+        "from exmesh_graph.cli import main; main()",
+        "studio",
+        str(args.graph.resolve()),
+        "--no-browser",
+    ]
     words += [word for text in args.sets for word in ("--set", text)]
     server = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True)
     try:

@@ -292,7 +292,7 @@ def test_links_out_of_the_folder(client: TestClient, folder: Path, tmp_path_fact
 
 
 @pytest.mark.reliability(
-    "studio: run folders that are links, or hold links, pipes and huge or broken records",
+    "studio: run folders that are links, or hold links and pipes",
     "not shown, or unreadable; nothing outside read",
 )
 def test_run_folders_from_elsewhere(client: TestClient, workspace: Workspace, folder: Path) -> None:

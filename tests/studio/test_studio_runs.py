@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import httpx
+import pytest
 from starlette.testclient import TestClient
 
 import exmesh_graph as ex
@@ -31,14 +35,14 @@ def until(done: Callable[[], Any], seconds: float = 60.0) -> Any:
     raise AssertionError("it did not happen in time")
 
 
-def run_of(client: TestClient, answer: Any) -> str:
+def run_of(client: httpx.Client, answer: Any) -> str:
     """The id of the run that an answer tells of, once there is one."""
     assert answer.status_code == 202, answer.text
     told = answer.json()["run"]["id"]
     return str(told or until(lambda: next((r["id"] for r in client.get("/api/runs").json()["runs"] if r["ours"]), "")))
 
 
-def ended(client: TestClient, name: str) -> dict[str, Any]:
+def ended(client: httpx.Client, name: str) -> dict[str, Any]:
     def look() -> dict[str, Any] | None:
         told = client.get(f"/api/runs/{name}").json()
         return told if told["state"] not in ("running", "stopping", "starting") else None
@@ -120,3 +124,39 @@ def test_a_record_that_somebody_broke_is_unreadable_and_no_more(client: TestClie
         (broken / "events.jsonl").write_bytes(b'\xff\xfe{"event": 3}\nnull\n{"event": "progress", "time": 1}\n')
     runs = until(lambda: [r for r in client.get("/api/runs").json()["runs"] if r["id"].startswith("2026-")])
     assert {run["state"] for run in runs} == {"unreadable"}
+
+
+@pytest.mark.slow
+@pytest.mark.reliability(
+    "studio: the server is killed while a run of its own goes on", "the run goes on; the next one sees and stops it"
+)
+def test_a_run_outlives_its_server(folder: Path) -> None:
+    (folder / "graphs" / "slow.yaml").write_text(SLOW)
+    words = [
+        sys.executable,
+        "-c",
+        "from exmesh_graph.cli import main; main()",
+        "studio",
+        "graphs/slow.yaml",
+        "--no-browser",
+    ]
+    server = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    address = next(line for line in server.stdout if "http://" in line).split()[-1]
+    with httpx.Client(base_url=address.partition("?")[0], headers={"x-exmesh": "1"}, timeout=60) as page:
+        assert page.get(f"/?{address.partition('?')[2]}").status_code == 303
+        name = run_of(page, page.post("/api/runs", json={}))
+        until(lambda: page.get(f"/api/runs/{name}/curves").json()["curves"])
+        server.kill()
+        server.wait()
+        again = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True)
+        assert again.stdout is not None
+        assert next(line for line in again.stdout if "http://" in line).split()[-1].partition("?")[0] == str(
+            page.base_url
+        )
+        told = page.get(f"/api/runs/{name}").json()  # with the cookie that it had
+        assert (told["state"], told["ours"]) == ("running", True)
+        assert page.post("/api/runs/stop", json={"id": name}).status_code == 200
+        assert ended(page, name)["state"] == "interrupted"
+        again.terminate()
+        again.wait(20)
