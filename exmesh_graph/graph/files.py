@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import Any
 from exmesh_graph.errors import StoreError
 
 _DENIED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EEXIST)
+_BLOCK = 1 << 20  # bytes
 _USED = 600.0  # seconds that a note of use may be old
 _RACY = 2_000_000_000  # ns: a file changed this recently may change again without a new time stamp
 
@@ -115,20 +117,33 @@ def sizes(folder: str | Path, prefix: str = "") -> dict[str, int]:
     return listed
 
 
+def allocated(path: str | Path, status: os.stat_result | None = None) -> int:
+    """The bytes that a file, or a folder with all in it, takes on the disk."""
+    status = status or os.stat(path, follow_symlinks=False)
+    size = 512 * status.st_blocks
+    if stat.S_ISDIR(status.st_mode):
+        with os.scandir(path) as entries:
+            size += sum(allocated(entry.path, entry.stat(follow_symlinks=False)) for entry in entries)
+    return size
+
+
 class Tail:
-    """The whole lines that a growing file has gained since the last look."""
+    """The whole lines that a growing file has gained since the last look; one without an end comes in pieces."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.place, self.rest = path, 0, b""
 
-    def lines(self) -> list[str]:
+    def lines(self) -> Iterator[str]:
         with contextlib.suppress(FileNotFoundError), self.path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size < self.place:  # another file by now
+                self.place, self.rest = 0, b""
             file.seek(self.place)
-            data = file.read()
-            self.place += len(data)
-            *whole, self.rest = (self.rest + data).split(b"\n")
-            return [line.decode(errors="replace") for line in whole]
-        return []
+            while data := file.read(_BLOCK):
+                self.place += len(data)
+                *whole, self.rest = (self.rest + data).split(b"\n")
+                if len(self.rest) > _BLOCK:
+                    whole, self.rest = [*whole, self.rest], b""
+                yield from (line.decode(errors="replace") for line in whole)
 
 
 class Memo:

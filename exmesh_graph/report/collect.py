@@ -171,15 +171,36 @@ def cumulative_seconds(nodes: Sequence[tuple[str, float]], edges: Sequence[tuple
     for producer, consumer in edges:
         sources.setdefault(consumer, set()).add(producer)
     seconds = dict(nodes)
-    ancestors: dict[str, set[str]] = {}
+    users = Counter(producer for producer, _ in set(edges))
+    place = {name: 1 << index for index, (name, _) in enumerate(nodes)}
+    ancestors: dict[str, int] = {}  # as bits, until the last user has asked
     spent: dict[str, float] = {}
+    costs: dict[str, float] = {}
     before = 0.0
     for name, own in nodes:
-        direct = sources.get(name, set())
-        ancestors[name] = set(direct).union(*(ancestors.get(node, set()) for node in direct))
-        spent[name] = sum(seconds[node] for node in ancestors[name]) if direct else before
+        direct = sources.get(name, set()) & ancestors.keys()
+        above = [(costs[node] + seconds[node], ancestors[node] | place[node]) for node in direct]
+        costs[name], ancestors[name] = max(above, default=(0.0, 0))  # of the dearest; of the others what it lacks
+        for _, bits in above:
+            costs[name] += _sum_of(bits & ~ancestors[name], nodes)
+            ancestors[name] |= bits
+        spent[name] = costs[name] if direct else before
         before += own
+        for node in direct:
+            users[node] -= 1
+            if not users[node]:
+                del ancestors[node]
     return spent
+
+
+def _sum_of(bits: int, nodes: Sequence[tuple[str, float]]) -> float:
+    """The seconds of the nodes whose bits are set."""
+    total = 0.0
+    while bits:
+        lowest = bits & -bits
+        total += nodes[lowest.bit_length() - 1][1]
+        bits ^= lowest
+    return total
 
 
 def collect_benchmarks(record: Mapping[str, Any], load_artifact: Callable[[str], Any]) -> list[dict[str, Any]]:

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.graph.language.expand import MAX_ROUNDS, Unrolled, expand
+from exmesh_graph.graph.language.expand import Unrolled, expand
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.language.spec import load_tree
+from exmesh_graph.graph.language.yamlfile import Limits
 from exmesh_graph.graph.problems import GraphErrors, Problems
 
 LOOP = """
@@ -117,11 +118,11 @@ nodes:
 def test_carry_that_is_passed_on_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "g.yaml"
     path.write_text(LOOP.replace('next: {state: "@leap.state"}', 'next: {state: "@carry.state"}'))
-    graph = expanded(path, f"n={MAX_ROUNDS}")
+    graph = expanded(path, f"n={Limits().rounds}")
     assert graph.nodes["last"].fields["number"].value == Link("one", "number")
 
 
-@pytest.mark.parametrize("count", ["-1", "2.5", "many", "true", str(MAX_ROUNDS + 1)])
+@pytest.mark.parametrize("count", ["-1", "2.5", "many", "true", str(Limits().rounds + 1)])
 def test_bad_counts(loop: Path, count: str) -> None:
     with pytest.raises(GraphErrors, match=r"repeat is|n cannot be"):
         expanded(loop, f"n={count}")

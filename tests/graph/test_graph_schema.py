@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 
 from exmesh_graph.api.schema import graph_schema
-from exmesh_graph.graph.language.expand import MAX_ROUNDS
 from exmesh_graph.graph.language.params import KEYS, KINDS
 from exmesh_graph.graph.language.spec import BLOCK_KEYS, TOP_KEYS
-from exmesh_graph.graph.language.yamlfile import load_yaml, parse_yaml
+from exmesh_graph.graph.language.yamlfile import Limits, load_yaml, parse_yaml
 from exmesh_graph.graph.variants.patches import OPERATIONS
 
 jsonschema = pytest.importorskip("jsonschema", reason="pip install '.[test]'")
@@ -152,4 +151,4 @@ def test_the_common_part_names_what_the_language_knows(schema: Any) -> None:
         assert keys is None or set(operations[name]) == {name, *keys}
     assert set(schema.schema["properties"]) == set(TOP_KEYS)
     assert set(common["whole_block"]["properties"]) == set(common["change_block"]["properties"]) == set(BLOCK_KEYS)
-    assert common["rounds_count"]["anyOf"][0]["maximum"] == MAX_ROUNDS
+    assert common["rounds_count"]["anyOf"][0]["maximum"] == Limits().rounds

@@ -13,12 +13,8 @@ from exmesh_graph.graph.language.links import ABSENT, Block, Link, Links, Part, 
 from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.parts import PartFiles, input_ports
 from exmesh_graph.graph.language.spec import BLOCK_KEYS, Tree, Value, check_keys, mapping_in, substitute, tree_of
-from exmesh_graph.graph.language.yamlfile import Map, is_whole
+from exmesh_graph.graph.language.yamlfile import Limits, Map, is_whole, raising
 from exmesh_graph.graph.problems import Problems, Where, closest, fail, nearest, without_rounds
-
-MAX_ROUNDS = 1000
-MAX_NODES = 5000
-MAX_BLOCKS = 10_000
 
 
 @dataclass(frozen=True)
@@ -81,6 +77,7 @@ class _Expansion:
     pending: list[tuple[str, Map, Scope]] = field(default_factory=list)
     parts: list[tuple[Part, Mapping[str, Port]]] = field(default_factory=list)
     blocks: int = 0
+    most: Limits = field(default_factory=Limits.here)
 
     def declare(self, nodes: Map, scope: Scope) -> None:
         """Give every node its full name before any link is resolved, so that links may point forwards."""
@@ -97,8 +94,9 @@ class _Expansion:
             elif "graph" in entry:
                 scope.nodes[name] = self._declare_part(scope.prefix + name, entry, scope)
             else:
-                if len(self.pending) >= MAX_NODES:
-                    fail("repeat", where, f"the graph unrolls to more than {MAX_NODES} nodes")
+                if len(self.pending) >= self.most.nodes:
+                    what = f"the graph unrolls to more than {self.most.nodes} nodes"
+                    fail("repeat", where, what, fix=raising("nodes"))
                 scope.nodes[name] = scope.prefix + name
                 self.links.names.add(scope.prefix + name)
                 self.pending.append((scope.prefix + name, entry, scope))
@@ -111,8 +109,8 @@ class _Expansion:
         for override in self.tree.overrides:
             if override.target == f"{without_rounds(full)}.repeat":
                 count, override.used, where = override.value, True, Where(None)
-        if not is_whole(count, 0, MAX_ROUNDS):
-            expected = f"a whole number from 0 to {MAX_ROUNDS}"
+        if not is_whole(count, 0, self.most.rounds):
+            expected = f"a whole number from 0 to {self.most.rounds}; {raising('rounds')}"
             self.problems.add("repeat", where, f"{full}: repeat is {count!r}", expected=expected)
             count = 0
         scope.nodes[name] = block = Block(full, entry, count, scope, self.links)
@@ -180,8 +178,9 @@ class _Expansion:
     def _count_block(self, where: Where) -> None:
         """Count a round or a sub-graph, which may hold no nodes."""
         self.blocks += 1
-        if self.blocks > MAX_BLOCKS:
-            fail("repeat", where, f"the graph unrolls to more than {MAX_BLOCKS} rounds and sub-graphs")
+        if self.blocks > self.most.blocks:
+            what = f"the graph unrolls to more than {self.most.blocks} rounds and sub-graphs"
+            fail("repeat", where, what, fix=raising("blocks"))
 
     def finish(self) -> tuple[tuple[str, Port, Link, Where], ...]:
         """Build every declared node; returns the links that sub-graphs were given."""

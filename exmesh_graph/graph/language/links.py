@@ -173,6 +173,7 @@ class Block(_Named):
         self.carry = mapping_in(entry, "carry", links.problems)
         self.next = mapping_in(entry, "next", links.problems)
         self.scopes: list[Scope] = []
+        self.reached: dict[str, int] = {}  # by key: rounds before are known
         for key in {**self.carry, **self.next}:
             if (key in self.carry) != (key in self.next):
                 where = (self.carry if key in self.carry else self.next).lines[key]
@@ -191,7 +192,9 @@ class Block(_Named):
                 self.problems.add("repeat", where, what, nearest=closest(key, self.carry))
             return None
         link = None
-        for done in range(rounds_done + 1):  # the first rounds first: a chain of 1000 would be a deep recursion
+        first = min(self.reached.get(key, 0), rounds_done)
+        for done in range(first, rounds_done + 1):  # the first rounds first: a chain of 1000 would be a deep recursion
+            self.reached[key] = max(self.reached.get(key, 0), done)
             if done == rounds_done or (done, key) not in self.known:
                 scope, source = (self.outer, self.carry) if done == 0 else (self.scopes[done - 1], self.next)
                 link = self.resolved((done, key), repr(key), source[key], source.lines[key], scope, where)

@@ -12,8 +12,10 @@ import functools
 import hashlib
 import itertools
 import math
+import os
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -21,8 +23,6 @@ from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import Memo, sha256_file
 from exmesh_graph.graph.problems import Where, fail, nearest
 
-MAX_VALUES = 100_000
-MAX_BYTES = 1 << 18
 MAX_DEPTH = 64
 SHORT, MOST = 4096, 8  # shorter texts are always parsed; so many parsed ones are kept
 _TAG = "tag:yaml.org,2002:"
@@ -32,6 +32,39 @@ _HINTS = {
     "flow mapping": 'in { } and [ ], names with brackets are quoted: {set: "rounds[1].refine.steps", to: 5}',
     "mapping values": "a line above may lack its colon, its quotes or its closing bracket",
 }
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How large graph files may be and grow, those of strangers too. `EXMESH_LIMITS="nodes=100000 rounds=20000"` raises
+    them for files that you trust. `kib` of one file, `values` in it; `rounds` of a block; `blocks` counts all rounds
+    and sub-graphs.
+    """
+
+    kib: int = 256
+    values: int = 100_000
+    rounds: int = 1000
+    nodes: int = 5000
+    blocks: int = 10_000
+
+    @classmethod
+    def here(cls) -> Limits:
+        """Those of this process. Raises GraphErrors for what `EXMESH_LIMITS` cannot mean."""
+        given = os.environ.get("EXMESH_LIMITS", "")
+        words = re.findall(r"(\w+)=(\d+)", given)
+        if len(words) != len(given.split()) or {name for name, _ in words} - vars(cls()).keys():
+            fail(
+                "limits",
+                Where(None),
+                f"cannot read EXMESH_LIMITS={given!r}",
+                expected=f"{' '.join(f'{name}=NUMBER' for name in vars(cls()))}",
+            )
+        return cls(**{name: int(number) for name, number in words})
+
+
+def raising(name: str) -> str:
+    """How a limit is raised."""
+    return f"for a file that you trust: EXMESH_LIMITS={name}=NUMBER"
 
 
 class Map(dict[Any, Any]):
@@ -137,9 +170,9 @@ def load_yaml(path: Path) -> Map:
     where = Where(path, 1)
     try:
         with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
-        if len(raw) > MAX_BYTES:
-            fail("file", where, f"a graph file holds at most {MAX_BYTES >> 10} KiB", fix="split it: extends, parts")
+            raw = file.read(1024 * (most := Limits.here().kib) + 1)
+        if len(raw) > 1024 * most:
+            fail("file", where, f"a graph file holds at most {most} KiB", fix=f"split it, or {raising('kib')}")
         text = raw.decode("utf-8")
     except FileNotFoundError:
         fail("file", where, "no such graph file", nearest=files_like(path), fix=f"folder: {path.absolute().parent}")
@@ -197,7 +230,7 @@ _CONTROL = re.compile(
 class _Builder:
     def __init__(self, file: Path | None, plain: Any) -> None:
         self.file, self.plain = file, plain
-        self.count = 0
+        self.count, self.most = 0, Limits.here().values
         self.open: set[int] = set()
 
     def where(self, node: Any) -> Where:
@@ -205,8 +238,9 @@ class _Builder:
 
     def build(self, node: Any) -> Any:
         self.count += 1
-        if self.count > MAX_VALUES:
-            fail("yaml", self.where(node), f"more than {MAX_VALUES} values", fix="remove the nested aliases")
+        if self.count > self.most:
+            fix = f"remove the nested aliases, or {raising('values')}"
+            fail("yaml", self.where(node), f"more than {self.most} values", fix=fix)
         kind = type(node).__name__
         if kind == "ScalarNode":
             return self._scalar(node)

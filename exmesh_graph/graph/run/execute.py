@@ -29,6 +29,7 @@ from exmesh_graph.types import Artifact
 
 _LARGE = 256 * 2**20  # bytes
 _read_back: set[tuple[str, str, str]] = set()
+_MOST_SAID = 4 * 2**20  # letters of messages and warnings
 _CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time
 
 
@@ -55,7 +56,7 @@ class NodeContext:
     def __init__(self, job: Job, scratch: Path, checkpoints: Checkpoints | None, emit: Emit) -> None:
         self.node, self.key, self.seed, self.threads = job.type, job.key, job.seed, job.threads
         self._job, self._scratch, self._checkpoints, self._emit = job, scratch, checkpoints, emit
-        self._next = 0.0
+        self._next, self._said = 0.0, 0
         self._due = time.monotonic() + job.checkpoint_every
         self.stopping = False
         self.warnings: list[str] = []
@@ -103,11 +104,20 @@ class NodeContext:
             self._emit({"event": "progress", "node": self._job.name, "step": step, "total": total, **plain})
 
     def log(self, message: str) -> None:
-        self._emit({"event": "log", "node": self._job.name, "message": message})
+        self._say("log", message)
 
     def warn(self, message: str) -> None:
-        self.warnings.append(message)
-        self._emit({"event": "warning", "node": self._job.name, "message": message})
+        if self._say("warning", message):
+            self.warnings.append(message)
+
+    def _say(self, event: str, message: str) -> bool:
+        """Tell a message; False from where a node said too much."""
+        if self._said > _MOST_SAID:
+            return False
+        self._said += 100 + len(message)
+        more = " (it said too much: what it says from here on is left out)" if self._said > _MOST_SAID else ""
+        self._emit({"event": event, "node": self._job.name, "message": message[:_MOST_SAID] + more})
+        return True
 
 
 def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:

@@ -35,7 +35,7 @@ SETTLE = 0.2  # seconds for a look-up under way to note its use
 
 @dataclass(frozen=True)
 class Item:
-    """A file or folder that may go: its bytes, the time of its last use, the objects it refers to, and why it goes."""
+    """A file or folder that may go: its bytes on the disk, when it was last used, the objects it refers to, why it goes."""
 
     kind: str
     name: str
@@ -175,8 +175,7 @@ def _items(store: Store, kind: str, pattern: str) -> Iterator[Item]:
     for path in sorted(store.root.glob(pattern)):
         with contextlib.suppress(OSError):
             status = path.stat()
-            size = sum(files.sizes(path).values()) if path.is_dir() else status.st_size
-            yield Item(kind, path.name.removesuffix(".json"), path, size, status.st_mtime)
+            yield Item(kind, path.name.removesuffix(".json"), path, files.allocated(path, status), status.st_mtime)
 
 
 def _records(store: Store) -> Iterator[Item]:

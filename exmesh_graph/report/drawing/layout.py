@@ -9,6 +9,7 @@ part in the layout around it as one box; wires cross its border at points that i
 
 from __future__ import annotations
 
+import bisect
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from dataclasses import dataclass, field, replace
 GAP_X, GAP_Y = 26.0, 34.0
 MARGIN, TITLE = 16.0, 24.0
 _SWEEPS, _STRAIGHTEN = 12, 80
+_PATIENCE = 60_000  # of sweeps times wires
 
 Key = tuple[str, str, int]
 """("box", name, layer), ("way", source, layer), ("in", source, 0) or ("out", source, last) of one scope"""
@@ -74,8 +76,9 @@ def arrange(
     ends = {(piece.source, target) for piece in layout.pieces if piece.arrow for target in piece.to}
     foot = {name: y + sizes[name][1] / 2 for name, (_, y) in layout.boxes.items()}
     starts = {(p.source, target) for p in layout.pieces if abs(p.y0 - foot[p.source]) < 0.5 for target in p.to}
+    seen = ends & starts
     for a, b in wires:
-        if (a, b) not in ends & starts:  # against the flow of the layers, as between frames that feed each other
+        if (a, b) not in seen:  # against the flow of the layers, as between frames that feed each other
             (x0, y0), (x1, y1) = layout.boxes[a], layout.boxes[b]
             down, up = sizes[a][1] / 2, sizes[b][1] / 2
             layout.pieces = [piece for piece in layout.pieces if piece.source != a or piece.to != {b}]
@@ -97,12 +100,17 @@ class _Scope:
         self.inner: dict[str, Layout] = {}
         depth = len(path)
         self.item_of = {}
+        inside: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {}
         for name, scope in scopes.items():
-            if scope[:depth] == path:
-                self.item_of[name] = name if len(scope) == depth else ".".join(scope[: depth + 1])
-                if len(scope) > depth and self.item_of[name] not in self.inner:
-                    inside = _Scope(scope[: depth + 1], sizes, edges, scopes)
-                    self.inner[self.item_of[name]] = inside.lay()
+            self.item_of[name] = name if len(scope) == depth else ".".join(scope[: depth + 1])
+            if len(scope) > depth:
+                inside.setdefault(scope[: depth + 1], {})[name] = scope
+        touching: dict[tuple[str, ...], list[tuple[str, str]]] = {frame: [] for frame in inside}
+        for a, b in edges:  # each to the frames that it touches, so that no frame looks at all wires
+            for frame in {scopes[end][: depth + 1] for end in (a, b) if len(scopes.get(end, ())) > depth}:
+                touching[frame].append((a, b))
+        for frame, members in inside.items():
+            self.inner[".".join(frame)] = _Scope(frame, sizes, touching[frame], members).lay()
 
     def lay(self) -> Layout:
         """Place everything in this scope."""
@@ -124,15 +132,23 @@ class _Scope:
             if a in self.item_of and b in self.item_of and self.item_of[a] != self.item_of[b]:
                 near[self.item_of[b]].add(self.item_of[a])
         fed = {self.item_of[b] for a, b in self.edges if b in self.item_of and a not in self.item_of}
-        layer: dict[str, int] = {}
-        waiting = list(items)
-        while waiting:
-            ready = [item for item in waiting if all(source in layer for source in near[item])]
-            for item in ready or waiting[:1]:  # a cycle between frames: place one anyway
-                layer[item] = 1 + max((layer[source] for source in near[item] if source in layer), default=-1)
-            waiting = [item for item in waiting if item not in layer]
+        used: dict[str, list[str]] = {item: [] for item in items}
         for item in items:
-            users = [layer[other] for other in items if item in near[other]]
+            for source in near[item]:
+                used[source].append(item)
+        layer: dict[str, int] = {}
+        lacks = {item: len(near[item]) for item in items}
+        waiting, ready = dict.fromkeys(items), [item for item in items if not lacks[item]]
+        while waiting:
+            for item in ready or [next(iter(waiting))]:  # a cycle between frames: place one anyway
+                layer[item] = 1 + max((layer[source] for source in near[item] if source in layer), default=-1)
+                del waiting[item]
+                for user in used[item]:
+                    lacks[user] -= 1
+            placed, ready = ready or [item], []
+            ready = [u for u in dict.fromkeys(u for i in placed for u in used[i]) if u in waiting and lacks[u] <= 0]
+        for item in items:
+            users = [layer[other] for other in used[item]]
             if not near[item] and item not in fed and users:
                 layer[item] = max(layer[item], min(users) - 1)
         shift = 1 if fed else 0
@@ -189,7 +205,10 @@ class _Scope:
         for upper, lower, _ in self.links:
             by_layer.setdefault(upper[2], []).append((place[upper], place[lower]))
         for pairs in by_layer.values():
-            total += sum((a - c) * (b - d) < 0 for (a, b), (c, d) in itertools.combinations(pairs, 2))
+            ends: list[int] = []
+            for _, end in sorted(pairs):
+                total += len(ends) - bisect.bisect_right(ends, end)
+                bisect.insort(ends, end)
         return total
 
     def _width(self, key: Key) -> float:
@@ -203,7 +222,7 @@ class _Scope:
             for key in row:
                 xs[key] = x + self._width(key) / 2
                 x += self._width(key) + GAP_X
-        for sweep in range(_STRAIGHTEN):
+        for sweep in range(min(_STRAIGHTEN, 8 + _PATIENCE // (1 + len(self.links)))):
             for row in rows if sweep % 2 == 0 else rows[::-1]:
                 wanted, weights = [], []
                 for key in row:

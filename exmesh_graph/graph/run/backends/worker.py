@@ -35,6 +35,10 @@ def main(budget: int) -> None:
     _Worker(budget).work()
 
 
+LOG_BYTES = 16 * 2**20  # of a log; what was printed before lies in NAME.log.1, and what before that is gone
+_LOOK = 0.3  # seconds
+
+
 class _Worker:
     def __init__(self, budget: int) -> None:
         self.commands = os.fdopen(os.dup(0), "r", encoding="utf-8")
@@ -115,6 +119,19 @@ class _Worker:
             os._exit(1)
 
 
+def _rotate(path: Path, ended: threading.Event) -> None:
+    """Keep the log of a running node short, whoever in this process writes it."""
+    while not ended.wait(_LOOK):
+        with contextlib.suppress(OSError):
+            if path.stat().st_size > LOG_BYTES:
+                os.replace(path, f"{path}.1")
+                file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+                os.write(file, f"(printed before: {path.name}.1)\n".encode())
+                for number in (1, 2):
+                    os.dup2(file, number)
+                os.close(file)
+
+
 @contextlib.contextmanager
 def _output_to(log: str, otherwise: int) -> Iterator[None]:
     """Point the process's output at a file, which goes away again if nothing was written."""
@@ -126,9 +143,14 @@ def _output_to(log: str, otherwise: int) -> Iterator[None]:
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for number in (1, 2):
         os.dup2(file, number)
+    ended = threading.Event()
+    watch = threading.Thread(target=_rotate, args=(path, ended), daemon=True)
+    watch.start()
     try:
         yield
     finally:
+        ended.set()
+        watch.join()
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()

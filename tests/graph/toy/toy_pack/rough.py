@@ -220,6 +220,23 @@ def untidy(ctx: Context, number: Number, *, p: UntidyParams) -> NumberOut:
     return NumberOut(Number(number.value))
 
 
+class TalkParams(Params):
+    megabytes: int = param(1, doc="To print, from Python and as a native library would.")
+    messages: int = param(0, doc="Kilobytes of messages.")
+
+
+@node("toy.talk", version="1")
+def talk(ctx: Context, *, p: TalkParams) -> NumberOut:
+    """Prints a lot, slowly enough to be watched."""
+    for index in range(4 * p.megabytes):
+        os.write(2, f"{index:015d}\n".encode() * (2**18 // 16))
+        time.sleep(0.01)
+    print("the end", flush=True)
+    for _ in range(p.messages):
+        ctx.log("x" * 1000)
+    return NumberOut(Number(1.0))
+
+
 @node("toy.found", version="1")
 def found(ctx: Context, number: Number, *, p: NoParams) -> MetricsOut:
     """What the process is like."""
