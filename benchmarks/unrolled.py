@@ -141,7 +141,7 @@ def _value(graph: Any, store: Any, node: str, port: str) -> Any:
     from exmesh_graph.graph.declare.ports import artifact_types
     from exmesh_graph.graph.run.plan import plan
 
-    step = next(step for step in plan(graph, store, reasons=False) if step.name == node)
+    step = next(step for step in plan(graph, store) if step.name == node)
     stored = step.action.outputs[port]
     return store.load(artifact_types()[stored.type], stored.digest)
 

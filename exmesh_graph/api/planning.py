@@ -13,9 +13,10 @@ from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_gr
 from exmesh_graph.api.selecting import matching, selected
 from exmesh_graph.api.unseen import undeclared, unseen
 from exmesh_graph.graph.cache.fingerprint import fingerprint
-from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, differences, explain, record_time
+from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN
 from exmesh_graph.graph.run.plan import plan as steps_of
 from exmesh_graph.report.differences import named_in_short
+from exmesh_graph.report.reasons import differences, explain, explained, record_time
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.store import Store
@@ -99,7 +100,7 @@ def plan(
     with using(session):
         checked = checked_graph(graph, set, variant, store, **params)
         chosen, opened = selected(checked, nodes), open_store(store, shared)
-        return Plan(chosen.graph, opened, steps_of(chosen.graph, opened, chosen.targets))
+        return Plan(chosen.graph, opened, explained(chosen.graph, opened, chosen.targets))
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ def why_of(checked: Checked, node: str, opened: Store) -> Why:
     """Why a node of a checked graph is a hit or must run. Raises GraphError for a name that it does not have."""
     checked = checked.with_idle()
     name, *_ = matching(checked, [node])
-    steps = {step.name: step for step in steps_of(checked, opened, checked.needed_for([name]), reasons=False)}
+    steps = {step.name: step for step in steps_of(checked, opened, checked.needed_for([name]))}
     step, bound = steps[name], checked.nodes[name]
     if step.preimage is None:
         return Why(name, step.state, None, step.reason, waits_for=step.reason.removeprefix("waits for ").split(",")[0])

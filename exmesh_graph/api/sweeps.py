@@ -81,7 +81,7 @@ class Study:
 
     def plan(self, store: Store) -> list[str]:
         """What would run, a line for each variant and one for all."""
-        steps = {step.name: step.state for step in plan(self.merged.checked, store, self.targets, reasons=False)}
+        steps = {step.name: step.state for step in plan(self.merged.checked, store, self.targets)}
         width = max(len(member.label) for member in self.merged.members)
         seen: set[str] = set()
         lines = []

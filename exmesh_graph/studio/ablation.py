@@ -65,7 +65,7 @@ def study_plan(document: Document, top: Map, store: Store) -> dict[str, Any]:
     with document.session.reading(document.store):
         rows = check_variants(document.file, (), document.packs, top=top)
     merged = merge(((_label(row), row.checked) for row in rows), name=f"{top.get('name', 'graph')}-sweep")
-    steps = {step.name: step.state for step in steps_of(merged.checked, store, reasons=False)}
+    steps = {step.name: step.state for step in steps_of(merged.checked, store)}
     seen: set[str] = set()
     told = []
     for member in merged.members:

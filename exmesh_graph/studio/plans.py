@@ -10,7 +10,7 @@ from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.problems import without_rounds
 from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, Step
-from exmesh_graph.graph.run.plan import plan as steps_of
+from exmesh_graph.report.reasons import explained as steps_of
 
 IDLE = "idle"
 _ORDER = (RUN, UNKNOWN, HIT)  # what a folded node is called by

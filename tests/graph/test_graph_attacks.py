@@ -20,8 +20,8 @@ from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.execute import execute
 from exmesh_graph.graph.run.job import job_of
 from exmesh_graph.graph.run.memory import Memory
-from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.runner import NodeFailed
+from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Artifact, Metrics
 
 ARRAYS = """

@@ -12,7 +12,8 @@ from exmesh_graph.graph.cache.keys import key_of, preimage_of
 from exmesh_graph.graph.declare.components import MAX_NESTING, rebuild
 from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.graph.run.job import Job, job_of
-from exmesh_graph.graph.run.plan import component_differences, plan
+from exmesh_graph.report.reasons import component_differences
+from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Mesh
 
 GRAPH = """

@@ -14,8 +14,9 @@ from exmesh_graph.api import described
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph import files
 from exmesh_graph.graph.cache import keys
-from exmesh_graph.graph.run.plan import HIT, RUN, plan
+from exmesh_graph.graph.run.plan import HIT, RUN
 from exmesh_graph.graph.run.runner import NodeFailed
+from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Metrics
 
 HEAD = """

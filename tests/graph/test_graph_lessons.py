@@ -16,7 +16,7 @@ from exmesh_graph.graph.cache import keys
 from exmesh_graph.graph.cache.keys import Stored, digest_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.ports import artifact_types
-from exmesh_graph.graph.run.plan import plan
+from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Metrics
 
 

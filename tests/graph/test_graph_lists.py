@@ -8,8 +8,8 @@ import pytest
 
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.run.backends.local import Local
-from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.runner import NodeFailed
+from exmesh_graph.report.reasons import explained as plan
 
 STATIC = """
 nodes:

@@ -19,10 +19,10 @@ from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.backends.local import Local
-from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import NodeFailed, Runner
 from exmesh_graph.graph.session import Session
+from exmesh_graph.report.reasons import explained as plan
 
 CELL = """
 import json

@@ -17,9 +17,9 @@ from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.keys import canonical, key_of, preimage_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.node import NodeDef
-from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Runner
+from exmesh_graph.report.reasons import explained as plan
 
 FEW = settings(
     max_examples=12,

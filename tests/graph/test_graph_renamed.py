@@ -13,9 +13,9 @@ from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import signature
 from exmesh_graph.graph.language.check import Checked, check_file
 from exmesh_graph.graph.problems import GraphErrors
-from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.session import Session
 from exmesh_graph.graph.variants.checked import check_variant, check_variants
+from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Metrics
 
 

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.graph.run.memory import frozen, mark_of
-from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.runner import NodeFailed
+from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Artifact
 
 LOOP = """

@@ -18,10 +18,10 @@ from exmesh_graph.graph.declare.packs import Packs, current
 from exmesh_graph.graph.declare.ports import artifact_types
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.backends.local import Local
-from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Runner
 from exmesh_graph.graph.session import Session, current_session
+from exmesh_graph.report.reasons import explained as plan
 
 NODES = """
 import json

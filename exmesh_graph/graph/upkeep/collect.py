@@ -35,7 +35,7 @@ SETTLE = 0.2  # seconds for a look-up under way to note its use
 
 @dataclass(frozen=True)
 class Item:
-    """A file or folder that may go: its bytes on the disk, when it was last used, the objects it refers to, why it goes."""
+    """A file or folder that may go: bytes on the disk, time of its last use, the objects it refers to, why it goes."""
 
     kind: str
     name: str

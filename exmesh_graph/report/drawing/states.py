@@ -23,7 +23,7 @@ def picture_of_graph(graph: Checked, store: Store, rounds: bool = False) -> Grap
     """
     from exmesh_graph.graph.run.plan import plan
 
-    steps = {step.name: step for step in plan(graph, store, reasons=False)}
+    steps = {step.name: step for step in plan(graph, store)}
     boxes = []
     for name, bound in graph.nodes.items():
         step = steps[name]
