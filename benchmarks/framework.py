@@ -5,15 +5,15 @@
     python -m benchmarks.framework --json out.json
 
 Every node takes no time itself, so all seconds are the framework's. Seconds are the best of --repeats; all rows of a
-block are measured in one run, one after the other in turn. Hamilton and pytask are peers where they are installed
-(`pip install 'exmesh-graph[bench]'`). Run it in the repository's root, on a quiet machine.
+block are measured in one run, one after the other in turn. Hamilton, pytask, Snakemake and redun are peers where
+they are installed, here or for another interpreter: `--peers-python peers/bin/python`, after
+`pip install sf-hamilton pytask snakemake redun` there. Run it in the repository's root, on a quiet machine.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import importlib.util
 import json
 import os
 import random
@@ -37,7 +37,8 @@ from exmesh_graph.graph.run.runner import Runner
 from tests.test_architecture import BUDGET, framework_size
 
 ENGINES = ("inline", "local")
-NEEDS = {"hamilton": "hamilton", "pytask": "pytask"}
+NEEDS = ("hamilton", "pytask", "snakemake", "redun")
+EDIT = 100  # what the first load gives after the edit
 
 
 def main() -> None:
@@ -46,6 +47,7 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, help="nodes of the large graphs (default 1000)")
     parser.add_argument("--width", type=int, default=67, help="loads of the peers' graph; it has 3 * width - 1 nodes")
     parser.add_argument("--repeats", type=int, help="default 3")
+    parser.add_argument("--peers-python", default=sys.executable, help="the interpreter for which they are installed")
     parser.add_argument("--only", nargs="+", choices=list(BLOCKS), default=list(BLOCKS), help="blocks to measure")
     parser.add_argument("--json", type=Path, help="write the rows here as well")
     args = parser.parse_args()
@@ -199,11 +201,12 @@ def hashing(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
 
 
 def peers(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
-    """The same graph in all frameworks: an empty cache, then a full one, each in a fresh process, in turn."""
+    """The same graph in all frameworks: an empty cache, a full one, one edit, each in a fresh process, in turn."""
     there = []
     for name in PEERS:
-        if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
-            print(f"{name} is not installed: left out (pip install 'exmesh-graph[bench]')")
+        look = [args.peers_python, "-c", f"import {name}"]
+        if name in NEEDS and subprocess.run(look, capture_output=True, check=False).returncode:
+            print(f"{name} is not installed: left out (--peers-python)")
         else:
             there.append(name)
     nodes = 3 * args.width - 1
@@ -211,15 +214,19 @@ def peers(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     for repeat in range(args.repeats):
         for name in there:
             place = folder / f"{name.replace(' ', '-')}-{repeat}"
-            for kind, ran in (("cold", nodes), ("warm", 0)):
-                command = [sys.executable, "-m", "benchmarks.framework_peers", name, str(place), str(args.width)]
+            for kind, ran, first in (("cold", nodes, 0), ("warm", 0, 0), ("one edit", None, EDIT)):
+                python = args.peers_python if name in NEEDS else sys.executable
+                words = [name, str(place), str(args.width), str(first)]
+                command = [python, "-m", "benchmarks.framework_peers", *words]
                 began = time.perf_counter()
                 done = subprocess.run(command, capture_output=True, text=True, check=False)
                 wall = time.perf_counter() - began
                 if "FOUND" not in done.stdout:
                     raise SystemExit(f"{name} failed:\n{done.stdout}{done.stderr}")
                 found = json.loads(done.stdout.rpartition("FOUND")[2])
-                assert found["ran"] == ran, (name, kind, found)
+                assert ran is None or found["ran"] == ran, (name, kind, found)
+                if ran is None:
+                    rows[name]["nodes run after one edit"] = found["ran"]
                 seconds = found["build"] + found["run"]
                 lower(rows[name], f"{kind}, s", seconds)
                 lower(rows[name], f"{kind}, ms per node", 1000 * seconds / nodes)

@@ -1,10 +1,11 @@
 """One small graph in this framework and in its peers: `width` loads, a map of each, a reduction by pairs.
 
-    python -m benchmarks.framework_peers ours /tmp/folder 67
+    python -m benchmarks.framework_peers ours /tmp/folder 67 0
 
 Runs it once in the folder's cache and prints JSON: seconds to build the graph and to run it (imports apart), how many
-nodes ran, and the result. Every node returns one number, so the time is the framework's. Hamilton pickles results to
-files and keeps metadata in SQLite; in pytask every task writes its number to a text file, which its users read.
+nodes ran, and the result. The last word is the value of the first load, for a run after one edit. Every node returns
+one number, so the time is the framework's. Hamilton pickles results to files and keeps metadata in SQLite, redun keeps
+both in SQLite; in pytask and Snakemake every task writes its number to a text file, which its users read.
 `benchmarks.framework` calls this in fresh processes.
 """
 
@@ -35,7 +36,7 @@ def dag(width: int) -> list[Row]:
     return rows
 
 
-def ours(folder: Path, width: int, backend: str = "inline") -> dict[str, Any]:
+def ours(folder: Path, width: int, first: int, backend: str = "inline") -> dict[str, Any]:
     """Through `check_file` and `Run`, on a store in the folder."""
     sys.path.append(str(TOY))
     from exmesh_graph.graph.cache.store import Store
@@ -47,7 +48,7 @@ def ours(folder: Path, width: int, backend: str = "inline") -> dict[str, Any]:
     lines = []
     for name, kind, above in dag(width):
         if kind == "load":
-            lines.append(f"  {name}: {{type: toy.const, value: {name[5:]}}}")
+            lines.append(f"  {name}: {{type: toy.const, value: {value_of(name, first)}}}")
         elif kind == "map":
             lines.append(f'  {name}: {{type: toy.shift, number: "@{above[0]}.number", by: 1}}')
         else:
@@ -75,21 +76,27 @@ def engine(backend: str, store: Any) -> Any:
     return backend_of(0 if backend == "inline" else 2, store)
 
 
-def ours_unsynced(folder: Path, width: int) -> dict[str, Any]:
+def value_of(name: str, first: int) -> int:
+    """What a load gives."""
+    return int(name[5:]) or first
+
+
+def ours_unsynced(folder: Path, width: int, first: int) -> dict[str, Any]:
     """The same with `fsync` switched off, as in the peers; not something the command line offers."""
     from exmesh_graph.graph import files
 
     files.sync = lambda path: None  # type: ignore[assignment]
-    return ours(folder, width)
+    return ours(folder, width, first)
 
 
-def hamilton(folder: Path, width: int) -> dict[str, Any]:
+def hamilton(folder: Path, width: int, first: int) -> dict[str, Any]:
     """Through `Builder().with_cache()`."""
     from hamilton import driver
 
     lines = ["RAN = []", ""]
     for name, kind, above in dag(width):
-        body = {"load": name[5:], "map": f"{above[0]} + 1" if above else "", "reduce": " + ".join(above)}[kind]
+        value = str(value_of(name, first)) if kind == "load" else ""
+        body = {"load": value, "map": f"{above[0]} + 1" if above else "", "reduce": " + ".join(above)}[kind]
         given = ", ".join(f"{a}: float" for a in above)
         lines += [f"def {name}({given}) -> float:", f"    RAN.append({name!r})", f"    return {body}", "", ""]
     (folder / "hamilton_dag.py").write_text("\n".join(lines))
@@ -103,7 +110,7 @@ def hamilton(folder: Path, width: int) -> dict[str, Any]:
     return {"build": built - began, "run": time.perf_counter() - built, "ran": len(module.RAN), "value": value}
 
 
-def pytask(folder: Path, width: int) -> dict[str, Any]:
+def pytask(folder: Path, width: int, first: int) -> dict[str, Any]:
     """Through `pytask.build`; building and running are one call."""
     import pytask as library
 
@@ -112,7 +119,7 @@ def pytask(folder: Path, width: int) -> dict[str, Any]:
     for name, kind, above in dag(width):
         given = "".join(f", {'ab'[i]}: Path = HERE / '{a}.txt'" for i, a in enumerate(above))
         body = {
-            "load": name[5:],
+            "load": str(value_of(name, first)) if kind == "load" else "",
             "map": "float(a.read_text()) + 1",
             "reduce": "float(a.read_text()) + float(b.read_text())",
         }
@@ -127,19 +134,89 @@ def pytask(folder: Path, width: int) -> dict[str, Any]:
     return {"build": 0.0, "run": seconds, "ran": ran, "value": value}
 
 
-PEERS: dict[str, Callable[[Path, int], dict[str, Any]]] = {
+def snakemake(folder: Path, width: int, first: int) -> dict[str, Any]:
+    """Through its command line in this process; a rule for each node, by `shell:`, its quickest kind.
+
+    (A rule of Python, `run:`, starts Python and Snakemake anew.)
+    """
+    from snakemake.cli import main as command
+
+    lines = []
+    for name, kind, above in dag(width):
+        value = f"    params: value={value_of(name, first)}\n" if kind == "load" else ""
+        files = ", ".join(repr(f"{a}.txt") for a in above)
+        given = f"    input: {files}\n" if above else ""
+        body = {"load": "{params.value}", "map": "$(cat {input}) + 1",
+                "reduce": "$(cat {input[0]}) + $(cat {input[1]})"}[kind]  # fmt: skip
+        lines.append(
+            f"rule {name}:\n{given}    output: '{name}.txt'\n{value}"
+            f"    shell: 'echo $(({body})) > {{output}}; echo {name} >> ran.txt'\n"
+        )
+    last = dag(width)[-1][0]
+    (folder / "Snakefile").write_text("\n".join(lines))
+    ran = folder / "ran.txt"
+    ran.write_text("")
+    words = ["--snakefile", str(folder / "Snakefile"), "--directory", str(folder), "--cores", "1", "--quiet", "all"]
+    began = time.perf_counter()
+    try:
+        command([*words, "--", f"{last}.txt"])
+    except SystemExit as end:
+        if end.code:
+            raise
+    seconds = time.perf_counter() - began
+    value = float((folder / f"{last}.txt").read_text())
+    return {"build": 0.0, "run": seconds, "ran": len(ran.read_text().split()), "value": value}
+
+
+def redun(folder: Path, width: int, first: int) -> dict[str, Any]:
+    """Through a `Scheduler` in this process; three tasks that are called with other arguments."""
+    from redun import Scheduler, task
+    from redun.config import Config
+
+    ran: list[str] = []
+
+    @task(namespace="dag", version="1")
+    def load(value: int) -> int:
+        ran.append("load")
+        return value
+
+    @task(namespace="dag", version="1")
+    def shift(a: int) -> int:
+        ran.append("map")
+        return a + 1
+
+    @task(namespace="dag", version="1")
+    def add(a: int, b: int) -> int:
+        ran.append("reduce")
+        return a + b
+
+    began = time.perf_counter()
+    scheduler = Scheduler(config=Config({"backend": {"db_uri": f"sqlite:///{folder}/redun.db"}}))
+    scheduler.load()
+    calls: dict[str, Any] = {}
+    for name, kind, above in dag(width):
+        given = [calls[a] for a in above]
+        calls[name] = load(value_of(name, first)) if kind == "load" else (shift if kind == "map" else add)(*given)
+    built = time.perf_counter()
+    value = scheduler.run(calls[dag(width)[-1][0]])
+    return {"build": built - began, "run": time.perf_counter() - built, "ran": len(ran), "value": float(value)}
+
+
+PEERS: dict[str, Callable[[Path, int, int], dict[str, Any]]] = {
     "ours": ours,
     "ours, no fsync": ours_unsynced,
     "hamilton": hamilton,
     "pytask": pytask,
+    "snakemake": snakemake,
+    "redun": redun,
 }
 
 
 def main() -> None:
-    name, folder, width = sys.argv[1:]
+    name, folder, width, first = sys.argv[1:]
     Path(folder).mkdir(parents=True, exist_ok=True)
-    found = PEERS[name](Path(folder), int(width))
-    expected = int(width) * (int(width) + 1) / 2
+    found = PEERS[name](Path(folder), int(width), int(first))
+    expected = int(width) * (int(width) + 1) / 2 + int(first)
     assert found["value"] == expected, (found, expected)
     print("FOUND", json.dumps(found))
 
