@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.arguments import file_of
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.opening import Settings, Source, checked_graph, stem_of, using
+from exmesh_graph.api.provenance import differences
 from exmesh_graph.api.results import Run, read_run
 from exmesh_graph.graph.variants.compare import identities
 from exmesh_graph.report.differences import Difference, compare, named_in_short, rerun
@@ -25,6 +26,7 @@ class Side:
 
     def __init__(self, source: Source | Run, set: Settings = None, variant: str | None = None, **params: Any) -> None:
         record: Mapping[str, Any] | None = None
+        self.provenance: Mapping[str, Any] = {}
         if isinstance(source, Run):
             record, self.folder = source.record, source.folder
         elif not isinstance(source, Graph) and file_of(source).is_dir():
@@ -32,6 +34,7 @@ class Side:
         self.ran = record is not None
         if record is not None:
             self.name, self.resolved = str(record["id"]), record["resolved"]
+            self.provenance = record.get("provenance") or {}
             self.identities = {row["name"]: row["key"] for row in record["nodes"] if row.get("key")}
         else:
             assert not isinstance(source, Run)
@@ -76,6 +79,8 @@ class Comparison:
         odd = [name for name in again if name not in self.difference.states and self._inputs_same(name, again)]
         if odd:
             lines.append(f"other code, libraries or source files: {named_in_short(odd)}")
+        both = self.old.provenance, self.new.provenance
+        lines += differences(*both) if all(both) else []
         return [*lines, *self._figures(), f"{total - len(again)} of {total} keys are the same"]
 
     def picture(self, rounds: bool = False) -> GraphPicture:

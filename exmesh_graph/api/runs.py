@@ -25,6 +25,7 @@ from exmesh_graph.api.opening import (
     using,
 )
 from exmesh_graph.api.progress import Progress, finished, listening
+from exmesh_graph.api.provenance import provenance
 from exmesh_graph.api.results import Run, read_failures, read_run
 from exmesh_graph.api.selecting import matching, selected
 from exmesh_graph.errors import GraphError
@@ -163,6 +164,8 @@ def run_checked(
         with contextlib.closing(folder), listening(progress, listener, checked, folder.id) as listen:
             work = Runner(checked, opened, folder, listen, backend=backend, command=shlex.join([*command, *only]),
                           alone=shlex.join(command), tokens=at.tokens, **options)  # fmt: skip
+            work.record["provenance"] = provenance(checked, work.record["command"])
+            folder.write("provenance.json", work.record["provenance"])  # beside the asset, which goes its own way
             result = Run(folder.path, work.record, opened)
             if opened is not store:  # a temporary one, needed as long as the handle
                 result.keep(layer.pop_all().close)
