@@ -251,3 +251,20 @@ variants:
     assert len([port for port in past.nodes["carried"].inputs if port.startswith("more")]) == 3
     short = check_variant(path, [], bench.packs, "short")
     assert {str(link) for link in short.nodes["c"].inputs.values()} == {"@one.number"}
+
+
+def test_two_readers_of_broken_elements(bench: Any, states: Any) -> None:
+    """Both find the bytes broken while neither has a result: the element is made again once, and gathered anew."""
+    text = MAPPED.replace(', up: "@up.number"', "")
+    record = bench.run(text)
+    for row in record["nodes"]:
+        if row["name"] in ("up[2]", "up[3]"):
+            for path in bench.store.data(row["outputs"]["number"]["digest"]).iterdir():
+                path.chmod(0o644)
+                path.write_bytes(path.read_bytes().replace(b"p+1", b"p+4").replace(b"p+2", b"p+5"))
+    backend = Local(2)
+    again = bench.run(text, force={"all", "more[2]", "more[3]"}, backend=backend)
+    assert bench.value(again, "all") == bench.value(record, "all")
+    assert bench.value(again, "both") == bench.value(record, "both")
+    assert states(again)["up[2]"] == states(again)["up[3]"] == "done"
+    assert states(again)["up[1]"] == "hit"

@@ -22,7 +22,6 @@ from exmesh_graph.graph.declare.ports import artifact_types, base_name, signatur
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.problems import Where
-from exmesh_graph.graph.run.lists import Outputs, fed
 from exmesh_graph.graph.run.plan import preimage_for
 
 Emit = Callable[[Mapping[str, Any]], None]
@@ -98,11 +97,10 @@ class Job:
 
 
 def job_of(
-    bound: Bound, graph: Checked, preimage: Mapping[str, Any], store: Store, outputs: Outputs, **more: Any
+    bound: Bound, graph: Checked, preimage: Mapping[str, Any], store: Store, wires: Mapping[str, Link], **more: Any
 ) -> Job:  # fmt: skip
-    """The job of a node whose inputs are all known. `more`: run, threads, devices, log, packs."""
-    file = bound.where.file
-    links = [(port, link) for port, (link, _) in fed(bound, outputs).items()]
+    """The job of a node whose inputs are all known, by `wires`. `more`: run, threads, devices, log, packs."""
+    file, links = bound.where.file, wires.items()
     return Job(
         bound.name, bound.definition.type, bound.params.model_dump(mode="json"), bound.seed, preimage["inputs"],
         wires={port: f"{link.node}.{link.port}" for port, link in links},

@@ -82,6 +82,7 @@ class Runner:
         self.pool: Pool | None = None
         self.packs = tuple(graph.packs.modules())
         self.remaining: dict[str, float] = {}
+        self.wires: dict[str, Mapping[str, Link]] = {}  # of what is planned
         self.parts: dict[str, list[str]] = {}  # of nodes with `each`, the nodes that they stand for
 
     def run(self) -> dict[str, Any]:
@@ -184,6 +185,7 @@ class Runner:
             return
         try:
             preimage = preimage_for(bound, self.store, self.flow.outputs)
+            self.wires[name] = {port: link for port, (link, _) in fed(bound, self.flow.outputs).items()}
             action = self._look_up(bound, preimage)
         except ExmeshError as error:
             self._fail(name, failure(name, error), None)
@@ -269,7 +271,7 @@ class Runner:
         assert self.pool is not None
         threads = max(1, int(self.pool.most["cpu"] if name in self.pool.any_number else wanted["cpu"]))
         job = job_of(
-            self.nodes[name], self.graph, preimage, self.store, self.flow.outputs, run=self.folder.id,
+            self.nodes[name], self.graph, preimage, self.store, self.wires[name], run=self.folder.id,
             threads=threads, devices=devices, log=str(self.folder.log(name)),
             checkpoint_every=self.checkpoint_every, packs=self.packs,
         )  # fmt: skip
@@ -328,13 +330,14 @@ class Runner:
 
     def _make_again(self, name: str, outcome: Outcome) -> None:
         """An input's bytes in the store are broken: run the node that made it again, then this one."""
-        link, _ = fed(self.nodes[name], self.flow.outputs)[outcome.info["port"]]
+        link = self.wires[name][outcome.info["port"]]
         self.rows[name]["state"] = WAITING
         del self.planned[name]
         if link.node in self.parts:  # made by one of the nodes that it stands for
             port, _, number = link.port.partition("[")
-            self.rows[link.node]["state"] = WAITING
-            self.flow.lose(link.node)
+            if link.node in self.flow.outputs:
+                self.rows[link.node]["state"] = WAITING
+                self.flow.lose(link.node)
             link = Link(f"{link.node}[{number}", port)
         stored = self.flow.outputs.get(link.node, {}).get(link.port)
         if stored is not None and not self.store.sound(stored.digest):
