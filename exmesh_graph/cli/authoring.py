@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import keyword
 import re
 import textwrap
@@ -19,6 +20,15 @@ if TYPE_CHECKING:
 
 _TEMPLATES = Path(__file__).with_name("templates")
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file.")]
+
+
+class Kind(enum.Enum):
+    """What `new-node` writes."""
+
+    node = "node"
+    wire = "wire"
+    component = "component"
+    loader = "loader"
 
 
 def nodes(
@@ -86,24 +96,32 @@ def new_node(
             "--into", metavar="DIR", help="The package of your nodes; pyproject.toml and tests/ lie beside it."
         ),
     ] = Path("my_nodes/my_nodes"),
+    kind: Annotated[
+        Kind, typer.Option("--type", help="What to write: a node, a wire type, a component, a loader of files.")
+    ] = Kind.node,
 ) -> None:
-    """Write a working node with its test, in a package that graphs find once it is installed."""
+    """Write a working node (or wire type, component, loader) with its test, in a package that graphs find when it is
+    installed.
+    """
     from exmesh_graph.api.described import node_types
 
     if type in node_types():
         raise GraphError(f"there is a node type {type!r} already", fix=f"exmesh nodes {type}")
-    made = _write_node(type, into)
+    made = _write_node(type, into, kind)
     for path in made:
         typer.echo(str(path))
     root, package = into.resolve().parent, into.resolve().name
     if not _offered(root / "pyproject.toml", package):
         typer.echo(f"{root / 'pyproject.toml'} is not from here and must list the package {package!r} and say:")
         typer.echo(f'  [project.entry-points."exmesh.nodes"]\n  {package} = "{package}"')
-    typer.echo(f"test it: pytest {root / 'tests'}\ninstall it: pip install -e {root}\nsee it: exmesh nodes {type}")
+    typer.echo(
+        f"test it: pytest {root / 'tests'}\ninstall it: pip install -e {root}\n"
+        + ("" if kind is Kind.wire else f"see it: exmesh nodes {type}")
+    )
 
 
-def _write_node(kind: str, folder: Path) -> list[Path]:
-    """Write the node type `kind` into the node pack `folder`; returns the new files. Raises GraphError."""
+def _write_node(kind: str, folder: Path, template: Kind = Kind.node) -> list[Path]:
+    """Write the type `kind` into the node pack `folder`; returns the new files. Raises GraphError."""
     match = re.fullmatch(r"([a-z][a-z0-9_]*)\.([a-z][a-z0-9_]*)", kind)
     if match is None or keyword.iskeyword(match[2]):
         raise GraphError(
@@ -118,8 +136,8 @@ def _write_node(kind: str, folder: Path) -> list[Path]:
         "project": package.replace("_", "-"), "Class": "".join(word.capitalize() for word in match[2].split("_")),
     }  # fmt: skip
     texts = {
-        folder / f"{names['module']}.py": "node.txt",
-        root / "tests" / f"test_{names['module']}.py": "test.txt",
+        folder / f"{names['module']}.py": f"{template.value}.txt",
+        root / "tests" / f"test_{names['module']}.py": f"test_{template.value}.txt",
         folder / "__init__.py": "package.txt",
         root / "pyproject.toml": "pyproject.txt",
     }

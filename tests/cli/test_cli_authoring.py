@@ -89,6 +89,21 @@ def test_new_node_passes_its_own_test(pack: Path) -> None:
     assert "3 passed" in done.stdout
 
 
+def test_wire_types_components_and_loaders_pass_their_own_tests(exmesh: Any, pack: Path) -> None:
+    for kind in ("wire", "component", "loader"):
+        exmesh("new-node", f"my.{kind}", "--into", "pack/my_nodes", "--type", kind)
+    words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", str(pack / "pyproject.toml")]
+    quick = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": "", "PYTHONPATH": str(pack)}
+    files = [str(pack / "tests" / f"test_my_{kind}.py") for kind in ("wire", "component", "loader")]
+    script = (
+        "import sys, pytest; from exmesh_graph.graph.session import Session; Session(packs=['my_nodes']).__enter__()"
+    )
+    script += f"; sys.exit(pytest.main({[*words[3:], *files]!r}))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, env=quick)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "11 passed" in done.stdout
+
+
 def test_new_node_is_clean(pack: Path) -> None:
     """What it writes has no line that is too long and no name left to fill in."""
     for path in [*(pack / "my_nodes").glob("*.py"), *(pack / "tests").glob("*.py")]:
