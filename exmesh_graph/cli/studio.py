@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from exmesh_graph.cli import options
+from exmesh_graph.errors import ExmeshError
 
 
 def studio(
@@ -29,8 +30,11 @@ def studio(
 
     if what.is_dir():
         workspace = Workspace.of_run(what, store=store, shared=shared)
-    else:
+    elif what.is_file():
         workspace = Workspace(what, store=store, shared=shared, runs=runs, variant=variant or "", sets=set_ or ())
+    else:
+        fix = "name a graph file, or run one first: exmesh run GRAPH"
+        raise ExmeshError(f"there is no graph and no run {what}", expected="a graph file or a run folder", fix=fix)
 
     def ready(address: str) -> None:
         typer.echo(f"the studio is at {address}\n  Ctrl-C ends it; runs that it started go on")
