@@ -41,7 +41,7 @@ def failing(code: int) -> Callable[..., Any]:
 def run(bench: Any, text: str, store: Store) -> dict[str, Any]:
     folder = RunFolder(bench.root / "runs", "g")
     try:
-        return Runner(bench.check(text), store, folder, bench.events.append).run()
+        return Runner(bench.check(text).with_idle(), store, folder, bench.events.append).run()
     finally:
         folder.close()
 
