@@ -108,7 +108,7 @@ def test_a_run_is_summed_up() -> None:
 
 def test_a_failed_run_names_its_nodes() -> None:
     made = graph()
-    made.add("broken", "toy.fail", number=made["one"].number)
+    made.output("broken", made.add("broken", "toy.fail", number=made["one"].number).number)
     with pytest.raises(ex.RunFailed) as failure:
         ex.run(made, workers=0, progress=False)
     html = run_html(failure.value.run) or ""
