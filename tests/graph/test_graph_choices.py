@@ -166,3 +166,17 @@ def test_variants_and_sub_graphs_choose(bench: Any) -> None:
     graph = bench.check(user)
     assert [graph.nodes[f"{name}.x"].params.value for name in "pq"] == [1, 5]
     assert [name for name in graph.nodes if "block" in name] == [f"{p}.block[{r}].y" for p in "pq" for r in (1, 2)]
+
+
+def test_a_parameter_may_choose_the_type_of_a_node(bench: Any) -> None:
+    text = """
+params: {kind: {type: str, default: toy.sign, choices: [toy.sign, toy.seeded]}}
+nodes:
+  a: {type: toy.const}
+  b: {type: "${kind}", number: "@a.number"}
+outputs: {b: "@b.number"}
+"""
+    assert bench.check(text).nodes["b"].definition.type == "toy.sign"
+    assert bench.check(text, "kind=toy.seeded").nodes["b"].definition.type == "toy.seeded"
+    told = [str(problem) for problem in bench.problems(text, "kind=toy.add")]
+    assert any("cannot be 'toy.add'" in one for one in told)
