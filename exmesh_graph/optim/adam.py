@@ -20,6 +20,9 @@ from exmesh_graph.gpu.warp_runtime import warp
 EPSILON = 1e-15
 """Far below any gradient of a mean over an image; it only keeps 0 / 0 from happening."""
 
+SECOND = 0.99
+"""Decay of the second moment, unless told otherwise."""
+
 
 class Bounds(NamedTuple):
     """What a step of colours does besides: hold them in [0, 1], and mark rows whose gradient is above a threshold.
@@ -40,7 +43,7 @@ def adam_step(
     step: int,
     rate: float,
     *,
-    betas: tuple[float, float] = (0.9, 0.99),
+    betas: tuple[float, float] = (0.9, SECOND),
     epsilon: float = EPSILON,
     uniform: bool = False,
     torch_rounding: bool = False,

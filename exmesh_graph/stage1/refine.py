@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
-from exmesh_graph.optim import adam_step, decayed, view_at
+from exmesh_graph.optim import EPSILON, SECOND, adam_step, decayed, view_at
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.diagnose import diagnose
 from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
@@ -211,7 +211,10 @@ class _Loop:
         smooth = prepared.filter
         count = self.state.vertex_steps + k + 1
         if smooth is None:
-            adam_step(self.surface.vertices, gradient * self.per_area, self.vertex_m, self.vertex_v, count, rate)
+            adam_step(
+                self.surface.vertices, gradient * self.per_area, self.vertex_m, self.vertex_v, count, rate,
+                epsilon=self.silent(count),
+            )  # fmt: skip
             return
         with torch.no_grad():
             step = torch.zeros_like(gradient)
@@ -221,6 +224,17 @@ class _Loop:
                 step, smooth(gradient * per_area), self.vertex_m, self.vertex_v, count, rate, uniform=prepared.uniform
             )
             self.surface.vertices.add_(smooth(step))
+
+    def silent(self, count: int) -> float:
+        """The gradient (per unit of area) below which steps shorten: a share of the vertices' median, by their moments.
+
+        The gradient of an L1 keeps its size however small the error is: its mean square says how sharply photographs
+        place a vertex. With masks the outline holds the shape, and full steps everywhere bring it there sooner.
+        """
+        if self.settings.evidence == 0 or count < 2 or bool(self.targets.masked.any()):
+            return EPSILON
+        median = float(self.vertex_v.median()) / (1 - SECOND ** (count - 1))
+        return max(EPSILON, self.settings.evidence * math.sqrt(median))
 
     def broken(self, iteration: int, view: int, what: str) -> NumericsError:
         return NumericsError(

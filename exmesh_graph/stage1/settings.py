@@ -22,6 +22,13 @@ class RefineSettings(Params):
         doc="Length of a vertex's step at the start (mean edge of the round's mesh).",
     )
     vertex_decay: float = param(0.00625, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
+    evidence: float = param(
+        0.0,
+        ge=0,
+        unit="of the median",
+        doc="Without masks: vertices whose gradients are below this share of the median's take shorter steps. Where "
+        "pictures are silent (blown out, dark, unpainted) Adam makes full steps of what little they say. 0: does not.",
+    )
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
     texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")
     ssim_weight: float = param(
