@@ -119,6 +119,8 @@ def _words(item: ast.AST) -> str:
     name, text = last_of(item.func), text_of(item)
     if isinstance(item.func, ast.Name) and name in ("eval", "exec"):
         return f"code that is a text ({name})"
+    if isinstance(item.func, ast.Name) and name == "globals":
+        return "names that are texts (globals)"
     if name in _RUNNERS and not text:
         return f"code by a computed name ({ast.unparse(item)[:60]})"
     if text and not text.startswith(_PSEUDO) and _READERS.fullmatch(ast.unparse(item.func)):

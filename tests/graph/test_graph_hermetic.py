@@ -31,6 +31,7 @@ nodes:
 """
     record = bench.run(text, **({"backend": Local(workers)} if workers else {}))
     before, other, after = (bench.value(record, name, "metrics").values for name in ("before", "b", "after"))
+    assert {row["state"] for row in record["nodes"]} == {"done"}, "no hit tells anything"
     assert other["numpy"] != before["numpy"], "another seed"
     assert after["pid"] == before["pid"], "one process"
     assert after == before

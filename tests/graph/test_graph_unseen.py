@@ -30,7 +30,7 @@ import os
 from exmesh_graph.graph.declare.node import node
 from exmesh_graph.params import Params, param
 from ._stars import *
-from . import tools, registry
+from . import tools, registry, effect
 
 def tuned(x, *, by=param(101, doc="No field of parameters.")):
     return x + by
@@ -41,6 +41,10 @@ match os.name:
     case _:
         FLAVOUR = 103
 
+match os.curdir:
+    case "." as lone:
+        NOBODY = 109
+
 class Inner(Params):
     weight: float = param(104, doc="Built by code.")
 
@@ -50,6 +54,9 @@ class Outer(Params):
 @registered(106)
 def by_star(x):
     return x
+
+def more_of(plug, other):
+    return plug.f() + other.f() + len(lone)
 
 @registry.node("t.x", 107)
 def by_other_node(x):
@@ -63,7 +70,7 @@ def first(ctx, *, p: Outer):
         from .fast import speed
     except ImportError:
         speed = 1
-    return starred(1) + tools.param(108) + tuned(1) + Inner().weight + FLAVOUR + plug.f() + other.f() + len(system)
+    return starred(1) + tools.param(108) + tuned(1) + Inner().weight + FLAVOUR + len(system) + more_of(plug, other)
 """
 FILES = {
     "__init__.py": "",
@@ -72,6 +79,7 @@ FILES = {
     "def registered(n):\n    return lambda f: TABLE.setdefault(n, f)\n",
     "tools.py": "def param(x):\n    return x + 202\ndef build():\n    return param(203)\n",
     "registry.py": "TABLE = {}\ndef node(name, n):\n    return lambda f: TABLE.setdefault((name, n), f)\n",
+    "effect.py": "from . import registry\nregistry.TABLE['x'] = 206\n",
     "plug.py": "def f():\n    return 204\n",
     "plug_two.py": "def f():\n    return 205\n",
 }
@@ -116,6 +124,8 @@ def edit(path: Path, old: str, new: str) -> None:
         ("nodes.py", 106, True),  # by a decorator out of `import *`
         ("nodes.py", 107, True),  # by another's decorator called node
         ("nodes.py", 108, True),  # another's function called param
+        ("nodes.py", 109, True),  # in a `match` of which only the name it binds is used
+        ("effect.py", 206, True),  # imported for its effect alone
         ("_stars.py", 201, True),  # out of `import *`
         ("tools.py", 203, True),  # in a module with a `param` of its own
         ("plug.py", 204, True),  # importlib.import_module("text")
@@ -135,11 +145,11 @@ def test_such_code_is_in_the_key(pack: tuple[Path, Take], name: str, number: int
 
 def test_names_that_match_binds(pack: tuple[Path, Take]) -> None:
     root, take = pack
-    edit(root / "nodes.py", "len(system)", "len(rest) + len(more)")
+    edit(root / "nodes.py", "len(lone)", "len(rest) + len(more)")
     edit(
         root / "nodes.py",
         "FLAVOUR = 102",
-        "FLAVOUR = 102\nmatch {'a': [1, 2]}:\n    case {'a': [_, *rest], **more}:\n        pass",
+        "FLAVOUR = 102\nmatch {'a': [1, 2]}:\n    case {'a': [_, *rest], **more}:\n        NONE = 1",
     )
     before = take().digest
     edit(root / "nodes.py", "[1, 2]", "[1, 2, 3]")
@@ -214,6 +224,7 @@ TOLD = {
     "import os\nos.getenv('FLAVOUR')": "the environment (FLAVOUR)",
     "from os import environ\nenviron.get('FLAVOUR')": "the environment (FLAVOUR)",
     "eval('1 + 1')": "code that is a text (eval)",
+    "globals()['a' + 'b']": "names that are texts (globals)",
     "exec('x = 1')": "code that is a text (exec)",
     "import importlib\nimportlib.import_module('a' + b)": "code by a computed name (importlib.import_module('a' + b))",
     "import runpy\nrunpy.run_path('x.py')": "",

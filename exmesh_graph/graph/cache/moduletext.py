@@ -104,11 +104,13 @@ class _Slice:
         self.bound = {name for statement in module.tree.body for name in syntax.bound_by(statement)}
         own, classes = self._own(), {item.name for item in module.tree.body if isinstance(item, ast.ClassDef)}
         skipped = syntax.declaring(module.tree, module.names)
+        self.mentioned = set(syntax.used_by(module.tree))
         for index, statement in enumerate(module.tree.body):
             names = set(syntax.bound_by(statement))
             for name in names:
                 self.binders.setdefault(name, []).append(index)
-            if not syntax.is_text(statement) and (not names or syntax.acts(statement, own, skipped)):
+            effect = isinstance(statement, ast.Import | ast.ImportFrom) and names & own - self.mentioned
+            if not syntax.is_text(statement) and (not names or effect or syntax.acts(statement, own, skipped)):
                 self.always.append(index)
             if isinstance(statement, ast.ClassDef) and not skipped & set(map(id, statement.decorator_list)):
                 for base in statement.bases:  # subclasses can be found from their base: __init_subclass__, registries
@@ -137,7 +139,8 @@ class _Slice:
                 used = {name for i in chosen if i != index for name in syntax.used_by(body[i])}
                 pairs = zip(statement.names, syntax.imports_in(statement, self.module.package), strict=True)
                 for alias, item in pairs:
-                    if alias.name == "*" or (alias.asname or alias.name).partition(".")[0] in used:
+                    name = (alias.asname or alias.name).partition(".")[0]
+                    if alias.name == "*" or name in used or name not in self.mentioned:
                         imports.append(item)
                         texts.append(f"import {alias.asname or alias.name} {item}")
             else:
