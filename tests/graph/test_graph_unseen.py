@@ -143,9 +143,10 @@ def test_such_code_is_in_the_key(pack: tuple[Path, Take], name: str, number: int
     assert (take().digest != before) is matters
 
 
-def test_names_that_match_binds(pack: tuple[Path, Take]) -> None:
+@pytest.mark.parametrize("name", ["rest", "more"])
+def test_names_that_match_binds(pack: tuple[Path, Take], name: str) -> None:
     root, take = pack
-    edit(root / "nodes.py", "len(lone)", "len(rest) + len(more)")
+    edit(root / "nodes.py", "len(lone)", f"len({name})")
     edit(
         root / "nodes.py",
         "FLAVOUR = 102",

@@ -211,7 +211,7 @@ def untidy(ctx: Context, number: Number, *, p: UntidyParams) -> NumberOut:
     torch.use_deterministic_algorithms(True)
     np.set_printoptions(precision=2)
     np.seterrcall(print)
-    os.environ["TZ"] = "Asia/Tokyo"
+    os.environ["TZ"] = "JST-9"
     time.tzset()
     decimal.getcontext().prec = 3
     sys.setrecursionlimit(sys.getrecursionlimit() + 1)
