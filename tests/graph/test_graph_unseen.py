@@ -147,11 +147,8 @@ def test_such_code_is_in_the_key(pack: tuple[Path, Take], name: str, number: int
 def test_names_that_match_binds(pack: tuple[Path, Take], name: str) -> None:
     root, take = pack
     edit(root / "nodes.py", "len(lone)", f"len({name})")
-    edit(
-        root / "nodes.py",
-        "FLAVOUR = 102",
-        "FLAVOUR = 102\nmatch {'a': [1, 2]}:\n    case {'a': [_, *rest], **more}:\n        NONE = 1",
-    )
+    more = "match {'a': [1, 2]}:\n    case {'a': [_, *rest], **more}:\n        NONE = 1\n\nclass Inner("
+    edit(root / "nodes.py", "class Inner(", more)
     before = take().digest
     edit(root / "nodes.py", "[1, 2]", "[1, 2, 3]")
     assert take().digest != before

@@ -72,12 +72,13 @@ def apart(seed: int) -> Iterator[None]:
         if torch is not None:
             torch.set_rng_state(torchs)
         for name, get, put, fresh in _STATES:
-            _put_back(sys.modules.get(name), get, put, before.get((name, get), fresh))
+            if name in sys.modules and ((name, get) in before or fresh is not None):
+                _put_back(sys.modules[name], get, put, before.get((name, get), fresh))
 
 
 def _put_back(module: Any, get: str, put: str, value: Any) -> None:
     """Undo what a node set; where it also imported the module, the value is the one that modules begin with."""
     value = getattr(module, "float32", None) if value == "float32" else value
-    if module is not None and value is not None and str(getattr(module, get)()) != str(value):
+    if str(getattr(module, get)()) != str(value):
         setter = getattr(module, put)
         setter(**value) if isinstance(value, dict) else setter(value)
