@@ -11,8 +11,6 @@ from collections import deque
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
-from exmesh_graph.studio.values import plain
-
 MOST_CLIENTS = 64
 QUEUED = 1000
 HEARTBEAT = 10.0
@@ -104,8 +102,4 @@ class Hub:
 
 def framed(kind: str, data: Mapping[str, Any], number: int) -> str:
     """An event as text/event-stream has it."""
-    try:
-        text = json.dumps(data, default=str, allow_nan=False)
-    except ValueError:  # infinite numbers, which JSON has not
-        text = json.dumps(plain(data))
-    return f"event: {kind}\nid: {number}\ndata: {text}\n\n"
+    return f"event: {kind}\nid: {number}\ndata: {json.dumps(data, default=str)}\n\n"

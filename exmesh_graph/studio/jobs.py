@@ -82,7 +82,9 @@ class Jobs:
     def alive(self) -> dict[str, Job]:
         """The jobs whose process lives, also those that an earlier server started."""
         found: dict[str, Job] = {}
-        self._let_go()
+        for name, process in list(self._processes.items()):
+            if process.poll() is not None:  # also lets go of the ended process
+                del self._processes[name]
         for path in self.folder.glob("*/job.json"):
             folder = path.parent
             if (folder / "ended.json").exists():
@@ -94,7 +96,6 @@ class Jobs:
 
     def ours(self) -> dict[str, str]:
         """{run: job} of all jobs that are known."""
-        self._let_go()
         pairs = ((_read(path), path.parent.name) for path in self.folder.glob("*/started.json"))
         return {str(started["run"]): name for started, name in pairs if started and "run" in started}
 
@@ -127,12 +128,6 @@ class Jobs:
                     for file in path.parent.iterdir():
                         file.unlink()
                     path.parent.rmdir()
-
-    def _let_go(self) -> None:
-        """Ask after our processes: one that ended is a zombie until then."""
-        for name, process in list(self._processes.items()):
-            if process.poll() is not None:
-                self._processes.pop(name, None)
 
     def _said(self, name: str) -> str:
         with contextlib.suppress(OSError):

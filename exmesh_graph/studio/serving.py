@@ -25,13 +25,13 @@ def serve(workspace: Workspace, port: int = 0, ready: Callable[[str], None] | No
 
     port  0: any that is free. Raises MissingLibraryError without the extra `studio`, ExmeshError for a taken port.
     """
-    _library()
+    uvicorn = _library()
     home = workspace.store_folder / "studio"
     listener = _listener(port or remembered_port(home), port == 0)
     number = int(listener.getsockname()[1])
     remember_port(home, number)
     token = secrets.token_urlsafe(32)
-    server = server_of(workspace, number, token)
+    server = uvicorn.Server(configuration(workspace, number, token))
     address = f"http://{HOST}:{number}/?token={token}"
 
     async def run() -> None:
@@ -46,18 +46,6 @@ def serve(workspace: Workspace, port: int = 0, ready: Callable[[str], None] | No
         asyncio.run(run())
     finally:
         listener.close()
-
-
-def server_of(workspace: Workspace, port: int, token: str) -> Any:
-    """uvicorn's server, which ends the event streams before it waits for connections to end."""
-    base: Any = _library().Server
-
-    class Server(base):  # type: ignore[misc]
-        async def shutdown(self, sockets: Any = None) -> None:
-            workspace.hub.close()
-            await super().shutdown(sockets)
-
-    return Server(configuration(workspace, port, token))
 
 
 def configuration(workspace: Workspace, port: int, token: str) -> Any:

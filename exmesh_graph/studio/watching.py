@@ -10,7 +10,7 @@ from typing import Any
 
 from exmesh_graph.studio.runview import RunView, is_run
 
-PAUSE = 0.4
+PAUSE = 0.25
 """Seconds between two looks at runs that go on."""
 _LIST_EVERY = 1.0
 SHOWN = 200
@@ -83,10 +83,7 @@ class Watcher:
         wanted = {name for name in sorted(names, reverse=True)[:SHOWN] if is_run(self.runs / name)}
         for name in wanted - self.views.keys():
             view = RunView(self.runs / name)
-            try:
-                view.refresh()  # its past is no news
-            except Exception as error:  # one odd folder must not hide the others
-                view.reason = f"{type(error).__name__}: {error}"
+            view.refresh()  # its past is no news
             self.views[name] = view
             self.publish("runs", {"id": name})
             if view.alive:

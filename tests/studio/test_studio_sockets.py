@@ -23,10 +23,10 @@ def port(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]
     """A server with short patience; its port."""
     monkeypatch.setattr(serving, "_HEAD_SECONDS", 0.6)
     monkeypatch.setattr(guard, "BODY_SECONDS", 0.6)
-    pytest.importorskip("uvicorn", reason="the extra `studio` is not installed")
+    uvicorn = pytest.importorskip("uvicorn", reason="the extra `studio` is not installed")
     listener = serving._listener(0)
     number = int(listener.getsockname()[1])
-    server = serving.server_of(workspace, number, TOKEN)
+    server = uvicorn.Server(serving.configuration(workspace, number, TOKEN))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
     thread.start()
     while not server.started:
@@ -161,23 +161,12 @@ def test_fifty_pages_and_a_slow_one(port: int, workspace: Workspace, monkeypatch
 
 
 @pytest.mark.reliability("studio: the server ends while pages are open", "their streams end; it ends in time")
-def test_the_streams_end_with_the_server(workspace: Workspace) -> None:
-    pytest.importorskip("uvicorn", reason="the extra `studio` is not installed")
-    listener = serving._listener(0)
-    number = int(listener.getsockname()[1])
-    server = serving.server_of(workspace, number, TOKEN)
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    kinds = []
-    with browser(number) as client, client.stream("GET", "/api/events") as lines:
+def test_the_streams_end_with_the_server(port: int, workspace: Workspace) -> None:
+    with browser(port) as client, client.stream("GET", "/api/events") as lines:
+        kinds = []
         for line in lines.iter_lines():
             kinds.append(line)
             if line.startswith("data: ") and len(kinds) < 5:
                 assert json.loads(line.removeprefix("data: "))["server"] == workspace.server
-                server.should_exit = True
-    assert "event: hello" in kinds
-    thread.join(10)
-    assert not thread.is_alive()
-    listener.close()
+                workspace.hub.close()
+        assert "event: hello" in kinds

@@ -13,7 +13,6 @@ from starlette.responses import Response
 
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.studio.faults import error_facts
-from exmesh_graph.studio.values import plain
 from exmesh_graph.studio.web.guard import TooLarge
 from exmesh_graph.studio.workspace import Workspace
 
@@ -103,11 +102,8 @@ class Query(Mapping[str, str]):
 
 
 def json_answer(value: Any, status: int = 200) -> Response:
-    """A JSON answer; what is no JSON in it, such as infinite numbers, becomes text."""
-    try:
-        text = json.dumps(value, ensure_ascii=False, default=str, allow_nan=False)
-    except ValueError:
-        text = json.dumps(plain(value), ensure_ascii=False)
+    """A JSON answer; what is no JSON in it becomes text."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
     return Response(text.encode("utf-8", "replace"), status, media_type="application/json")
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import Route
@@ -42,6 +44,7 @@ def application(
             *graph_routes.ROUTES, *compare_routes.ROUTES, *run_routes.ROUTES,
             *look_routes.ROUTES,
         ],
+        middleware=[Middleware(GZipMiddleware, minimum_size=20_000, compresslevel=3)],
         exception_handlers={404: _not_found, 405: _not_allowed, Exception: _broken},
         lifespan=living,
     )  # fmt: skip

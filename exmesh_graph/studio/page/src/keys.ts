@@ -16,7 +16,8 @@ export function keys(event: KeyboardEvent): void {
   if (command && key === "y") { done(); void redo(); return; }
   if (command || event.altKey) return;
   const node = nodeOf(s, s.selected), edits = s.runGraph === null;
-  if (key === "escape") { if (s.dock === "full") set({ dock: "open" }); else set({ selected: null, preview: null }); }
+  if (key.startsWith("arrow") && !target.closest(".dock, .inspector, .top, [role=tablist]")) { done(); window.dispatchEvent(new CustomEvent("studio:walk", { detail: event.key })); }
+  else if (key === "escape") { if (s.dock === "full") set({ dock: "open" }); else set({ selected: null, preview: null }); }
   else if (key === "?") { done(); set({ overlay: "help" }); }
   else if ((key === "a" || key === "/") && edits) { done(); set({ overlay: "add", addAt: null }); }
   else if (key === "l") set({ dock: s.dock === "full" ? "open" : "full", tab: "look" });

@@ -46,7 +46,7 @@ export function Canvas() {
 
   const far = useStore((s) => s.transform[2] < 0.42);
   const { fitView, setCenter, getZoom, getViewport, setViewport } = useReactFlow();
-  const height = useStore((s) => s.height), before = useRef(0);
+  const width = useStore((s) => s.width), height = useStore((s) => s.height), before = useRef(0);
   useEffect(() => { // when the part below opens or closes, the middle stays the middle
     if (before.current && height && before.current !== height) { const at = getViewport(); void setViewport({ ...at, y: at.y + (height - before.current) / 2 }); }
     before.current = height;
@@ -54,13 +54,26 @@ export function Canvas() {
   useFit(drawn, fitView, setCenter);
   const reveal = useCallback((id: string) => {
     const rect = drawn?.layout.boxes.get(id) ?? drawn?.layout.frames.get(id);
-    if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7), duration: 200 });
+    if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7), duration: still() ? 0 : 200 });
   }, [drawn, setCenter, getZoom]);
   useEffect(() => {
     const go = (event: Event) => reveal((event as CustomEvent<string>).detail);
+    const step = (event: Event) => { if (drawn) walk((event as CustomEvent<string>).detail, drawn); };
     window.addEventListener("studio:reveal", go);
-    return () => window.removeEventListener("studio:reveal", go);
-  }, [reveal]);
+    window.addEventListener("studio:walk", step);
+    return () => { window.removeEventListener("studio:reveal", go); window.removeEventListener("studio:walk", step); };
+  }, [reveal, drawn]);
+
+  // A run is followed with the eyes until somebody moves the graph.
+  const running = useStudio((s) => { for (const node of s.states.values()) if (node.state === "running") return node.id; return null; });
+  const pursue = useStudio((s) => s.pursue);
+  useEffect(() => {
+    if (!pursue || !running || !drawn) return;
+    const rect = drawn.layout.boxes.get(running), { x, y, zoom } = getViewport();
+    if (!rect) return;
+    const left = rect.x * zoom + x, top = rect.y * zoom + y;
+    if (left < 20 || top < 20 || left + rect.width * zoom > width - 20 || top + rect.height * zoom > height - 20) reveal(running);
+  }, [running, pursue, drawn, width, height, reveal, getViewport]);
 
   const valid = useCallback((connection: Connection | Edge) => {
     const { drawing } = useDrawing.getState();
@@ -87,7 +100,7 @@ export function Canvas() {
 
   if (!graph || !drawn) return <div className="canvas empty" />;
   return (
-    <div className={`canvas${far ? " far" : ""}${readOnly ? " read-only" : ""}`} onKeyDown={(event) => { if (walk(event, drawn)) event.preventDefault(); }}>
+    <div className={`canvas${far ? " far" : ""}${readOnly ? " read-only" : ""}`}>
       <ReactFlow nodes={nodes} edges={shownEdges} nodeTypes={nodeTypes} edgeTypes={edgeTypes} onlyRenderVisibleElements minZoom={0.05} maxZoom={2.5}
         nodesDraggable={false} nodesConnectable={!readOnly} elementsSelectable deleteKeyCode={null} selectionOnDrag={false} multiSelectionKeyCode={null} zoomOnDoubleClick={false}
         disableKeyboardA11y connectionLineComponent={DrawnWire} connectionRadius={26} isValidConnection={valid} proOptions={{ hideAttribution: true }}
@@ -99,6 +112,7 @@ export function Canvas() {
         onConnectEnd={release}
         onNodeClick={(_, node) => { setChosenEdges(new Set()); choose(node); }}
         onNodeDoubleClick={(_, node) => { const id = idOf(node), found = nodeOf(now(), id); if (found && (found.kind === "block" || found.kind === "part")) set((s) => ({ blocks: { ...s.blocks, [id]: s.blocks[id] === "folded" ? "open" : "folded" } })); else if (found) lookAtNode(found); }}
+        onMoveStart={(event) => { if (event && now().pursue) set({ pursue: false }); }}
         onEdgeClick={(_, edge) => setChosenEdges(new Set([edge.id]))}
         onPaneClick={() => { set({ selected: null }); setChosenEdges(new Set()); useDrawing.setState({ choose: null }); }}>
         <Background variant={BackgroundVariant.Dots} gap={22} size={1.2} />
@@ -107,6 +121,7 @@ export function Canvas() {
       </ReactFlow>
       <div className="canvas-tools">
         <button onClick={() => setAllPorts(!allPorts)} aria-pressed={allPorts} title="show optional inputs that nothing is wired to">All ports</button>
+        {running && !pursue && <button onClick={() => set({ pursue: true })} title="keep what runs in view">Follow the run</button>}
         {chosenEdges.size > 0 && !readOnly && <button className="danger" onClick={() => { void remove(shownEdges.filter((edge) => chosenEdges.has(edge.id))); setChosenEdges(new Set()); }}>Cut this wire</button>}
       </div>
       <ChooseEnd />
@@ -145,10 +160,9 @@ function useFit(drawn: Picture | null, fitView: ReturnType<typeof useReactFlow>[
 }
 
 // Arrow keys: along wires to the left and right, to the next box above or below.
-function walk(event: React.KeyboardEvent, drawn: Picture): boolean {
-  if (event.target instanceof HTMLInputElement || event.altKey || event.ctrlKey || event.metaKey) return false;
-  const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-  if (!step) return false;
+function walk(key: string, drawn: Picture): void {
+  const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[key];
+  if (!step) return;
   const here = drawn.boxes.find((box) => box.node.id === now().selected), start = here ? drawn.layout.boxes.get(here.id)! : null;
   let best: string | null = null, least = Infinity;
   for (const box of drawn.boxes) {
@@ -163,7 +177,6 @@ function walk(event: React.KeyboardEvent, drawn: Picture): boolean {
   }
   const found = drawn.boxes.find((box) => box.id === best);
   if (found) { set({ selected: found.node.id, round: null }); window.dispatchEvent(new CustomEvent("studio:reveal", { detail: found.id })); }
-  return true;
 }
 
 function ChooseEnd() {
@@ -182,3 +195,5 @@ function ChooseEnd() {
     </div>
   );
 }
+
+const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;

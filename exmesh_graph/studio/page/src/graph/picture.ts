@@ -125,7 +125,7 @@ function boxOf(node: GraphNode, copy: Copy, allPorts: boolean): Box {
   const text = (port: Port | undefined) => (port ? (port.port || "").length : 0);
   const count = component ? inputs.length : Math.max(inputs.length, outputs.length);
   const widest = Math.max(0, ...Array.from({ length: count }, (_, k) => text(inputs[k]?.port) + text(outputs[k]?.port)));
-  const width = Math.max(126, 7.7 * node.name.length + 62, 6.3 * (node.type || node.graph || "").length + 62, 6.2 * widest + 50);
+  const width = Math.max(126, 7.7 * node.name.length + 62, 5.7 * (node.type || node.graph || "").length + (node.kind === "component" ? 40 : 88), 6.2 * widest + 50);
   const outs = component ? outputs.map((row) => ({ ...row, top: HEAD / 2 })) : outputs;
   const names = copy.rounds.length ? node.names.filter((name) => copy.rounds.every(([id, round]) => name.startsWith(`${id}[${round}].`) || name.includes(`${id.split(".").pop()}[${round}].`))) : node.names;
   return { id: copy.id, node, names, inputs, outputs: outs, hidden: node.inputs.length - shown.length, width: Math.round(width), height: HEAD + ROW * count + (count ? FOOT : 0), scopes: copy.scopes, fixed: copy.rounds.length > 0 };

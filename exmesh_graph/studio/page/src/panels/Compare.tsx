@@ -34,7 +34,7 @@ function WithAndWithout() {
     try {
       const { run } = await post<{ run: Run }>("/api/sweep", { nodes, repeats });
       await loadRuns();
-      setShown(run.id);
+      setShown(run.id || null);
       toast("info", "The sweep runs. Its table stands here when it ends.");
     } catch (error) { tell(error); } finally { setBusy(false); }
   };

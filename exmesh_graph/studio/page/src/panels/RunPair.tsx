@@ -8,9 +8,9 @@ import type { Comparison, Json, Run } from "../types";
 import { look } from "./Results";
 
 export function RunPair() {
-  const runs = useStudio((s) => s.runs.filter((run) => !run.sweep)), name = useStudio((s) => s.document?.name);
+  const runs = useStudio((s) => s.runs.filter((run) => !run.sweep));
   const [a, setA] = useState(""), [b, setB] = useState(""), [found, setFound] = useState<Comparison | null>(null);
-  const same = runs.filter((run) => run.graph === name), one = a || same[1]?.id || runs[1]?.id || "", two = b || same[0]?.id || runs[0]?.id || "";
+  const one = a || runs[1]?.id || "", two = b || runs[0]?.id || ""; // the newest beside the one before
   const state = runs.find((run) => run.id === two)?.state;
   useEffect(() => {
     if (!one || !two || one === two) { setFound(null); return; }

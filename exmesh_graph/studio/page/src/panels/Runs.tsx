@@ -62,7 +62,7 @@ export function RunCard({ run }: { run: Run }) {
         {now.report && <a className="button" href={`/api/runs/${encodeURIComponent(run.id)}/report`} target="_blank" rel="noreferrer">Report</a>}
         <button onClick={() => set({ tab: "log", dock: "open", selected: null })}>Log</button>
         <button onClick={() => set({ tab: "curves", dock: "open" })}>Curves</button>
-        {own ? <button onClick={() => void follow(run.graph === name ? run.id : null)}>Back to the open graph</button> : <button onClick={() => void follow(run.id, true)} title="The graph as this run ran it">Its graph</button>}
+        {own && <button onClick={() => void follow(run.graph === name ? run.id : null)}>Back to the open graph</button>}
       </div>
     </section>
   );

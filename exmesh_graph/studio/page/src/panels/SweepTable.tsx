@@ -7,13 +7,20 @@ import type { Run, RunDetail, SweepFigure, SweepMember, SweepResult } from "../t
 import { look } from "./Results";
 
 export function SweepTable({ run }: { run: Run }) {
-  const [result, setResult] = useState<SweepResult | null>(null);
+  const [result, setResult] = useState<SweepResult | null>(null), [tries, setTries] = useState(0);
+  const live = ["running", "starting", "stopping"].includes(run.state), late = !live && tries < 15;
+  useEffect(() => setTries(0), [run.id, run.state]);
   useEffect(() => {
-    let gone = false;
-    get<SweepResult>(`/api/runs/${encodeURIComponent(run.id)}/sweep`).then((found) => { if (!gone) setResult(found); }).catch((error) => { if (!gone) { setResult(null); if (!(error instanceof Refusal && error.status === 404)) tell(error); } });
-    return () => { gone = true; };
-  }, [run.id, run.state]);
-  if (!result) return <p className="soft">{["running", "starting"].includes(run.state) ? "It runs; the table stands here when it ends." : "This sweep left no table."}</p>;
+    let gone = false, timer = 0;
+    get<SweepResult>(`/api/runs/${encodeURIComponent(run.id)}/sweep`).then((found) => { if (!gone) setResult(found); }).catch((error) => {
+      if (gone) return;
+      setResult(null);
+      if (!(error instanceof Refusal && error.status === 404)) tell(error);
+      else if (late) timer = window.setTimeout(() => setTries((count) => count + 1), 1500); // its nodes are done, its table is being written
+    });
+    return () => { gone = true; clearTimeout(timer); };
+  }, [run.id, run.state, tries]); // eslint-disable-line
+  if (!result) return <p className="soft">{live ? "It runs; the table stands here when it ends." : late ? "Its table is being written…" : "This sweep left no table."}</p>;
   const { labels, rows } = result.table;
   return (
     <div className="table-holder">

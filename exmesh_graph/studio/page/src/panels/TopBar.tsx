@@ -49,13 +49,14 @@ function PlanWords() {
 
 function RunButton() {
   const run = useStudio((s) => s.runs.find((other) => other.id === s.followed)), busy = useStudio((s) => s.busy);
-  const faulty = useStudio((s) => (s.document?.problems.length ?? 0) > 0), live = run && ["starting", "running", "stopping"].includes(run.state);
+  const awaiting = useStudio((s) => s.awaiting !== null), faulty = useStudio((s) => (s.document?.problems.length ?? 0) > 0), live = run && ["starting", "running", "stopping"].includes(run.state);
   if (live) return (
     <span className="group">
       <span className="plan live" role="status">{run.ready}/{run.nodes}{run.left ? ` · ${seconds(run.left)} left` : ""}</span>
       <button className="stop" onClick={() => void stopRun(run.id)} disabled={!run.can_stop} title={run.state === "stopping" ? "Stop at once" : "Stop; running nodes write a checkpoint"}>■ {run.state === "stopping" ? "Stopping…" : "Stop"}</button>
     </span>
   );
+  if (awaiting) return <button className="stop" disabled><i className="spin" /> Starting…</button>;
   return <button className="run" onClick={() => { forgetPreview(); void startRun(); }} disabled={busy || faulty} title={faulty ? "The graph has faults." : "Run (Ctrl+Enter). What is in the store is taken from it."}>▶ Run</button>;
 }
 

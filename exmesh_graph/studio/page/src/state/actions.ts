@@ -87,6 +87,17 @@ export async function save(body: { [name: string]: Json }): Promise<boolean> {
 export async function loadRuns(): Promise<void> {
   const { runs } = await get<{ runs: Run[] }>("/api/runs", { last: 60 });
   set({ runs });
+  meetAwaited();
+}
+
+// A run that was asked for gets its name when its process has begun, which takes seconds on a busy machine.
+export function meetAwaited(): void {
+  const { awaiting, runs } = now();
+  if (awaiting === null) return;
+  const found = runs.find((run) => run.started >= awaiting - 1);
+  if (!found) return;
+  set({ awaiting: null });
+  void follow(found.id);
 }
 
 // Puts a run's states over the graph; with `itsGraph` shows the graph as that run ran it.
@@ -111,12 +122,14 @@ export async function loadDetails(id: string): Promise<void> {
 export async function startRun(nodes: string[] = [], force: string[] = [], start: string[] = []): Promise<void> {
   const { document } = now();
   if (!document) return;
+  const begun = Date.now() / 1000;
   set({ busy: true });
   try {
     const { run } = await post<{ run: Run }>("/api/runs", { nodes, force, start });
-    set((s) => ({ runGraph: null, ...(s.dock === "closed" ? { dock: "open" as const, tab: "curves" as const } : {}) }));
+    set((s) => ({ runGraph: null, pursue: true, ...(s.dock === "closed" ? { dock: "open" as const, tab: "curves" as const } : {}) }));
+    if (!run.id) set({ awaiting: begun, followed: null, details: null, states: new Map() });
     await loadRuns();
-    await follow(run.id);
+    if (run.id) await follow(run.id);
   } catch (error) { tell(error); } finally { set({ busy: false }); }
 }
 
@@ -126,9 +139,10 @@ export async function stopRun(id: string): Promise<void> {
 
 export async function resumeRun(id: string): Promise<void> {
   try {
-    const { run } = await post<{ run: Run }>("/api/runs/resume", { id });
+    const begun = Date.now() / 1000, { run } = await post<{ run: Run }>("/api/runs/resume", { id });
+    if (!run.id) set({ awaiting: begun });
     await loadRuns();
-    await follow(run.id);
+    if (run.id) await follow(run.id);
   } catch (error) { tell(error); }
 }
 

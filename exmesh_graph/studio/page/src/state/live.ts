@@ -1,7 +1,7 @@
 // Server-sent events: what changed, as it changes. The browser reconnects by itself; then everything is asked for anew.
 import { get } from "../api";
 import type { NodeState, Outputs, Plan, Progress, Run } from "../types";
-import { loadCatalog, loadDetails, loadDocument, loadRuns, tell } from "./actions";
+import { meetAwaited, loadCatalog, loadDetails, loadDocument, loadRuns, tell } from "./actions";
 import { now, set } from "./store";
 
 let server = "";
@@ -54,6 +54,7 @@ function takeRun(run: Run): void {
   const { runs, followed, document } = now(), known = runs.find((other) => other.id === run.id);
   if (known && known.state === run.state && known.ready === run.ready && known.seconds === run.seconds) return;
   set({ runs: known ? runs.map((other) => (other.id === run.id ? { ...other, ...run } : other)) : [run, ...runs] });
+  meetAwaited();
   if (!known && followed === null && run.graph === document?.name) { set({ followed: run.id }); loadDetails(run.id).catch(tell); }
   else if (followed === run.id && known?.state !== run.state) loadDetails(run.id).catch(tell);
 }

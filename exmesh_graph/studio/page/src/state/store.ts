@@ -14,6 +14,7 @@ export interface State {
   document: Document | null;
   catalog: Catalog | null;
   runs: Run[];
+  awaiting: number | null; // seconds since 1970 when a run was asked for that has no name yet
   followed: string | null; // the run whose states lie over the graph
   details: RunDetail | null;
   runGraph: { run: string; graph: Graph } | null; // where a run's own graph is shown in place of the document
@@ -21,6 +22,7 @@ export interface State {
   selected: string | null; // a node's id
   round: number | null; // of the selected node: which of its rounds, null: the last
   marked: Set<string>;
+  pursue: boolean; // what runs is kept in view
   blocks: { [id: string]: BlockView };
   tab: DockTab;
   dock: "open" | "closed" | "full";
@@ -36,8 +38,8 @@ export interface State {
 }
 
 export const useStudio = create<State>(() => ({
-  connection: "connecting", document: null, catalog: null, runs: [], followed: null, details: null, runGraph: null,
-  states: new Map(), selected: null, round: null, marked: new Set(), blocks: {}, tab: "look", dock: "closed",
+  connection: "connecting", document: null, catalog: null, runs: [], awaiting: null, followed: null, details: null, runGraph: null,
+  states: new Map(), selected: null, round: null, marked: new Set(), pursue: true, blocks: {}, tab: "look", dock: "closed",
   looked: [null, null], artifacts: new Map(), busy: false, preview: null, toasts: [], overlay: null, addAt: null,
   curvesTick: 0, logTick: 0,
 }));

@@ -35,7 +35,7 @@ export default function Stage3({ digest, show, source = "" }: { digest: string; 
     const watch = new ResizeObserver(fit);
     watch.observe(holder);
     fit();
-    made.run(() => { element.dataset.drawn = "1"; });
+    made.run();
     return () => { watch.disconnect(); leave(); made.renderer.setAnimationLoop(null); made.controls.dispose(); made.renderer.dispose(); made.renderer.forceContextLoss(); viewer.current = null; };
   }, []);
 
@@ -75,6 +75,7 @@ export default function Stage3({ digest, show, source = "" }: { digest: string; 
       made.plain.set(getComputedStyle(canvas.current!).getPropertyValue("--stage").trim() || "#222222");
       made.show(loaded.model, { light, shown: look.shown, turn: look.turn, exposure: look.exposure, behind: look.behind && look.shown === "shaded", turntable: look.turntable });
       made.mesh.visible = !loaded.extra;
+      requestAnimationFrame(() => requestAnimationFrame(() => { if (canvas.current) canvas.current.dataset.drawn = "1"; }));
       canvas.current!.dataset.faces = String(loaded.model.geometry.index ? loaded.model.geometry.index.count / 3 : 0);
     }).catch((error: Error) => setFailed(error.message));
     return () => { gone = true; };
