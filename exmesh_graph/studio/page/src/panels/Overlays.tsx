@@ -23,7 +23,8 @@ function Window({ title, children }: { title: string; children: ReactNode }) {
   const holder = useRef<HTMLDialogElement>(null);
   useEffect(() => { holder.current?.showModal(); holder.current?.querySelector<HTMLElement>("input:not([type=radio])")?.focus(); }, []);
   return (
-    <dialog ref={holder} className="window" aria-label={title} onCancel={close} onClose={close} onClick={(event) => { if (event.target === holder.current) close(); }}>
+    <dialog ref={holder} className="window" aria-label={title} onCancel={close} onClose={close}
+      onKeyDown={(event) => { if (event.key === "Escape") { event.preventDefault(); event.stopPropagation(); close(); } }} onClick={(event) => { if (event.target === holder.current) close(); }}>
       <div className="window-head"><h2>{title}</h2><button className="quiet" onClick={close} aria-label="Close">✕</button></div>
       {children}
     </dialog>
