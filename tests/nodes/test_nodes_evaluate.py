@@ -286,7 +286,7 @@ def test_a_caption_edit_leaves_the_scores_and_makes_the_pictures_anew(tmp_path):
     for name in ("exmesh_graph", "nodes"):
         shutil.copytree(ROOT / name, tmp_path / name.replace("nodes", "exmesh_nodes"),
                         ignore=shutil.ignore_patterns("__pycache__", "vendor"))  # fmt: skip
-    files = {"gallery/evaluation.py": "Held-out view", "gallery/rounds.py": "{name}, shape", "report/charts.py": "px"}
+    files = {"gallery/evaluation.py": "Held-out view", "gallery/rounds.py": "Above: from", "report/charts.py": "px"}
     words = [sys.executable, "-c", CAPTIONS, str(tmp_path), json.dumps(files)]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False,
                           env={**os.environ, "PYTHONPATH": str(tmp_path)})  # fmt: skip
