@@ -219,7 +219,7 @@ def transport_step(scene: light_scene.Scene, weights: torch.Tensor) -> Step:
     binning = operators.bin_matrix(*scene.sky.shape[:2])
     carried_face = torch.from_numpy(traced.point_face.astype(np.int64))
     carried_bary = torch.from_numpy(traced.point_bary)
-    index, weight = locate(traced.face_points, traced.subdivision, scene.face.numpy(), scene.bary.numpy())
+    index, weight = locate(traced, scene.face.numpy(), scene.bary.numpy())
     rows, shares = torch.from_numpy(index.astype(np.int64)), torch.from_numpy(weight)
     attributes, sky = scene.attributes.clone().requires_grad_(), scene.sky.clone().requires_grad_()
 

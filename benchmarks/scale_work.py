@@ -17,7 +17,7 @@ from exmesh_graph.geometry.split import split
 from exmesh_graph.losses import d_ssim
 from exmesh_graph.raster import antialias, edge_table, find_silhouette, project, rasterize, rasterize_projected, shade
 from exmesh_graph.raster.rasterize import contribution_counts
-from exmesh_graph.shading.transport import choose_subdivision, trace_transport
+from exmesh_graph.shading.transport import choose_steps, trace_transport
 from exmesh_graph.uv.raster import dilate, rasterize_atlas
 from exmesh_graph.uv.unwrap import unwrap
 
@@ -93,8 +93,8 @@ def unwrapping(faces: int) -> Work:
 
 def tracing(faces: int, directions: int = DIRECTIONS) -> Work:
     vertices, triangles = (part.numpy() for part in ball(faces)[:2])
-    subdivision = choose_subdivision(len(vertices), len(triangles), POINTS)
-    return lambda: trace_transport(vertices, triangles, directions, subdivision)
+    steps = choose_steps(vertices, triangles, POINTS)
+    return lambda: trace_transport(vertices, triangles, directions, steps)
 
 
 def ring(views: int, size: int) -> tuple[np.ndarray, np.ndarray]:

@@ -159,7 +159,7 @@ class VectorTransport:
 
 def at_surface(light: Transport, values: torch.Tensor, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
     """`values` [P, C] of the lattice points at surface positions, `face` int64 [N] and `bary` [N, 3]: [N, C]."""
-    index, weight = locate(light.face_points, light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
+    index, weight = locate(light, face.cpu().numpy(), bary.cpu().numpy())
     rows = torch.from_numpy(index.astype(np.int64)).to(values.device)
     return gather_rows(values, rows, torch.from_numpy(weight).to(values))
 

@@ -14,7 +14,7 @@ class TransportSettings(Params):
 
     directions: int = param(128, ge=16, le=8192, doc="Equal-area directions traced from every surface point.")
     points: int = param(
-        12_000, ge=1, le=2_000_000, doc="Least number of surface points; faces are subdivided evenly to reach it."
+        12_000, ge=1, le=2_000_000, doc="Least number of surface points, spread over the mesh by the size of its faces."
     )
 
 

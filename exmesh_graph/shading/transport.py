@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import face_normals
+from exmesh_graph.geometry.adjacency import face_areas, face_normals
 from exmesh_graph.gpu.cores import share
 from exmesh_graph.rays import MISS, RayTracer, make_ray_tracer, offset_origins
-from exmesh_graph.shading.lattice import Lattice, build_lattice, locate
+from exmesh_graph.shading.lattice import Lattice, build_lattice, face_starts, locate, points_of_face
 from exmesh_graph.shading.point_sets import fibonacci_sphere
 from exmesh_graph.types import Transport
 
@@ -30,13 +30,38 @@ if TYPE_CHECKING:
 INWARD = 0.02
 
 
-def choose_subdivision(vertex_count: int, face_count: int, points: int) -> int:
-    """The smallest subdivision whose lattice has at least `points` points (at most 16)."""
-    edges = face_count * 3 // 2
-    for n in range(1, 17):
-        if vertex_count + edges * (n - 1) + face_count * (n - 1) * (n - 2) // 2 >= points:
-            return n
-    return 16
+#: Steps along an edge at most.
+MOST_STEPS = 256
+
+
+def choose_steps(vertices: np.ndarray, faces: np.ndarray, points: int, counted: np.ndarray | None = None) -> np.ndarray:
+    """Steps per edge of each face, int32 [F], powers of two: as even a spacing as gives at least `points` points.
+
+    A face's size is the geometric mean of its longest edge and of the side of a square of its area: by area alone a
+    sliver had too few points along its length, by length alone too many of all.
+    counted  bool [F], the faces that make up the count (None: all)
+    """
+    corners = np.asarray(vertices, np.float64)[faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
+    size = np.sqrt(longest * np.sqrt(2 * face_areas(vertices, faces)))
+    levels = np.log2(np.maximum(size, 1e-12 * max(float(size.max()), 1e-30)))
+    mine = slice(None) if counted is None else counted
+    corner_points = len(np.unique(faces[mine]))
+
+    def steps_at(spacing: float) -> np.ndarray:
+        return np.exp2(np.clip(np.round(levels - spacing), 0, math.log2(MOST_STEPS))).astype(np.int64)
+
+    def count(spacing: float) -> int:
+        n = steps_at(spacing)[mine]
+        return corner_points + int((3 * (n - 1) // 2 + (n - 1) * (n - 2) // 2).sum())
+
+    coarse, fine = float(levels.max()) + 1, float(levels.min()) - math.log2(MOST_STEPS) - 1
+    if count(coarse) >= points:
+        return steps_at(coarse).astype(np.int32)
+    for _ in range(40):
+        middle = (coarse + fine) / 2
+        coarse, fine = (coarse, middle) if count(middle) >= points else (middle, fine)
+    return steps_at(fine).astype(np.int32)
 
 
 def direct_transport(
@@ -50,28 +75,27 @@ def direct_transport(
 
     casts  bool [F], the faces that stop light and send it back (None: all); all of them receive it
     """
-    if casts is None or not casts.any():
-        subdivision = choose_subdivision(len(vertices), len(faces), settings.points)
-    else:  # what casts no light does not change how densely the rest is sampled
-        subdivision = choose_subdivision(len(np.unique(faces[casts])), int(casts.sum()), settings.points)
+    # what casts no light does not change how densely the rest is sampled
+    steps = choose_steps(vertices, faces, settings.points, casts if casts is not None and casts.any() else None)
     tracer = make_ray_tracer(vertices, faces, casts=casts)
-    return trace_transport(vertices, faces, settings.directions, subdivision, tracer, progress=progress)
+    return trace_transport(vertices, faces, settings.directions, steps, tracer, progress=progress)
 
 
 def trace_transport(
     vertices: np.ndarray,
     faces: np.ndarray,
     directions: int = 128,
-    subdivision: int = 1,
+    steps: int | np.ndarray = 1,
     tracer: RayTracer | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Transport:
     """Trace `directions` rays from every lattice point of the mesh; those below the point's horizon are left out.
 
+    `steps`: of the lattice, one number or one for each face.
     A direction above the shading normal's horizon but below the carrying face's own is blocked.
     """
     tracer = tracer or make_ray_tracer(vertices, faces)
-    lattice = build_lattice(vertices, faces, subdivision)
+    lattice = build_lattice(vertices, faces, steps)
     if directions > np.iinfo(np.uint16).max:
         raise GeometryError(f"{directions} directions", expected="at most 65535")
     sky = fibonacci_sphere(directions)
@@ -94,6 +118,7 @@ def trace_transport(
     hit_point, hit_direction, hit_face, hit_bary = (np.concatenate(column) for column in zip(*hits, strict=True))
     return Transport(
         directions=sky.astype(np.float32),
+        steps=lattice.steps,
         face_points=lattice.face_points,
         points=lattice.points.astype(np.float32),
         normals=lattice.normals.astype(np.float32),
@@ -104,7 +129,6 @@ def trace_transport(
         hit_direction=hit_direction,
         hit_face=hit_face,
         hit_bary=hit_bary,
-        subdivision=subdivision,
     )
 
 
@@ -159,7 +183,7 @@ def gathered_hits(light: Transport, measure: np.ndarray) -> tuple[np.ndarray, np
     from scipy.sparse import coo_matrix
 
     bary = np.concatenate([1 - light.hit_bary.sum(axis=1, keepdims=True), light.hit_bary], axis=1)
-    column, weight = locate(light.face_points, light.subdivision, light.hit_face, bary)
+    column, weight = locate(light, light.hit_face, bary)
     count = len(light.points)
     value = (weight * measure[:, None]).reshape(-1).astype(np.float64)
     row = np.repeat(light.hit_point, 3)
@@ -170,14 +194,15 @@ def gathered_hits(light: Transport, measure: np.ndarray) -> tuple[np.ndarray, np
 
 def check_fits(light: Transport, vertices: np.ndarray, faces: np.ndarray) -> None:
     """Raise GeometryError unless `light` was traced on this very mesh."""
-    corners = light.subdivision
-    local = [0, (corners + 1) * (corners + 2) // 2 - 1, corners]  # corner 0, corner 1 (i = n), corner 2 (j = n)
-    same = len(light.face_points) == len(faces) and np.allclose(
-        light.points[light.face_points[:, local]], vertices[faces], rtol=0, atol=1e-5
-    )
+    same = len(light.steps) == len(faces)
+    if same:
+        n = light.steps.astype(np.int64)
+        local = np.stack([np.zeros_like(n), points_of_face(n) - 1, n], axis=1)  # corners 0, 1 (i = n) and 2 (j = n)
+        found = light.points[light.face_points[face_starts(light.steps)[:, None] + local]]
+        same = np.allclose(found, vertices[faces], rtol=0, atol=1e-5)
     if not same:
         raise GeometryError(
             "the light transport was traced on another mesh than the one it is used with",
-            expected=f"{len(faces)} faces with the same corners; it has {len(light.face_points)} faces",
+            expected=f"{len(faces)} faces with the same corners; it has {len(light.steps)} faces",
             fix="wire the same output into transport.direct's `mesh` and stage2.fit's `carrier`",
         )

@@ -89,7 +89,7 @@ class Body:
     def points(self, face: torch.Tensor, bary: torch.Tensor) -> Footprint:
         """Lattice points of the transport around surface positions."""
         light = self.light
-        index, weight = locate(light.face_points, light.subdivision, face.cpu().numpy(), bary.cpu().numpy())
+        index, weight = locate(light, face.cpu().numpy(), bary.cpu().numpy())
         return torch.from_numpy(index.astype(np.int64)).to(face.device), torch.from_numpy(weight).to(face.device)
 
     def mapped(self, surface: SurfaceSamples, material: torch.Tensor) -> SurfaceSamples:

@@ -18,8 +18,8 @@ class Transport(ArrayArtifact):
     """What K rays from each of P surface points met: the sky, or the mesh itself.
 
     directions   float32 [K, 3], equal-area unit directions
-    subdivision  each edge carries a point per 1 / subdivision of its length; 1 = points at the vertices only
-    face_points  int32 [F, (n + 1)(n + 2) / 2], the points of each face's lattice (shading.lattice)
+    steps        int32 [F], how many steps n the points make along each edge of a face; 1 = points at its corners only
+    face_points  int32 [Q], the (n + 1)(n + 2) / 2 points of each face's lattice, face after face (shading.lattice)
     points       float32 [P, 3], normals float32 [P, 3] unit shading normals
     point_face   int32 [P], point_bary float32 [P, 3]: where on the mesh each point lies
     visible      uint8 [P, ceil(K / 8)], bit k (least significant first) = direction k is above the point's horizon
@@ -35,12 +35,14 @@ class Transport(ArrayArtifact):
     type_name: ClassVar[str] = "Transport"
     conventions: ClassVar[Mapping[str, Any]] = Mesh.conventions
     layout: ClassVar[Mapping[str, str]] = {
-        "directions": "float32 K 3", "face_points": "int32 F L", "points": "float32 P 3", "normals": "float32 P 3",
-        "point_face": "int32 P", "point_bary": "float32 P 3", "visible": "uint8 P bytes", "hit_point": "int32 B",
+        "directions": "float32 K 3", "steps": "int32 F", "face_points": "int32 Q", "points": "float32 P 3",
+        "normals": "float32 P 3", "point_face": "int32 P", "point_bary": "float32 P 3",
+        "visible": "uint8 P bytes", "hit_point": "int32 B",
         "hit_direction": "uint16 B", "hit_face": "int32 B", "hit_bary": "float32 B 2", "gather_start": "int32? rows",
         "gather_point": "int32? Z", "gather_weight": "float32? Z",
     }  # fmt: skip
     directions: np.ndarray
+    steps: np.ndarray
     face_points: np.ndarray
     points: np.ndarray
     normals: np.ndarray
@@ -51,7 +53,6 @@ class Transport(ArrayArtifact):
     hit_direction: np.ndarray
     hit_face: np.ndarray
     hit_bary: np.ndarray
-    subdivision: int = 1
     bounces: int = 0
     secondary_material: bool = True
     gather_start: np.ndarray | None = None

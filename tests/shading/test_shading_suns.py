@@ -116,7 +116,7 @@ def test_a_walls_shadow_ends_where_it_should():
 def test_transfer_is_the_cosine_of_what_is_seen_and_bounces_like_a_direction():
     vertices, faces = wall_and_floor()
     tracer = make_ray_tracer(vertices, faces)
-    light = with_bounces(trace_transport(vertices, faces, 64, subdivision=6), 1)
+    light = with_bounces(trace_transport(vertices, faces, 64, steps=6), 1)
     sky = _sky(64)
     sky[16, 64 + 3] = 2e4
     suns = find_suns(sky, 64)

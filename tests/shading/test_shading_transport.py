@@ -14,9 +14,9 @@ from exmesh_graph.gpu.cores import cores
 from exmesh_graph.rays import make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import build_lattice, locate
-from exmesh_graph.shading.operators import Binning, LightTransport
+from exmesh_graph.shading.operators import Binning, LightTransport, at_surface
 from exmesh_graph.shading.products import dense_adjoint, dense_product, sparse_product
-from exmesh_graph.shading.transport import check_fits, choose_subdivision, trace_transport, with_bounces
+from exmesh_graph.shading.transport import check_fits, choose_steps, trace_transport, with_bounces
 from exmesh_graph.types import Transport
 
 
@@ -54,7 +54,7 @@ def test_lattice_interpolates_linear_functions_exactly(n, seed):
     face = rng.integers(0, len(faces), 200)
     bary = rng.dirichlet([0.5] * 3, 200)
     bary[:3] = np.eye(3)
-    index, weight = locate(lattice.face_points, n, face, bary)
+    index, weight = locate(lattice, face, bary)
     assert (weight >= 0).all()
     np.testing.assert_allclose(weight.sum(axis=1), 1, rtol=1e-6)
     expected = np.einsum("nc,ncx->nx", bary, vertices[faces[face]])
@@ -89,12 +89,67 @@ def test_normals_of_a_sphere_and_degenerate_faces():
     assert (face_normals(flat, np.array([[0, 1, 2]])) == 0).all()
 
 
-def test_choose_subdivision_reaches_the_count():
+def test_faces_of_unlike_steps_share_what_both_have():
+    """Two triangles of a square, 2 and 4 steps: 6 + 15 points, of which the diagonal's 3 of the coarser are shared."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
+    faces = np.array([[0, 1, 2], [2, 3, 0]])
+    lattice = build_lattice(vertices, faces, np.array([2, 4]))
+    assert len(lattice.points) == 6 + 15 - 3
+    assert len(np.unique(np.round(lattice.points, 6), axis=0)) == len(lattice.points)
+    rng = np.random.default_rng(0)
+    face, bary = rng.integers(0, 2, 100), rng.dirichlet([0.5] * 3, 100)
+    index, weight = locate(lattice, face, bary)
+    expected = np.einsum("nc,ncx->nx", bary, vertices[faces[face]])
+    np.testing.assert_allclose(np.einsum("nc,ncx->nx", weight, lattice.points[index]), expected, atol=1e-6)
+
+
+def test_steps_reach_the_count_and_follow_the_faces_size():
     vertices, faces = _sphere(6)
     for points in (1, 500, 5000):
-        n = choose_subdivision(len(vertices), len(faces), points)
-        assert len(build_lattice(vertices, faces, n).points) >= points
-        assert n == 1 or len(build_lattice(vertices, faces, n - 1).points) < points
+        steps = choose_steps(vertices, faces, points)
+        found = len(build_lattice(vertices, faces, steps).points)
+        assert found >= points
+        assert found < max(4.5 * points, len(vertices) + 1)  # twice the steps are four times the points
+    # a floor of two triangles under the sphere: its points stand as close together as the sphere's
+    floor = np.array([[-2, -1, -2], [2, -1, -2], [2, -1, 2], [-2, -1, 2]], np.float32)
+    whole = np.concatenate([vertices, floor])
+    n = len(vertices)
+    both = np.concatenate([faces, [[n, n + 1, n + 2], [n, n + 2, n + 3]]]).astype(np.int32)
+    steps = choose_steps(whole, both, 3000)
+    lattice = build_lattice(whole, both, steps)
+    assert len(lattice.points) >= 3000
+    on_floor = (lattice.points[:, 1] < -0.99).sum()
+    share = 16 / (16 + 4 * np.pi * 0.8**2)
+    assert on_floor / len(lattice.points) == pytest.approx(share, abs=0.2)
+    counted = np.arange(len(both)) < len(faces)  # what is not counted does not change how densely the rest is sampled
+    np.testing.assert_array_equal(
+        choose_steps(whole, both, 500, counted)[: len(faces)], choose_steps(vertices, faces, 500)
+    )
+
+
+def test_the_shadow_on_a_floor_of_two_triangles_is_sharp():
+    """A lamp over a ball over a floor: the floor's irradiance against 32 times as dense a lattice."""
+    ball, faces = _sphere(10)
+    ball = 0.5 * ball + np.array([0, 0.45, 0], np.float32)
+    n = len(ball)
+    vertices = np.concatenate([ball, [[-2, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]]]).astype(np.float32)
+    both = np.concatenate([faces, [[n, n + 2, n + 1], [n, n + 3, n + 2]]]).astype(np.int32)
+    sky = np.full((16, 32, 3), 0.3, np.float32)
+    sky[3:5, 5:7] = 20
+    rng = np.random.default_rng(0)
+    place = torch.from_numpy(len(both) - 2 + rng.integers(0, 2, 500)), torch.from_numpy(rng.dirichlet([1.0] * 3, 500))
+
+    def received(steps):
+        operators = LightTransport(trace_transport(vertices, both, 128, steps))
+        light = operators.bin_matrix(16, 32) @ torch.from_numpy(sky).reshape(-1, 3)
+        return at_surface(operators.light, operators.irradiance(light), *place)[:, 0]
+
+    dense = received(np.where(np.arange(len(both)) < len(faces), 1, 128))
+    steps = choose_steps(vertices, both, 1500)
+    wrong = ((received(steps) - dense).square().mean().sqrt() / dense.mean()).item()
+    even = ((received(5) - dense).square().mean().sqrt() / dense.mean()).item()
+    assert len(build_lattice(vertices, both, 5).points) > len(build_lattice(vertices, both, steps).points)
+    assert wrong < 0.3 * even
 
 
 def test_convex_body_in_uniform_light_receives_pi_everywhere():
@@ -143,7 +198,7 @@ def test_irradiance_equals_brute_force_quadrature():
     vertices, faces = _corner()
     generator = torch.Generator().manual_seed(3)
     sky = torch.rand(16, 32, 3, generator=generator) ** 4
-    light = trace_transport(vertices, faces, 2048, subdivision=3)
+    light = trace_transport(vertices, faces, 2048, steps=3)
     operators = LightTransport(light)
     fast = operators.irradiance(operators.bin_matrix(16, 32) @ sky.reshape(-1, 3)).numpy()
     rng = np.random.default_rng(0)
@@ -164,7 +219,7 @@ def test_irradiance_equals_brute_force_quadrature():
 
 def test_secondary_hits_lie_on_their_rays():
     vertices, faces = _corner()
-    light = trace_transport(vertices, faces, 200, subdivision=2)
+    light = trace_transport(vertices, faces, 200, steps=2)
     bary = np.concatenate([1 - light.hit_bary.sum(1, keepdims=True), light.hit_bary], axis=1)
     hit = np.einsum("bc,bcx->bx", bary, vertices[faces[light.hit_face]])
     ray = hit - light.points[light.hit_point]
@@ -179,7 +234,7 @@ def test_form_factor_of_a_corner():
     """A point on the floor receives from an infinite-looking wall the share (1 - cos) / 2; one bounce adds it."""
     vertices, faces = _corner()
     vertices = vertices * np.array([1, 1, 60], np.float32)  # long along z: two dimensional
-    light = with_bounces(trace_transport(vertices, faces, 4096, subdivision=8), 1)
+    light = with_bounces(trace_transport(vertices, faces, 4096, steps=8), 1)
     operators = LightTransport(light)
     white = torch.full((len(light.points), 3), 1 / math.pi)  # f_d of albedo 1
     wall = torch.zeros(len(light.points), 3)
@@ -195,7 +250,7 @@ def test_form_factor_of_a_corner():
 
 def test_bounces_are_the_neumann_series():
     vertices, faces = _corner()
-    light = trace_transport(vertices, faces, 256, subdivision=3)
+    light = trace_transport(vertices, faces, 256, steps=3)
     rho = torch.rand(len(light.points), 3, generator=torch.Generator().manual_seed(0)) / math.pi
     radiance = torch.rand(256, 3, generator=torch.Generator().manual_seed(1))
     dense = None
@@ -254,19 +309,19 @@ def test_back_faces_return_nothing():
 
 def test_visibility_does_not_depend_on_scale_or_place():
     vertices, faces = _corner()
-    reference = trace_transport(vertices, faces, 128, subdivision=2)
+    reference = trace_transport(vertices, faces, 128, steps=2)
     for scale, shift in ((1e-3, 0.0), (1e3, 0.0), (1.0, 100.0)):
-        moved = trace_transport((vertices * scale + shift).astype(np.float32), faces, 128, subdivision=2)
+        moved = trace_transport((vertices * scale + shift).astype(np.float32), faces, 128, steps=2)
         differing = np.unpackbits(moved.visible ^ reference.visible).sum()
         assert differing <= 0.002 * reference.visible.size * 8
 
 
 def test_transport_round_trip_and_mesh_check(tmp_path):
     vertices, faces = _corner()
-    light = with_bounces(trace_transport(vertices, faces, 64, subdivision=2), 2)
+    light = with_bounces(trace_transport(vertices, faces, 64, steps=2), 2)
     light.save(tmp_path)
     again = Transport.load(tmp_path)
-    assert (again.bounces, again.subdivision) == (2, 2)
+    assert (again.bounces, set(again.steps)) == (2, {2})
     for name in ("visible", "hit_bary", "gather_weight", "points", "hit_direction"):
         np.testing.assert_array_equal(getattr(again, name), getattr(light, name))
         assert getattr(again, name).dtype == getattr(light, name).dtype

@@ -130,4 +130,4 @@ def carrier(true_asset):
 def transport(carrier):
     from exmesh_graph.shading.transport import trace_transport, with_bounces
 
-    return with_bounces(trace_transport(carrier.vertices, carrier.faces, 128, subdivision=2), 1)
+    return with_bounces(trace_transport(carrier.vertices, carrier.faces, 128, steps=2), 1)

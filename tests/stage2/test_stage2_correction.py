@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from exmesh_graph.shading.lattice import face_starts
 from exmesh_graph.shading.operators import at_surface
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.light.precomputed import initial_specular_scale
@@ -84,13 +85,16 @@ def test_hits_send_diffuse_times_irradiance(model):
     material = (whole[index] * weight[..., None]).sum(1)
     scattered = material[:, :3] * ((1 - material[:, 4:5]) if model.settings.metallic else 1)
     leaving = scattered / math.pi * irradiance
-    last = transport.subdivision
-    corner = [0, (last + 1) * (last + 2) // 2 - 1, last]  # lattice numbers of the face's corners
-    for face in range(0, len(transport.face_points), 29):
+    starts = face_starts(transport.steps)
+    for face in range(0, len(transport.steps), 29):
+        last = int(transport.steps[face])
+        corner = [0, (last + 1) * (last + 2) // 2 - 1, last]  # lattice numbers of the face's corners
         for i, number in enumerate(corner):
             bary = torch.eye(3)[i : i + 1]
             found = radiance(torch.tensor([face]), bary)[0]
-            torch.testing.assert_close(found, leaving[int(transport.face_points[face, number])], rtol=1e-5, atol=1e-6)
+            torch.testing.assert_close(
+                found, leaving[int(transport.face_points[starts[face] + number])], rtol=1e-5, atol=1e-6
+            )
     middle = at_surface(transport, leaving, torch.tensor([3]), torch.tensor([[0.5, 0.5, 0.0]]))[0]
     torch.testing.assert_close(radiance(torch.tensor([3]), torch.tensor([[0.5, 0.5, 0.0]]))[0], middle)
 

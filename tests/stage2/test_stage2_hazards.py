@@ -80,7 +80,7 @@ def test_a_sun_in_one_texel_keeps_its_energy(true_asset, cameras):
         irradiance = operators.irradiance(operators.bin_matrix(32, 64) @ sun).numpy()[:, 0]
         corner = ball.vertices[ball.faces].astype(np.float64)
         area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-        received = (area * irradiance[operators.light.face_points].mean(axis=1)).sum()
+        received = (area * irradiance[operators.light.face_points.reshape(len(ball.faces), -1)].mean(axis=1)).sum()
         flux = 1e5 * envmap.solid_angles(32, 64)[row]
         assert received == pytest.approx(flux * math.pi * 0.5**2, rel=0.05)
     light = render_transport(true_asset, 1, directions=64, points=1)

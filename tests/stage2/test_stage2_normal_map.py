@@ -49,7 +49,7 @@ def test_light_under_bent_normals_equals_quadrature(transport, bounces):
         from exmesh_graph.shading.lattice import locate
 
         bary = np.concatenate([1 - light.hit_bary.sum(1, keepdims=True), light.hit_bary], axis=1)
-        point, weight = locate(light.face_points, light.subdivision, light.hit_face, bary)
+        point, weight = locate(light, light.hit_face, bary)
         back = (sent.numpy()[point] * weight[..., None]).sum(1) * 4 * math.pi / len(light.directions)
         np.add.at(arriving, (light.hit_point, light.hit_direction), back)
     smooth = light.normals.astype(np.float64)

@@ -42,8 +42,9 @@ def views(count: int = 2) -> Views:
 
 def transport() -> Transport:
     return Transport(
-        directions=np.zeros((8, 3), F32), face_points=np.zeros((4, 3), np.int32), points=np.zeros((4, 3), F32),
-        normals=np.zeros((4, 3), F32), point_face=np.zeros(4, np.int32), point_bary=np.zeros((4, 3), F32),
+        directions=np.zeros((8, 3), F32), steps=np.ones(4, np.int32), face_points=np.zeros(12, np.int32),
+        points=np.zeros((4, 3), F32), normals=np.zeros((4, 3), F32),
+        point_face=np.zeros(4, np.int32), point_bary=np.zeros((4, 3), F32),
         visible=np.zeros((4, 1), np.uint8), hit_point=np.zeros(5, np.int32), hit_direction=np.zeros(5, np.uint16),
         hit_face=np.zeros(5, np.int32), hit_bary=np.zeros((5, 2), F32),
     )  # fmt: skip

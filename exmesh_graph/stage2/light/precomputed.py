@@ -113,7 +113,7 @@ class PrecomputedLight:
 
     def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int, number: int) -> PrecomputedView:
         light, face, bary = self.operators.light, surface.face.cpu().numpy(), surface.bary.cpu().numpy()
-        point, weight = locate(light.face_points, light.subdivision, face, bary)
+        point, weight = locate(light, face, bary)
         device = self.geometry.device
         env_u, env_v = envmap.uv_of(surface.reflected)
         return PrecomputedView(

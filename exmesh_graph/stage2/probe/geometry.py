@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.geometry.adjacency import face_areas
+from exmesh_graph.shading.lattice import points_of_face
 from exmesh_graph.types import Carrier, Transport
 
 #: A point counts as occluded from this share of its cosine-weighted hemisphere on.
@@ -48,8 +49,9 @@ def measure_shape(light: Transport, vertices: np.ndarray, faces: np.ndarray) -> 
 
 def _point_areas(light: Transport, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """The surface [P] that each lattice point stands for: every face's area, shared evenly among its points."""
-    per_point = np.repeat(face_areas(vertices, faces) / light.face_points.shape[1], light.face_points.shape[1])
-    return np.bincount(light.face_points.reshape(-1), weights=per_point, minlength=len(light.points))
+    count = points_of_face(light.steps)
+    per_point = np.repeat(face_areas(vertices, faces) / count, count)
+    return np.bincount(light.face_points, weights=per_point, minlength=len(light.points))
 
 
 #: Pixels of all views that a texel should get at least, and the quarter of pixels that are finest on the surface.
