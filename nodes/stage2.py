@@ -1,13 +1,33 @@
 """Stage II: UV-PBR decomposition on the frozen carrier."""
 
-from typing import Annotated, NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from exmesh_nodes.transport import MonteCarlo
 
 from exmesh_graph.gpu.settings import ON_DEVICE, CoreSettings, loop_of
+from exmesh_graph.graph import Component, component
 from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.stage2.alike import Alike
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, with_decisions
+
+if TYPE_CHECKING:
+    from exmesh_graph.stage2.decomposition import Decomposition
+
+
+class MaterialPrior(Component):
+    """Base of what stage2.fit takes as `prior`: it settles materials that the pictures leave open."""
+
+    def settle(self, model: Decomposition) -> str:
+        """Move the maps of a fit that has ended; says what was done."""
+        raise NotImplementedError
+
+
+@component("material.alike", version="1", libraries=("torch", "scipy"))
+class AlikeMaterials(Alike, MaterialPrior):
+    """Where no highlight tells the roughness, that of texels of like colour."""
 
 
 class InitOut(NamedTuple):
@@ -45,12 +65,14 @@ def fit(
     transport: Transport | MonteCarlo,
     start: Asset | None = None,
     needs: SceneNeeds | None = None,
+    prior: MaterialPrior | None = None,
     *,
     p: FitParams,
 ) -> FitOut:
     """Recover base colour, roughness and environment from the training views (paper, section 5).
 
-    `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from.
+    `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from;
+    `prior` settles what the pictures leave open, when the fit has ended.
     """
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.resources import memory_in_use
@@ -61,7 +83,8 @@ def fit(
     light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
     traced = light if isinstance(light, Transport) else None
     ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
+    said = {"warn": ctx.warn, "log": ctx.log}
     with sharing(p.threads):
-        asset, curves = run(carrier, views, light, settings, start=start, warn=ctx.warn, log=ctx.log, **loop_of(ctx))
+        asset, curves = run(carrier, views, light, settings, start=start, prior=prior, **said, **loop_of(ctx))
     # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
     return FitOut(asset, Metrics({"curves": curves}))

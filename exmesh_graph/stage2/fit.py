@@ -8,7 +8,7 @@ softplus, of free parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import torch
 
@@ -29,6 +29,13 @@ Checkpoint = Callable[[int, dict[str, Any]], None]
 Resumed = tuple[int, Mapping[str, Any]]
 
 
+class Prior(Protocol):
+    """What a fit takes as `prior`."""
+
+    def settle(self, model: Decomposition) -> str:
+        """Move the maps of a fit that has ended; says what was done."""
+
+
 def fit(
     carrier: Carrier,
     views: Views,
@@ -43,12 +50,14 @@ def fit(
     warn: Callable[[str], None] | None = None,
     log: Callable[[str], None] | None = None,
     start: Asset | None = None,
+    prior: Prior | None = None,
 ) -> tuple[Asset, dict[str, list[float]]]:
     """Decompose the carrier's appearance into materials and light.
 
     transport  precomputed light of the carrier's mesh, or the settings of light that is sampled in every step
     start      maps and light to start from, of the same carrier: `stage2.init.neutral_asset` (what None means too),
                whose light is scaled to the photographs, or an asset that was fitted before, kept as it is
+    prior      settles what the pictures leave open, after the last step (stage2.alike, stage2.together)
     Returns the asset and curves over iterations (`iteration`, `loss`, `image`, `psnr`: sRGB over the view's pixels).
     A call that was cut off goes on with the same arguments and `resumed`, what `checkpoint(step, state)` was last
     given, and ends with the same bytes.
@@ -59,6 +68,9 @@ def fit(
     settings = settings or DecompositionSettings()
     model = Decomposition(carrier, views, transport, settings, device, seed, start)
     curves = _optimise(model, seed, progress, checkpoint, resumed, warn)
+    told = prior.settle(model) if prior is not None else ""
+    if told and log:
+        log(told)
     if model.exposure is not None and log:
         gains = (f"{name} {float(model.exposure.gain(k)):.3f}" for k, name in enumerate(views.names))
         log(f"exposure found: {', '.join(gains)}")
