@@ -97,9 +97,36 @@ def test_a_gain_must_exceed_noise_and_cost():
     assert not pays(Gain(0.3, 0.0), 4.0)
     assert not pays(Gain(0.3, math.inf), 1.0)
     assert with_noise(Gain(1.0, 0.3), Gain(-0.4, 9.0)) == Gain(1.0, 0.5)
-    assert "within its noise" in decide_part(Gain(0.3, 0.3), 1.0, "It").reason
-    assert "could not be judged" in decide_part(Gain(0.0, math.inf), 1.0, "It").reason
-    assert decide_part(Gain(0.0, math.inf), 1.0, "It").error is None
+    assert "within its noise" in decide_part([Gain(0.3, 0.3)], 1.0, "It").reason
+    assert "could not be judged" in decide_part([Gain(0.0, math.inf)], 1.0, "It").reason
+    assert decide_part([Gain(0.0, math.inf)], 1.0, "It").error is None
+
+
+def test_a_part_must_pay_under_every_split_and_bring_its_least():
+    clear, slight = Gain(1.2, 0.2), Gain(0.11, 0.01)
+    assert decide_part([clear, clear], 1.02, "Metal", least=0.3).value is True
+    assert decide_part([slight], 1.02, "Metal").value is True  # beyond its noise and its cost
+    assert decide_part([slight], 1.02, "Metal", least=0.3).value is False
+    for gains in ([clear, slight], [slight, clear], [clear, Gain(0.5, 0.4)]):
+        found = decide_part(gains, 1.02, "Metal", least=0.3)
+        assert found.value is False
+        assert found.gain == min(gain.gain for gain in gains)
+        assert found.evidence["gain_of_split_2"] == gains[1].gain
+        assert "2 splits" in found.reason
+
+
+@pytest.mark.parametrize("count", [3, 6, 16, 40])
+def test_the_other_split_keeps_other_pixels_out(count):
+    views = _views(count)
+    first, second = (sample_views(views, other=other) for other in (False, True))
+    if count < 6:
+        out = [sample.views.alpha[sample.fitted :] > 0.5 for sample in (first, second)]
+        assert not (out[0] & out[1]).any()
+    else:
+        names = [set(sample.views.names[sample.fitted :]) for sample in (first, second)]
+        assert names[0]
+        assert len(names[0]) == len(names[1])
+        assert not names[0] & names[1]
 
 
 def test_bounces_are_added_while_they_pay():

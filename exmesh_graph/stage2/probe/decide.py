@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from exmesh_graph.stage2.probe.gain import Gain
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, TexelBudget
@@ -17,14 +18,14 @@ SIGMAS, LEAST_GAIN, GAIN_PER_DOUBLING = 2.0, 0.05, 0.25
 SIGMAS_OF_LIGHT = 1.0
 
 
-def required(cost: float) -> float:
-    """The gain [dB] that a part must bring whose steps take `cost` times the work."""
-    return max(LEAST_GAIN, GAIN_PER_DOUBLING * math.log2(max(cost, 1.0)))
+def required(cost: float, least: float = LEAST_GAIN) -> float:
+    """The gain [dB] that a part must bring whose steps take `cost` times the work, at least `least`."""
+    return max(least, GAIN_PER_DOUBLING * math.log2(max(cost, 1.0)))
 
 
-def pays(gain: Gain, cost: float, sigmas: float = SIGMAS) -> bool:
+def pays(gain: Gain, cost: float, sigmas: float = SIGMAS, least: float = LEAST_GAIN) -> bool:
     """Whether a gain is beyond its noise and its cost."""
-    return gain.gain > max(sigmas * gain.error, required(cost))
+    return gain.gain > max(sigmas * gain.error, required(cost, least))
 
 
 def with_noise(gain: Gain, placebo: Gain) -> Gain:
@@ -32,10 +33,16 @@ def with_noise(gain: Gain, placebo: Gain) -> Gain:
     return Gain(gain.gain, math.hypot(gain.error, placebo.gain))
 
 
-def decide_part(gain: Gain, cost: float, what: str) -> Decision:
-    """Whether to switch a part on, by the held-out pixels; `what` the reason calls it."""
-    on = pays(gain, cost)
-    return Decision(on, *_finite(gain), cost, _reason(what, "held-out pixels", gain, cost, on))
+def decide_part(gains: Sequence[Gain], cost: float, what: str, least: float = LEAST_GAIN) -> Decision:
+    """Whether to switch a part on, by the held-out pixels; `what` the reason calls it.
+
+    gains  under one split of the views or under several, of which the least counts: each must pay, and bring `least`
+    """
+    gain = min(gains, key=lambda one: one.gain)
+    on = all(pays(one, cost, least=least) for one in gains)
+    evidence = {f"gain_of_split_{number}": one.gain for number, one in enumerate(gains, 1)} if len(gains) > 1 else {}
+    where = "held-out pixels" + (f", the least of {len(gains)} splits of the views" if len(gains) > 1 else "")
+    return Decision(on, *_finite(gain), cost, _reason(what, where, gain, cost, on, least), evidence)
 
 
 def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape: ShapeMeasures) -> Decision:
@@ -100,14 +107,14 @@ def decide_texture(budget: TexelBudget) -> Decision:
     return Decision(budget.texture_size, None, None, 1.0, reason, evidence)
 
 
-def _reason(what: str, where: str, gain: Gain, cost: float, on: bool) -> str:
+def _reason(what: str, where: str, gain: Gain, cost: float, on: bool, least: float = LEAST_GAIN) -> str:
     if not math.isfinite(gain.error):
         return f"{what} could not be judged: too few held-out pixels lie on what was fitted."
     number = f"{gain.gain:+.2f} ± {gain.error:.2f} dB on {where}"
-    need = f"{required(cost):.2f} dB that {100 * (cost - 1):.0f} % more work must bring"
+    need = f"{required(cost, least):.2f} dB that {100 * (cost - 1):.0f} % more work must bring"
     if on:
         return f"{what} brings {number}, more than its noise and the {need}."
-    if gain.gain <= required(cost):
+    if gain.gain <= required(cost, least):
         return f"{what} brings {number}, less than the {need}."
     return f"{what} brings {number}, which is within its noise."
 

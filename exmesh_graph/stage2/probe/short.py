@@ -59,16 +59,19 @@ class Sample:
     factor: int
 
 
-def sample_views(views: Views, fitted: int = FITTED, held: int = HELD, view_pixels: int = VIEW_PIXELS) -> Sample:
+def sample_views(
+    views: Views, fitted: int = FITTED, held: int = HELD, view_pixels: int = VIEW_PIXELS, other: bool = False
+) -> Sample:
     """Some views, evenly over their order, reduced so that the object covers about `view_pixels` of each.
 
     With fewer than `ENOUGH` views none can be spared: every fifth pixel of each is kept out instead.
+    other  keep others out: none that is kept out without it
     """
     count = len(views)
     if count >= ENOUGH:
         held = min(held, max(2, count // 4))
         chosen = np.unique(np.linspace(0, count - 1, min(count, fitted + held)).round().astype(int))
-        middle = (np.arange(held) + 0.5) * len(chosen) / held
+        middle = (np.arange(held) + (0.0 if other else 0.5)) * len(chosen) / held
         out = np.zeros(len(chosen), bool)
         out[middle.astype(int)] = True
         order = np.concatenate([chosen[~out], chosen[out]])
@@ -76,7 +79,7 @@ def sample_views(views: Views, fitted: int = FITTED, held: int = HELD, view_pixe
         return Sample(coarse, int((~out).sum()), factor)
     coarse, factor = _coarse(views, np.arange(count), view_pixels)
     row, column = np.indices(coarse.alpha.shape[1:])
-    kept_out = (row + 2 * column) % APART == 0
+    kept_out = (row + 2 * column) % APART == int(other)
     doubled = coarse.subset(np.concatenate([np.arange(count)] * 2))
     alpha = doubled.alpha * np.where(np.arange(2 * count)[:, None, None] < count, ~kept_out, kept_out)
     return Sample(replace(doubled, alpha=alpha.astype(np.float32)), count, factor)
