@@ -83,8 +83,9 @@ def fit(
     light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
     traced = light if isinstance(light, Transport) else None
     ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
-    said = {"warn": ctx.warn, "log": ctx.log}
     with sharing(p.threads):
-        asset, curves = run(carrier, views, light, settings, start=start, prior=prior, **said, **loop_of(ctx))
+        asset, curves = run(
+            carrier, views, light, settings, start=start, prior=prior, warn=ctx.warn, log=ctx.log, **loop_of(ctx)
+        )
     # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
     return FitOut(asset, Metrics({"curves": curves}))

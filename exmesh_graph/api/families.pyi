@@ -15,6 +15,7 @@ from exmesh_graph.types.transport import Transport
 from exmesh_graph.types.views import DepthMaps, Frame, LitViews, Region, SceneTruth, Views
 from exmesh_nodes.appearance import Appearance
 from exmesh_nodes.regulariser import Smoothness
+from exmesh_nodes.stage2 import MaterialPrior
 from exmesh_nodes.transport import MonteCarlo
 class MetricsNode(Node):
     metrics: Wire[Metrics]
@@ -579,6 +580,12 @@ class _Mask(Family):
         smoothness: Cost of a pixel of outline where the picture is flat; that of a wrong pixel is 1. [>= 0, <= 100]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
+class _Material(Family):
+    def alike(self, name: str = "", *, doubt: float | Parameter = 0.1) -> Node:
+        """Where no highlight tells the roughness, that of texels of like colour.
+
+        doubt: Variance of fitted roughness over what independent errors of pixels give: TV has taken most away. [> 0]
+        """
 class _Mesh(Family):
     def flip(self, name: str = "", *, state: Wire[Stage1State] | Node, method: Literal["delaunay", "valence"] | Parameter = "delaunay", max_bend: float | Parameter = 0.5, max_shift: float | Parameter = 0.1, min_shape: float | Parameter = 0.1, max_rounds: int | Parameter = 8, relax: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
         """Flip edges inside charts to even out the triangles that splits and merges leave, then space vertices evenly.
@@ -759,7 +766,7 @@ class _Stage1(Family):
         deviation_units: Unit of the distances in L_b: mean edges of the round's mesh, or the world's (the paper).
         """
 class _Stage2(Family):
-    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, threads: int | Parameter = 0, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> AssetHistoryNode:
+    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> AssetHistoryNode:
         """Recover base colour, roughness and environment from the training views (paper, section 5).
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
@@ -807,7 +814,7 @@ class _Transport(Family):
         """Trace the visibility and the secondary hits of the mesh along fixed directions.
 
         directions: Equal-area directions traced from every surface point. [>= 16, <= 8192]
-        points: Least number of surface points; faces are subdivided evenly to reach it. [>= 1, <= 2000000]
+        points: Least number of surface points, spread over the mesh by the size of its faces. [>= 1, <= 2000000]
         """
     def monte_carlo(self, name: str = "", *, technique: Literal["environment", "brdf", "mis", "cosine"] | Literal["auto"] | Parameter = "environment", samples: int | Parameter = 8, bounces: Literal[0, 1] | Parameter = 1, secondary_rays: int | Parameter = 16, secondary_samples: int | Parameter = 4, half_resolution: bool | Parameter = True, secondary_material: bool | Parameter = True, kept: int | Parameter = 0, independent_gradient: bool | Parameter = True) -> Node:
         """The paper's Monte Carlo light, drawn in every step; the defaults are its sample counts.
@@ -891,6 +898,7 @@ class Families:
     gallery: _Gallery
     init: _Init
     mask: _Mask
+    material: _Material
     mesh: _Mesh
     prior: _Prior
     regulariser: _Regulariser

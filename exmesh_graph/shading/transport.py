@@ -55,13 +55,11 @@ def choose_steps(vertices: np.ndarray, faces: np.ndarray, points: int, counted: 
         n = steps_at(spacing)[mine]
         return corner_points + int((3 * (n - 1) // 2 + (n - 1) * (n - 2) // 2).sum())
 
-    coarse, fine = float(levels.max()) + 1, float(levels.min()) - math.log2(MOST_STEPS) - 1
-    if count(coarse) >= points:
-        return steps_at(coarse).astype(np.int32)
-    for _ in range(40):
-        middle = (coarse + fine) / 2
-        coarse, fine = (coarse, middle) if count(middle) >= points else (middle, fine)
-    return steps_at(fine).astype(np.int32)
+    # in eighths of a level below the largest face's: a face more or less changes none of the others
+    largest, below = float(levels.max()), 8 * math.ceil(float(np.ptp(levels)) + math.log2(MOST_STEPS) + 2)
+    spacings = largest + 1 - np.arange(below) / 8
+    found = int(np.searchsorted([count(spacing) >= points for spacing in spacings], True))
+    return steps_at(float(spacings[min(found, below - 1)])).astype(np.int32)
 
 
 def direct_transport(

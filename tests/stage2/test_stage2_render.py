@@ -98,7 +98,7 @@ def test_what_is_covered_more_leaves_the_noise_elsewhere_alone(true_asset, camer
         uv_faces=np.concatenate([true_asset.uv_faces, true_asset.uv_faces[:1]]),
     )
     shown, other = (
-        render_views(asset, *some, 40, 40, transport=render_transport(asset, 0, directions=64, points=500))
+        render_views(asset, *some, 40, 40, transport=render_transport(asset, 0, directions=64, points=2000))
         for asset in (true_asset, wider)
     )
     rest = (shown.alpha == other.alpha) & (shown.alpha > 0)

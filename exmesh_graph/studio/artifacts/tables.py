@@ -59,7 +59,7 @@ def transport_facts(light: Transport) -> list[list[Any]]:
         ["surface points", len(light.points), ""], ["directions", len(light.directions), ""],
         ["rays that see the sky", round(100 * sky / rays, 2), "%"],
         ["rays that meet the mesh", round(100 * len(light.hit_point) / rays, 2), "%"],
-        ["bounces", light.bounces, ""], ["points on an edge", light.subdivision, ""],
+        ["bounces", light.bounces, ""], ["steps along an edge, at most", int(light.steps.max(initial=0)), ""],
         ["light from the mesh carries its colour", bool(light.secondary_material), ""],
         ["weights of the bounce", 0 if light.gather_weight is None else len(light.gather_weight), ""],
     ]  # fmt: skip
