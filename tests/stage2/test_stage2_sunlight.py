@@ -85,7 +85,7 @@ def test_a_small_suns_light_and_shadow_lie_where_they_should(true_asset, cameras
         expected = _reference(body, surface, asset.environment)
         errors[sharp] = float((shaded - expected).abs().mean() / expected.mean())
     assert errors[True] < 0.04
-    assert errors[False] > 2.5 * errors[True]
+    assert errors[False] > 2.3 * errors[True]  # points by area mend a little of the binned one, 0.075 to 0.071
 
 
 def test_a_sunny_render_keeps_its_energy_and_repeats(true_asset, cameras):
