@@ -55,8 +55,9 @@ def choose_steps(vertices: np.ndarray, faces: np.ndarray, points: int, counted: 
         n = steps_at(spacing)[mine]
         return corner_points + int((3 * (n - 1) // 2 + (n - 1) * (n - 2) // 2).sum())
 
-    # in eighths of a level below the largest face's: a face more or less changes none of the others
-    largest, below = float(levels.max()), 8 * math.ceil(float(np.ptp(levels)) + math.log2(MOST_STEPS) + 2)
+    # in eighths of a level below the largest counted face's: a face that does not count changes none of the others
+    own = levels[mine]
+    largest, below = float(own.max()), 8 * math.ceil(float(np.ptp(own)) + math.log2(MOST_STEPS) + 2)
     spacings = largest + 1 - np.arange(below) / 8
     found = int(np.searchsorted([count(spacing) >= points for spacing in spacings], True))
     return steps_at(float(spacings[min(found, below - 1)])).astype(np.int32)

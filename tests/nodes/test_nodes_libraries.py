@@ -16,7 +16,8 @@ from exmesh_graph.graph.declare.packs import load_packs
 BUILTIN = {name: d for name, d in load_packs().types.items() if d.function.__module__.startswith("exmesh_nodes.")}
 ROOT = Path(__file__).parent.parent.parent
 # numpy: under every node, its results are pinned by IEEE arithmetic but for sums; safetensors: bytes are hashed anyway
-LEFT_OUT = {"numpy", "safetensors", "pydantic", "pydantic_core"}
+# bpy: of the child process that Blender's own Python runs
+LEFT_OUT = {"numpy", "safetensors", "pydantic", "pydantic_core", "bpy"}
 LATE = {
     "import_open3d": "open3d",
     "import_pymeshlab": "pymeshlab",
@@ -55,6 +56,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "uv.unwrap": {"xatlas"},
     "transport.bounce": {"embreex", "warp-lang"},
     "appearance.uv_texture": {"scipy"},
+    "material.alike": {"embreex", "warp-lang"},
 }
 
 
@@ -75,7 +77,7 @@ def libraries_of(node_type: str) -> set[str]:
             if name in LATE.values():
                 found.add(name)
             elif name not in sys.stdlib_module_names and name not in ("exmesh_graph", "exmesh_nodes"):
-                found.add(OWN[name][0])
+                found.add(OWN.get(name, [name])[0])
     return found - LEFT_OUT
 
 
