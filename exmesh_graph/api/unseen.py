@@ -26,6 +26,7 @@ from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.files import sha256_file
 
 _ENVIRONMENT = re.compile(r"(?:os\.)?(?:environb?(?:\.get)?|getenvb?)\Z")
+_OF_ENVIRONMENT = ("environ", "environb", "get", "getenv", "getenvb")  # what such a name ends in: asked first
 _BESIDE = ("importlib.resources", "importlib_resources", "pkgutil")
 _RUNNERS = (*LOADERS, "exec_module", "run_path", "run_module")
 _READERS = re.compile(
@@ -33,6 +34,8 @@ _READERS = re.compile(
 )
 _PSEUDO = ("/proc/", "/sys/", "/dev/")
 _HARMLESS = "# not in the key"
+_looked_at: dict[str, list[tuple[int, str]]] = {}
+"""What was found in modules of these bytes (`ModuleText.key`), for where there is no store whose memo knows."""
 
 
 def unseen(definitions: Iterable[NodeDef]) -> list[str]:
@@ -78,7 +81,9 @@ def _of(definition: NodeDef) -> list[str]:
 
 
 def _in_module(text: ModuleText) -> list[tuple[int, str]]:
-    return unseen_in(text.tree, text.data.decode("utf-8", "replace").splitlines())
+    if text.key not in _looked_at:
+        _looked_at[text.key] = unseen_in(text.tree, text.data.decode("utf-8", "replace").splitlines())
+    return _looked_at[text.key]
 
 
 @functools.cache
@@ -107,7 +112,7 @@ def _harmless(lines: list[str], line: int) -> bool:
 
 def _words(item: ast.AST) -> str:
     """What one piece of syntax depends on; an empty text for nothing else."""
-    if isinstance(item, ast.Name | ast.Attribute) and _ENVIRONMENT.match(ast.unparse(item)):
+    if isinstance(item, ast.Name | ast.Attribute) and _is_environment(item):
         return "the environment"
     if isinstance(item, ast.Name) and item.id == "__file__":
         return "files beside the module (__file__)"
@@ -125,4 +130,9 @@ def _words(item: ast.AST) -> str:
         return f"code by a computed name ({ast.unparse(item)[:60]})"
     if text and not text.startswith(_PSEUDO) and _READERS.fullmatch(ast.unparse(item.func)):
         return f"the file {text!r}"
-    return f"the environment ({text})" if _ENVIRONMENT.match(ast.unparse(item.func)) and text else ""
+    return f"the environment ({text})" if text and _is_environment(item.func) else ""
+
+
+def _is_environment(item: ast.expr) -> bool:
+    """Whether a name is one of the environment's. Syntax is turned into text slowly, so its end is looked at first."""
+    return last_of(item) in _OF_ENVIRONMENT and bool(_ENVIRONMENT.match(ast.unparse(item)))
