@@ -1,9 +1,13 @@
-"""For all tests: one thread for torch, before anything loads it.
+"""For all tests: one thread for torch, before anything loads it, and bytecode that is kept.
 
 Tests run beside one another; OpenMP's threads, which spin for one another, made some of
-them 20 times slower.
+them 20 times slower. And where PYTHONDONTWRITEBYTECODE is set, as container images like
+to, every process that a test starts would compile the package anew.
 """
 
 import os
+import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False

@@ -48,7 +48,13 @@ def sphere_area_fine() -> Reached:
     return _area_slope([icosphere(n) for n in (6, 8)])
 
 
-@row("antialias", "bodies that hide each other, against fine sampling", "error of coverage derivatives", high=0.05)
+@row(
+    "antialias",
+    "bodies that hide each other, against fine sampling",
+    "error of coverage derivatives",
+    high=0.05,
+    slow=True,
+)
 def bodies() -> Reached:
     return Reached(None, _random("bodies")[0])
 

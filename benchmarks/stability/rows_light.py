@@ -74,7 +74,13 @@ def fitted_bias(loss: Loss, own_seed: bool, uniform: bool = False, steps: int = 
     return float((torch.stack(found[-steps // 3 :]).mean(0) / TRUTH - 1).abs().max())
 
 
-@row("light", "log-L1 of a noisy estimate (8 samples), gradient by a seed of its own", "bias of the albedo", high=0.01)
+@row(
+    "light",
+    "log-L1 of a noisy estimate (8 samples), gradient by a seed of its own",
+    "bias of the albedo",
+    high=0.01,
+    slow=True,
+)
 def noisy_loss() -> Reached:
     return Reached(fitted_bias(log_l1, own_seed=True))
 

@@ -46,7 +46,9 @@ def normals() -> Reached:
     return Reached(float((~np.isfinite(angle_weighted_normals(vertices, faces))).sum()))
 
 
-@row("mesh", "1000 random splits and collapses", "non-manifold edges, vertices, Euler changes, folds", high=0)
+@row(
+    "mesh", "1000 random splits and collapses", "non-manifold edges, vertices, Euler changes, folds", high=0, slow=True
+)
 def fuzz() -> Reached:
     from benchmarks.meshes import is_vertex_manifold, is_winding_consistent
     from exmesh_graph.geometry.adjacency import euler_characteristic, face_normals

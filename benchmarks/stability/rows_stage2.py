@@ -151,7 +151,7 @@ def unseen_flagged() -> Reached:
     return Reached(float(asset.confidence[behind].max() / asset.confidence[front].min()))
 
 
-@row("stage2", "three of six views with one pixel of the object", "base colour, relative", high=0.03)
+@row("stage2", "three of six views with one pixel of the object", "base colour, relative", high=0.03, slow=True)
 def one_pixel() -> Reached:
     views = scenes.photographs(ball()[0], scenes.sky(), scenes.uniform(BASE, 0.5), 6)
     alpha = views.alpha.copy()
@@ -161,7 +161,7 @@ def one_pixel() -> Reached:
     return Reached(float(np.abs(np.median(found.base_color[found.seen], axis=0) / BASE - 1).max()))
 
 
-@row("stage2", "one view of eight exposed 1.5 times, exposure fitted", "base colour, relative", high=0.02)
+@row("stage2", "one view of eight exposed 1.5 times, exposure fitted", "base colour, relative", high=0.02, slow=True)
 def wrong_exposure() -> Reached:
     views = scenes.photographs(ball()[0], scenes.sky(), scenes.uniform(BASE, 0.5))
     images = views.images.copy()
@@ -184,7 +184,13 @@ def sky_error(spot: str) -> float:
     return float(np.sqrt(((factor * found - light) ** 2 * angle).sum() / (light**2 * angle).sum()))
 
 
-@row("stage2", "brightest part of an unknown sky on the map's seam", "error over that at the centre", high=1.25)
+@row(
+    "stage2",
+    "brightest part of an unknown sky on the map's seam",
+    "error over that at the centre",
+    high=1.25,
+    slow=True,
+)
 def seam() -> Reached:
     return Reached(sky_error("seam") / sky_error("front"))
 

@@ -75,7 +75,9 @@ def one_texel() -> Reached:
     return Reached(*reached)
 
 
-@row("texture", "red charts on blue ground, trilinear, mip levels 0 to 3", "most blue seen in a chart", high=0)
+@row(
+    "texture", "red charts on blue ground, trilinear, mip levels 0 to 3", "most blue seen in a chart", high=0, slow=True
+)
 def bleed() -> Reached:
     from exmesh_graph.geometry.shapes import icosphere as ball
     from exmesh_graph.uv.maintain import refill

@@ -89,6 +89,7 @@ def test_new_node_passes_its_own_test(pack: Path) -> None:
     assert "3 passed" in done.stdout
 
 
+@pytest.mark.slow
 def test_wire_types_components_and_loaders_pass_their_own_tests(exmesh: Any, pack: Path) -> None:
     for kind in ("wire", "component", "loader"):
         exmesh("new-node", f"my.{kind}", "--into", "pack/my_nodes", "--type", kind)

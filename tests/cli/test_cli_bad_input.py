@@ -70,7 +70,7 @@ def picture(pose: np.ndarray, gray: float) -> np.ndarray:
 
 
 def test_the_good_scene_runs(exmesh: Exmesh, folder: Path) -> None:
-    assert "3 nodes, 0 from the store, 3 run" in exmesh("run", "g.yaml").stdout
+    assert "3 nodes, 0 from the store, 3 run" in exmesh("run", "g.yaml", "--workers", "0").stdout
 
 
 WRITTEN = [  # (text of the graph, what stands there instead, words of the message)
@@ -97,7 +97,7 @@ WRITTEN = [  # (text of the graph, what stands there instead, words of the messa
 @pytest.mark.parametrize(("old", "new", "words"), WRITTEN, ids=[new.strip() for _, new, _ in WRITTEN])
 def test_a_fault_in_the_graph(exmesh: Exmesh, folder: Path, old: str, new: str, words: tuple[str, ...]) -> None:
     (folder / "g.yaml").write_text(GRAPH.replace(old, new, 1))
-    shown = exmesh("run", "g.yaml", code=2).stderr
+    shown = exmesh("run", "g.yaml", "--workers", "0", code=2).stderr
     for word in words:
         assert word in shown
     assert not (folder / "runs").exists()
@@ -150,12 +150,15 @@ def test_an_unreadable_graph_file(exmesh: Exmesh, folder: Path, content: bytes |
 
 
 def test_names_of_nodes_and_folders(exmesh: Exmesh, folder: Path) -> None:
-    assert "expected: hull" in exmesh("run", "g.yaml", "--node", "hul", code=2).stderr
+    assert "expected: hull" in exmesh("run", "g.yaml", "--workers", "0", "--node", "hul", code=2).stderr
     assert "expected: views, hull, depth" in exmesh("plan", "g.yaml", "--node", "xyz", code=2).stderr
     assert "no run folder" in exmesh("report", "nowhere", code=1).stderr
     assert "there is no store here" in exmesh("verify", "--store", "nowhere", code=1).stderr
-    assert "the store is not a folder" in exmesh("run", "g.yaml", "--store", "g.yaml", code=1).stderr
-    assert "take another folder with --runs" in exmesh("run", "g.yaml", "--runs", "g.yaml", code=1).stderr
+    assert "the store is not a folder" in exmesh("run", "g.yaml", "--workers", "0", "--store", "g.yaml", code=1).stderr
+    assert (
+        "take another folder with --runs"
+        in exmesh("run", "g.yaml", "--workers", "0", "--runs", "g.yaml", code=1).stderr
+    )
 
 
 def cut_image(folder: Path) -> None:
@@ -225,7 +228,7 @@ def test_bad_data_found_by_a_node(
     exmesh: Exmesh, folder: Path, spoil: Callable[[Path], None], node: str, words: tuple[str, ...]
 ) -> None:
     spoil(folder)
-    shown = exmesh("run", "g.yaml", code=1).stderr
+    shown = exmesh("run", "g.yaml", "--workers", "0", code=1).stderr
     assert f"failed: {node}" in shown
     for word in (*words, "go on when mended: exmesh run g.yaml"):
         assert word in shown
@@ -278,16 +281,16 @@ def test_a_full_disk(exmesh: Exmesh, folder: Path) -> None:
     assert "make room there" in done.stderr
     assert "0 objects and 0 actions read, 0 moved" in exmesh("verify").stdout
     assert list((folder / ".exmesh" / "work").iterdir()) == []
-    assert "3 nodes, 0 from the store, 3 run" in exmesh("run", "g.yaml").stdout
+    assert "3 nodes, 0 from the store, 3 run" in exmesh("run", "g.yaml", "--workers", "0").stdout
 
 
 def test_broken_records(exmesh: Exmesh, folder: Path) -> None:
     """What a crash of the machine may leave behind is told or made again, never believed."""
-    exmesh("run", "g.yaml")
+    exmesh("run", "g.yaml", "--workers", "0")
     for path in (folder / ".exmesh" / "actions").glob("*/*.json"):
         path.write_text(path.read_text()[:100])
     assert "3 moved to quarantine" in exmesh("verify", code=1).stdout
-    assert "0 from the store, 3 run" in exmesh("run", "g.yaml").stdout
+    assert "0 from the store, 3 run" in exmesh("run", "g.yaml", "--workers", "0").stdout
     (folder / "runs" / "latest" / "run.json").write_text('{"state": "do')
     assert "unreadable" in exmesh("status").stdout
     assert "run.json cannot be read" in exmesh("report", code=1).stderr

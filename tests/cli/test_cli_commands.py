@@ -225,6 +225,7 @@ def test_a_broken_pack_module_does_not_stop_others(
     assert "toy_pack.wrong cannot be imported: ModuleNotFoundError" in exmesh("check", "g.yaml", code=2).stderr
 
 
+@pytest.mark.slow
 def test_terminal_view(folder: Path) -> None:
     """On a terminal the run draws a live table; it must at least end with the states and the summary."""
     parent, child = pty.openpty()
@@ -290,6 +291,7 @@ print("LOADED", *[name for name in ("torch", "open3d", "scipy", "skimage", "warp
 """
 
 
+@pytest.mark.slow
 def test_a_run_of_nothing_but_hits_loads_nothing_heavy(folder: Path) -> None:
     scene = ROOT / "graphs" / "samples" / "spot"
     (folder / "g.yaml").write_text(

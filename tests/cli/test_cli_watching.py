@@ -143,6 +143,7 @@ def test_status_and_log_follow_a_live_run(exmesh: Exmesh, folder: Path) -> None:
     assert exmesh("status").stdout.split()[0] == "interrupted"
 
 
+@pytest.mark.slow
 def test_the_terminal_shows_all_running_nodes(folder: Path) -> None:
     parent, child = pty.openpty()
     env = {k: v for k, v in environment().items() if k != "NO_COLOR"} | {"TERM": "xterm-256color"}

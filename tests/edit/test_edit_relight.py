@@ -53,6 +53,7 @@ def test_every_camera_of_an_orbit_sees_the_unit_ball_upright(size):
         assert c2w[1, 1] < 0  # the image's downward axis points down
 
 
+@pytest.mark.slow
 def test_the_nodes_give_an_asset_pictures_and_a_film(tmp_path):
     from exmesh_nodes.edit import RelightParams, TurntableParams, relight, turntable
     from PIL import Image

@@ -408,6 +408,7 @@ print("unharmed", {count} - left)
 """
 
 
+@pytest.mark.slow
 def test_kill_9_at_any_write(bench: Any, states: Any) -> None:
     """Killed before the n-th write, rename or sync: the store never serves anything wrong, the next run ends right."""
     toy = str(Path(__file__).parent / "toy")

@@ -110,6 +110,7 @@ def test_iterations_ask_for_gaussians(views, monkeypatch):
     assert "asks for" in out.decisions.values["decisions"][0]["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gains", "kept"), [((1, 1), "pgsr"), ((1, -1), "stereo"), ((-1, 1), "pgsr"), ((-1, -1), "hull")]
 )

@@ -237,6 +237,7 @@ def test_upsampling_does_not_cross_a_depth_step_or_a_gap():
     torch.testing.assert_close(spread[~own_block_knows], deep[~own_block_knows], rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_half_resolution_bounce_is_close_to_full():
     vertices, faces = bowl()
     surface = MeshSurface(vertices, faces)

@@ -27,6 +27,7 @@ def test_one_seed_for_both_is_biased(loss):
     assert fitted_bias(loss, own_seed=False) > 0.02
 
 
+@pytest.mark.slow
 def test_squared_loss_keeps_the_albedo_under_any_noise():
     """Samples spread uniformly are so noisy that the shared seed loses a quarter of the albedo."""
     assert fitted_bias(squared, own_seed=True, uniform=True, count=1500) < 0.05

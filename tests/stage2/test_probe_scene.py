@@ -99,6 +99,7 @@ def test_a_convex_object_needs_no_indirect_light_and_loses_nothing(matte, matte_
     assert abs(_held_out(*matte, 0, test) - _held_out(*matte, 1, test)) < 0.05
 
 
+@pytest.mark.slow
 def test_a_hollow_object_keeps_it_and_it_pays(hollow, hollow_probe):
     decision = hollow_probe.needs.decisions["bounces"]
     assert decision.value >= 1
@@ -118,6 +119,7 @@ def test_metal_turns_metallic_on_and_matte_does_not(matte_probe, hollow_probe):
     assert _value(hollow_probe, "metallic") is False
 
 
+@pytest.mark.slow
 def test_noise_and_blank_pictures_do_not_switch_everything_on(matte, hollow):
     rng = np.random.default_rng(5)
     noise = [rng.random(views.images.shape) * views.alpha[..., None] for _, views in (matte, hollow)]

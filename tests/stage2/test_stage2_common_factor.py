@@ -93,6 +93,7 @@ def test_the_tint_passes_on_what_eq_24_says_of_the_colour_and_nothing_of_the_lev
     assert float(found[0] - found[1]) == pytest.approx(float(rise / 2e-6), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_factor_does_not_undo_what_the_chroma_term_does_to_the_sky(carrier, train_views, transport):
     """Left out of it, it ran away: sky less red, factor redder, and so on (image term 0.045 here in place of 0.027)."""
     slow = QUICK.replaced(

@@ -27,6 +27,7 @@ def _exposed(views, gains):
     return dataclasses.replace(views, images=views.images * np.float32(gains)[:, None, None, None])
 
 
+@pytest.mark.slow
 def test_steps_of_exposure_are_found_and_do_not_reach_the_materials(carrier, train_views, transport):
     gains = np.array([1, 1, 1.6, 1, 0.6, 1, 1.2, 1])
     said = []
@@ -123,6 +124,7 @@ def test_confidence_grows_with_pixels_views_and_facing_and_is_0_where_texels_wer
     assert of(0, 0, 0) == 0
 
 
+@pytest.mark.slow
 def test_hdr_photographs_hold_highlights_that_8_bit_ones_lose(carrier, train_views, transport, true_asset):
     """The same bright scene as floats and as 8-bit files: both fit, and the floats find the sun's side brighter."""
     bright = _exposed(train_views, [2.5] * 8)

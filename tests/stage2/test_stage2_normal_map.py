@@ -131,6 +131,7 @@ def test_a_flat_map_changes_neither_renders_nor_the_fits_model(true_asset, camer
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_bumps_in_the_normal_map_alone_are_recovered(true_asset, cameras, carrier, transport):
     """Known light, one gray gloss: the angle to the true normals falls, and true normals stay.
 

@@ -124,6 +124,7 @@ def test_bilinear_lookup_convention():
     np.testing.assert_allclose(got[:, 0], [0, 11, 0.5])
 
 
+@pytest.mark.slow
 def test_moments_move_with_their_texels():
     vertices, faces, one, _ = atlases()
     m, _ = paint(lambda p: p[:, 0], *one)

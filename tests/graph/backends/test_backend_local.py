@@ -317,6 +317,7 @@ def test_workers_of_a_killed_run_end_and_another_run_goes_on(bench: Any, tmp_pat
     assert list((bench.store.root / "work").iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twice", [False, True])
 def test_a_hanging_node_is_killed_after_a_while_or_a_second_ctrl_c(bench: Any, tmp_path: Path, twice: bool) -> None:
     mark = tmp_path / "mark"
@@ -339,6 +340,7 @@ def test_a_hanging_node_is_killed_after_a_while_or_a_second_ctrl_c(bench: Any, t
     assert list((bench.store.root / "work").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_two_runs_at_once_compute_a_key_once(bench: Any) -> None:
     """The second runner meets the first one's lease, waits, and takes the hit."""
     text = 'nodes: {a: {type: toy.const}, s: {type: toy.slow, number: "@a.number", seconds: 2, steps: 20}}'
@@ -352,6 +354,7 @@ def test_two_runs_at_once_compute_a_key_once(bench: Any) -> None:
     assert first.returncode == 0
 
 
+@pytest.mark.slow
 def test_code_edited_while_a_run_goes_on_is_not_remembered(bench: Any, tmp_path: Path) -> None:
     """The helper changes after its module was imported by run and worker, and before its node is planned."""
     pack = tmp_path / "pack"

@@ -50,23 +50,27 @@ def test_kill_at_every_step(campaign: Any) -> None:
     assert {"write", "rename", "fsync", "mkdir", "unlinkat"} <= set(facts)
 
 
+@pytest.mark.slow
 @pytest.mark.reliability("kill -9 at random times in runs of random graphs", NOTHING_LOST)
 def test_kill_at_random(campaign: Any) -> None:
     facts = campaign("kill_at_random", 20, 600)
     assert facts["killed"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.reliability("kill -9 of a runner or of one of its worker processes", "workers end too; " + NOTHING_LOST)
 def test_kill_workers(campaign: Any) -> None:
     facts = campaign("kill_workers", 3, 40)
     assert facts["runners killed"] + facts["workers killed"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.reliability("two runners at once on one store", "both complete; " + NOTHING_LOST)
 def test_two_runners(campaign: Any) -> None:
     campaign("two_runners", 3, 100)
 
 
+@pytest.mark.slow
 @pytest.mark.reliability("three runners at once, one or two killed at random times", "no deadlock; " + NOTHING_LOST)
 def test_three_runners_with_kills(campaign: Any) -> None:
     facts = campaign("three_runners_with_kills", 4, 100)

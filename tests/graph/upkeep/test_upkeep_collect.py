@@ -328,6 +328,7 @@ def test_a_pin_removed_while_pins_are_listed_is_none(store: Store, monkeypatch: 
     assert [entry.name for entry in pins(store)] == ["other"]
 
 
+@pytest.mark.slow
 @pytest.mark.reliability(
     "gc: killed half-way, or beside a runner",
     "no record without its object, nothing in use removed",
