@@ -159,16 +159,18 @@ class Document:
             problems = [fault_facts(problem, names or reading.entries, self.folder) for problem in judged.faults]
             counts = counted(problems)
             for node in nodes:
-                node["names"] = names.get(node["id"], [])
-                node["rounds"] = node.get("repeat") if node["kind"] == "block" else len(node["names"]) or 1
-                node["problems"] = counts.get(node["id"], 0)
+                if (unrolled := names.get(node["id"], [])) != [node["id"]]:
+                    node["names"] = unrolled
+                if node["id"] in counts:
+                    node["problems"] = counts[node["id"]]
             return {
                 "revision": self.revision, "file": str(self.file.relative_to(self.folder)) if self._near() else
                 str(self.file), "path": str(self.file), "name": str(judged.top.get("name", self.file.stem)),
                 "doc": str(judged.top.get("doc") or ""), "variant": self.variant, "variants": self.variants(),
                 "folder": str(self.folder), "seed": judged.top.get("seed", 0),
                 "params": [] if judged.tree is None else self._params(judged.tree, judged.top),
-                "nodes": nodes, "wires": list(reading.wires()), "outputs": reading.outputs(), "problems": problems,
+                "types": self.types.used(node.get("type", "") for node in nodes), "nodes": nodes,
+                "wires": list(reading.wires()), "outputs": reading.outputs(), "problems": problems,
                 "ops": used, "can_undo": self.place > 0, "can_redo": self.place + 1 < len(self.history),
                 "dirty": used != self.begun, "disk": "changed" if self.changed_on_disk() else "same",
             }  # fmt: skip

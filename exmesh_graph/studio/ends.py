@@ -41,7 +41,9 @@ class Ends:
         self.wires = list(reading.wires())
         self.after: dict[str, set[str]] = {}
         for wire in self.wires:
-            self.after.setdefault(_place(wire["from"], source=True), set()).add(_place(wire["to"], source=False))
+            self.after.setdefault(_place(wire["from"][0], wire["from"][2], source=True), set()).add(
+                _place(wire["to"][0], wire["to"][2], source=False)
+            )
         for path, entry in reading.entries.items():
             if isinstance(entry, Map):
                 self.after.setdefault(f"{path}#in", set()).add(f"{path}#out")
@@ -57,12 +59,11 @@ class Ends:
     def for_input(self, node: str, port: str, side: str) -> dict[str, Any]:
         """What may lead into an input. Raises GraphError where there is no such input."""
         target = self._input(node, port, side)
-        used = {(w["from"]["node"], w["from"]["port"], w["from"]["side"]) for w in self.wires
-                if (w["to"]["node"], w["to"]["port"], w["to"]["side"]) == (node, port, side)}  # fmt: skip
-        behind = self._reached(_place({"node": node, "side": side}, source=False), self.after)
+        used = {wire["from"] for wire in self.wires if wire["to"] == (node, port, side)}
+        behind = self._reached(_place(node, side, source=False), self.after)
         rows = []
         for source in self.sources():
-            loop = _place({"node": source.node, "side": source.side}, source=True) in behind
+            loop = _place(source.node, source.side, source=True) in behind
             why = self.why_not(source, target, loop)
             rows.append({"node": source.node, "port": source.name, "side": source.side,
                          "link": self.link(source, target), "ok": not why, "why": why,
@@ -75,10 +76,10 @@ class Ends:
         source = next((s for s in self.sources() if (s.node, s.name, s.side) == (node, port, side)), None)
         if source is None:
             raise GraphError(f"there is no output {node}.{port}".rstrip("."))
-        before, rows = self._reached(_place({"node": node, "side": side}, source=True), self.before), []
+        before, rows = self._reached(_place(node, side, source=True), self.before), []
         for target in self.targets():
             block = is_block(self.reading.entries.get(target.node))
-            loop = _place({"node": target.node, "side": target.side}, source=False) in before
+            loop = _place(target.node, target.side, source=False) in before
             why = self.why_not(source, target, loop)
             rows.append({
                 "node": target.node, "port": target.name, "side": target.side, "target": _named(target, block),
@@ -161,7 +162,7 @@ class Ends:
         if not isinstance(entry, Map) or old is None:
             raise GraphError(f"there is no node {node!r} that can be another one")
         wired = [str(key) for key, value in entry.items() if is_link(value) and key in old.inputs]
-        used = {w["from"]["port"] for w in self.wires if w["from"]["node"] == node}
+        used = {wire["from"][1] for wire in self.wires if wire["from"][0] == node}
         used |= {out["port"] for out in self.reading.outputs() if out["node"] == node}
         rows = []
         for name in self.draft.packs.types:
@@ -242,14 +243,10 @@ def _swapped(old: Signature, new: Signature, wired: list[str], used: set[str]) -
     return (f"needs {', '.join(missing)}, which is not wired here" if missing else ""), ports
 
 
-def _place(end: Mapping[str, Any], *, source: bool) -> str:
+def _place(node: str, side: str, *, source: bool) -> str:
     """A node in the order of waiting; a block begins with what it carries in and ends with what it hands on."""
-    side = end["side"]
-    if side in ("carry", "inputs"):
-        return f"{end['node']}#in"
-    if side in ("next", "outputs"):
-        return f"{end['node']}#out"
-    return f"{end['node']}#out" if source else f"{end['node']}#in"
+    begins = side in ("carry", "inputs") if side else not source
+    return f"{node}#in" if begins else f"{node}#out"
 
 
 def _named(target: End, block: bool) -> str:

@@ -1,6 +1,7 @@
 """A merged graph file as the page shows it: nodes with rounds folded, blocks and sub-graphs with what they hold.
 
-Read from the file and not from the checked graph, so that a faulty graph is shown as well.
+Read from the file and not from the checked graph, so that a faulty graph is shown as well. What a node has from its
+type is told once for each type, and what is empty or as usual is left out: `page/src/state/whole.ts` fills it in.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.parts import PartFiles, input_ports
 from exmesh_graph.graph.language.spec import Tree, Value, substitute, tree_of
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.problems import GraphErrors, Problems, Where
+from exmesh_graph.graph.problems import GraphErrors, Problems
 from exmesh_graph.graph.variants.draft import Draft, is_block, is_link, is_part, layers_of
 from exmesh_graph.studio.typefacts import TypeFacts, port_facts
 from exmesh_graph.studio.values import plain, shown_path
 
-WRITABLE = ("set", "connect", "bypass", "remove", "replace", "rename")
-INSIDE = ("set", "connect")  # what patches can do to nodes of a sub-graph
+End = tuple[str, str, str]
+"""Node, port, side of a block or sub-graph."""
 _DEEPEST = 4  # sub-graphs in sub-graphs
 
 
@@ -68,80 +69,58 @@ class Reading:
     def _node(self, path: str, entry: Map) -> dict[str, Any]:
         kind = self.draft.read(entry, "type")
         facts = self.facts.of(str(kind)) or {}
-        wired = {key for key, value in entry.items() if is_link(value)}
         layers = [self._layer(layer, word, number) for layer, word, number in layers_of(entry)]
+        differ = {name for layer in layers for name in layer["set"]}
+        known = [one["name"] for one in facts.get("parameters", ())]
         return {
             **self._common(path, entry, facts.get("kind", "node")),
             "type": str(kind or ""),
-            "family": facts.get("family", str(kind).partition(".")[0]),
-            "doc": facts.get("title", ""),
-            "version": facts.get("version", ""),
-            "traits": facts.get("traits", []),
-            "known": bool(facts),
-            "inputs": [{**port, "wired": port["port"] in wired} for port in facts.get("inputs", [])],
-            "outputs": facts.get("outputs", []),
-            "parameters": [self._parameter(path, entry, one, layers) for one in facts.get("parameters", [])],
-            "layers": layers,
-        }
+            **told(
+                wired=[port["port"] for port in facts.get("inputs", ()) if is_link(entry.get(port["port"]))],
+                given={name: self._given(entry, name) for name in known if name in entry},
+                differ=[name for name in known if name in differ], layers=layers,
+            ),
+        }  # fmt: skip
 
     def _block(self, path: str, entry: Map) -> dict[str, Any]:
         carry = entry.get("carry") if isinstance(entry.get("carry"), Map) else {}
-        ends = [self._carried(path, str(name)) for name in carry or ()]
-        count = self._resolved(entry, "repeat")
-        told = {
-            "name": "repeat", "type": "int", "default": None, "required": True, "unit": "rounds",
-            "doc": "How often the block is unrolled.", "ge": 0, "gt": None, "le": 1000, "lt": None,
-            "multiple_of": None, "choices": None, "optional": False, "tuning": False, "auto": "", "path": False,
-        }  # fmt: skip
+        given = self._given(entry, "repeat")
         return {
             **self._common(path, entry, "block"),
-            "type": "repeat", "family": "repeat", "doc": "", "version": "", "traits": [], "known": True,
-            "repeat": count, "repeat_text": str(entry.get("repeat", "")),
-            "inputs": [{**end, "wired": True} for end in ends], "outputs": ends,
-            "parameters": [self._parameter(path, entry, told, [])], "layers": [],
+            "repeat": given["value"], "repeat_text": str(entry.get("repeat", "")),
+            "outputs": [self._carried(path, str(name)) for name in carry or ()], "given": {"repeat": given},
         }  # fmt: skip
 
     def _part_node(self, path: str, entry: Map) -> dict[str, Any]:
         part = self.parts.get(path)
-        wired = {key for key, value in entry.items() if is_link(value)}
         ports = part.ports if part is not None else {}
         outputs = [] if part is None else [self._part_output(path, part, str(name)) for name in part.tree.outputs]
         declared = () if part is None else graph_parameters(part.tree, f"{self.prefix}{path}.")
-        given = [{**one, "set": one["name"] in entry} for one in declared]
         return {
             **self._common(path, entry, "part"),
-            "type": str(entry.get("graph", "")), "family": "part", "doc": "", "version": "", "traits": [],
-            "graph": str(entry.get("graph", "")), "known": part is not None,
-            "inputs": [{**port_facts(port), "wired": port.name in wired} for port in ports.values()],
-            "outputs": outputs, "parameters": given, "layers": [],
+            "type": str(entry.get("graph", "")), "graph": str(entry.get("graph", "")),
+            "inputs": [port_facts(port) for port in ports.values()], "outputs": outputs,
+            "parameters": [{**one, "set": one["name"] in entry} for one in declared],
+            **told(wired=[name for name in ports if is_link(entry.get(name))]),
         }  # fmt: skip
 
     def _common(self, path: str, entry: Map, kind: str) -> dict[str, Any]:
-        scope, _, name = path.rpartition(".")
-        parent = scope or self.prefix.rstrip(".")
+        scope = path.rpartition(".")[0]
         return {
-            "id": f"{self.prefix}{path}", "name": name, "kind": kind,
-            "parent": f"{self.prefix}{scope}" if scope else parent, "comment": str(entry.get("doc") or "").strip(),
-            **self._place(entry.where), "own": entry.where.file == self.file and not self.prefix,
-            "editable": list(INSIDE if self.prefix else WRITABLE), "problems": 0, "rounds": 1, "names": [],
+            "id": f"{self.prefix}{path}", "kind": kind, "line": entry.where.line,
+            **told(
+                parent=f"{self.prefix}{scope}" if scope else self.prefix.rstrip("."),
+                comment=str(entry.get("doc") or "").strip(),
+                file="" if entry.where.file == self.file else shown_path(entry.where.file, self.folder),
+                inside=bool(self.prefix),
+            ),
         }  # fmt: skip
 
-    def _place(self, where: Where) -> dict[str, Any]:
-        return {"file": shown_path(where.file, self.folder), "line": where.line}
-
-    def _parameter(
-        self, path: str, entry: Map, facts: Mapping[str, Any], layers: list[dict[str, Any]]
-    ) -> dict[str, Any]:
-        name = facts["name"]
-        raw = entry.get(name)
-        given = name in entry
-        value = self._resolved(entry, name) if given else facts["default"]
-        return {
-            **facts, "value": plain(value), "text": _text(raw if given else facts["default"]), "set": given,
-            "reference": raw if isinstance(raw, str) and "${" in raw else "",
-            "rounds_differ": any(name in layer["set"] for layer in layers),
-            "target": f"{self.prefix}{path}.{name}",
-        }  # fmt: skip
+    def _given(self, entry: Map, name: str) -> dict[str, Any]:
+        """A parameter that the file gives: its value, and how it is written where that is not the value itself."""
+        raw, value = entry.get(name), plain(self._resolved(entry, name))
+        text, reference = _text(raw), raw if isinstance(raw, str) and "${" in raw else ""
+        return {"value": value, **told(text="" if text == _text(value) else text, reference=reference)}
 
     def _layer(self, layer: Map, word: str, number: Any) -> dict[str, Any]:
         given = {str(key): plain(value) for key, value in layer.items() if key != "type"}
@@ -176,10 +155,8 @@ class Reading:
                 scope, _, name = place.owner.rpartition(".")
                 inner = f"{scope}[{number}].{name}" if word == "at" and scope else place.owner
                 target = f"{self.prefix}{inner}.{place.key}"
-            end = {"node": f"{self.prefix}{place.owner}", "port": str(place.key), "side": side}
-            yield self._wire(
-                start, end, place.text, target, place.where, when, self.port_behind(place.text, place.scope)
-            )
+            end = f"{self.prefix}{place.owner}", str(place.key), side
+            yield _wire(start, end, place.text, target, when, self.port_behind(place.text, place.scope))
         for part in self.parts.values():
             if part is not None:
                 yield from part.reading.wires()
@@ -190,44 +167,29 @@ class Reading:
         owner = self.prefix.rstrip(".")
         for name, text in (self.draft.top.get("outputs") or {}).items():
             if is_link(text):
-                end = {"node": owner, "port": str(name), "side": "outputs"}
-                where = self.draft.top["outputs"].lines[name]
-                yield self._wire(self._start(text, ""), end, text, "", where, None, self.port_behind(text, ""))
+                end = owner, str(name), "outputs"
+                yield _wire(self._start(text, ""), end, text, "", None, self.port_behind(text, ""))
 
     def outputs(self) -> list[dict[str, str]]:
         """What the graph publishes."""
-        told = self.draft.top.get("outputs")
+        published = self.draft.top.get("outputs")
         found = []
-        for name, text in told.items() if isinstance(told, Map) else ():
-            start = self._start(str(text), "")
-            found.append({"name": str(name), "node": start["node"], "port": start["port"], "text": str(text)})
+        for name, text in published.items() if isinstance(published, Map) else ():
+            node, port, _ = self._start(str(text), "")
+            found.append({"name": str(name), "node": node, "port": port, "text": str(text)})
         return found
 
-    def _wire(
-        self, start: dict[str, str], end: dict[str, str], text: str, target: str, where: Where, when: str | None,
-        port: Port | None,
-    ) -> dict[str, Any]:  # fmt: skip
-        label = "" if port is None else str(port)
-        plug = not start["port"] and bool(start["node"])
-        tail = f"#{when}" if when else ""
-        ends = [f"{one['node']}.{one['port']}" + (f"@{one['side']}" if one["side"] else "") for one in (start, end)]
-        return {
-            "id": ">".join(ends) + tail, "from": start, "to": end, "label": label,
-            "kind": "component" if plug else "artifact", "text": text, "target": target, "rounds": when,
-            **self._place(where), "problem": not start["node"],
-        }  # fmt: skip
-
-    def _start(self, text: str, scope: str) -> dict[str, str]:
+    def _start(self, text: str, scope: str) -> End:
         """Where a link written in a scope comes from; no node where it leads nowhere."""
         name, _, port = text.removeprefix("@").rpartition(".")
         if name == "inputs" and self.prefix:
-            return {"node": self.prefix.rstrip("."), "port": port, "side": "inputs"}
+            return self.prefix.rstrip("."), port, "inputs"
         source = self.draft.source(text, scope)
         if source is None:
-            return {"node": "", "port": port, "side": ""}
+            return "", port, ""
         if not source.path:
-            return {"node": f"{self.prefix}{scope}".rstrip("."), "port": source.port, "side": "carry"}
-        return {"node": f"{self.prefix}{source.path}", "port": source.port, "side": ""}
+            return f"{self.prefix}{scope}".rstrip("."), source.port, "carry"
+        return f"{self.prefix}{source.path}", source.port, ""
 
     def port_behind(self, text: str, scope: str) -> Port | None:
         """The output port behind a link written in a scope; None for components and what cannot be told."""
@@ -298,6 +260,11 @@ class Part:
     reading: Reading
 
 
+def told(**facts: Any) -> dict[str, Any]:
+    """What is not empty of some facts."""
+    return {name: value for name, value in facts.items() if value}
+
+
 def graph_parameters(tree: Tree, prefix: str = "") -> list[dict[str, Any]]:
     """PARAMETER for each parameter of a graph, or with a prefix of a sub-graph."""
     return [_declared(tree, name, prefix) for name in tree.declared]
@@ -319,6 +286,14 @@ def _declared(tree: Tree, name: str, prefix: str) -> dict[str, Any]:
         "choices": [plain(choice) for choice in told.choices] or None, "optional": False, "required": told.required,
         "tuning": False, "auto": "", "reference": "", "rounds_differ": False, "target": f"{prefix}{name}",
         "path": told.kind == "path",
+    }  # fmt: skip
+
+
+def _wire(start: End, end: End, text: str, target: str, when: str | None, port: Port | None) -> dict[str, Any]:
+    usual = f"{end[0]}.{end[1]}"
+    return {
+        "from": start, "to": end, "text": text, "label": "" if port is None else str(port),
+        **told(target="" if target == usual else target, rounds=when),
     }  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from exmesh_graph.graph.language.extends import over_base
 from exmesh_graph.graph.language.yamlfile import Map, parse_yaml
 from exmesh_graph.graph.problems import Problems
 from exmesh_graph.studio.edits import Op
+from exmesh_graph.studio.renaming import check_rows, with_name
 from exmesh_graph.studio.textedit import one_line, renamed, with_block, with_value, without
 from exmesh_graph.studio.values import EDIT, plain
 
@@ -40,9 +41,12 @@ def edited_text(text: str, file: Path, before: Map, after: Map, packs: Packs) ->
     own = _own(text, file)
     base = _base(own, file)
     result, todo = text, list(changes(before, after))
-    for old, new in _renames(todo, before, own, base):
-        result = renamed(result, old, new[-1])
+    renames = list(_renames(todo, before, own, base))
+    for old, new in renames:
+        result = with_name(renamed(result, old, new[-1]), old, new[-1])
         todo = [(path, value) for path, value in todo if path not in (old, new)]
+    if renames:
+        check_rows(before, _merged(result, file), packs)
     for path, value in todo:
         result = _said(result, _own(result, file), base, after, path, value, file, packs)
     try:

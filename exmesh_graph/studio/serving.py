@@ -31,7 +31,13 @@ def serve(workspace: Workspace, port: int = 0, ready: Callable[[str], None] | No
     number = int(listener.getsockname()[1])
     remember_port(home, number)
     token = secrets.token_urlsafe(32)
-    server = uvicorn.Server(configuration(workspace, number, token))
+
+    class Server(uvicorn.Server):  # type: ignore[misc,name-defined]
+        async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+            workspace.hub.close()  # else it waits for the streams of open pages, and then complains of them
+            await super().shutdown(sockets)
+
+    server = Server(configuration(workspace, number, token))
     address = f"http://{HOST}:{number}/?token={token}"
 
     async def run() -> None:

@@ -17,7 +17,7 @@ Path = Sequence[Any]
 
 def with_value(text: str, path: Path, value: Any) -> str:
     """The text with a value at a path of keys; mappings on the way are made where there are none."""
-    root = _composed(text)
+    root = composed(text)
     if root is None:
         return f"{text.rstrip()}\n{_line(path, value)}\n".lstrip("\n")
     node, depth = _deepest(root, path)
@@ -33,7 +33,7 @@ def with_value(text: str, path: Path, value: Any) -> str:
 
 def with_block(text: str, path: Path, lines: Sequence[str]) -> str:
     """The text with a list at a path of two keys, an item a line: `variants:`, `  name:`, `    - item`."""
-    root = _composed(text)
+    root = composed(text)
     node, depth = (root, 0) if root is None else _deepest(root, path)
     if node is None or depth == 0:
         body = "".join(f"    - {line}\n" for line in lines)
@@ -49,7 +49,7 @@ def with_block(text: str, path: Path, lines: Sequence[str]) -> str:
 
 def without(text: str, path: Path) -> str:
     """The text without the entry at a path; a mapping that would become empty goes with it."""
-    root = _composed(text)
+    root = composed(text)
     holder, depth = _deepest(root, path[:-1])
     if depth < len(path) - 1 or type(holder).__name__ != "MappingNode":
         return text
@@ -77,7 +77,7 @@ def without(text: str, path: Path) -> str:
 
 def renamed(text: str, path: Path, name: str) -> str:
     """The text with another key at a path; what stands under it stays."""
-    holder, depth = _deepest(_composed(text), path[:-1])
+    holder, depth = _deepest(composed(text), path[:-1])
     for key, _ in _entries(holder) if depth == len(path) - 1 else ():
         if _key(key) == path[-1]:
             return text[: key.start_mark.index] + one_line(name) + text[key.end_mark.index :]
@@ -89,6 +89,13 @@ def one_line(value: Any) -> str:
     out = io.StringIO()
     _writer().dump(_flow([value]), out)
     return out.getvalue().strip()[1:-1]
+
+
+def composed(text: str) -> Any:
+    """The tree of nodes with their places in the text; None for an empty one."""
+    from ruamel.yaml import YAML
+
+    return YAML(typ="safe", pure=True).compose(text)
 
 
 def _writer() -> Any:
@@ -116,12 +123,6 @@ def _flow(value: Any) -> Any:
     if isinstance(value, str) and (value.startswith(("@", "*", "&", "!", "%")) or "${" in value or "\n" in value):
         return DoubleQuotedScalarString(value)
     return value
-
-
-def _composed(text: str) -> Any:
-    from ruamel.yaml import YAML
-
-    return YAML(typ="safe", pure=True).compose(text)
 
 
 def _parsed(text: str) -> Any:

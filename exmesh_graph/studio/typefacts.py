@@ -47,6 +47,12 @@ class TypeFacts:
             "wire_types": {name: _bases(kind) for name, kind in types_by_name().items()},
         }
 
+    def used(self, names: Iterable[str]) -> dict[str, Any]:
+        """The types of a graph's nodes, without their long documentation, which the catalog has."""
+        found = {name: self.of(name) for name in dict.fromkeys(names)}
+        left = {"doc": "", "libraries": []}
+        return {name: {**facts, **left} for name, facts in found.items() if facts is not None}
+
     def search(self, words: str, limit: int) -> list[str]:
         """The types that fit all words best first: by their names, then titles, ports and documentation."""
         wanted = words.lower().split()

@@ -83,9 +83,10 @@ class Workspace:
         return cls(file, store=used, shared=shared, runs=real.parent, variant=variant, sets=sets, run=real.name)
 
     def start(self) -> None:
-        """Begin to follow the runs."""
+        """Begin to follow the runs, and check the graph while the browser opens the page."""
         self.jobs.sweep()
         self.watcher.start()
+        threading.Thread(target=self.document.facts, name="studio-first", daemon=True).start()
 
     def close(self) -> None:
         self.hub.close()

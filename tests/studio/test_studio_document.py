@@ -25,17 +25,19 @@ def test_the_document_folds_rounds_and_tells_ends(client: TestClient) -> None:
     told = client.get("/api/document").json()
     assert [n["id"] for n in told["nodes"]] == ["one", "rounds", "rounds.step", "rounds.leap", "sum", "files"]
     assert node(told, "rounds.step")["names"] == [f"rounds[{i}].step" for i in (1, 2, 3)]
+    assert "names" not in node(told, "one")  # what is as usual is left out
     assert node(told, "rounds")["kind"] == "block"
     assert node(told, "rounds")["repeat"] == 3
     assert node(told, "rounds")["outputs"][0]["types"] == ["Number"]
-    wires = {wire["id"]: wire for wire in told["wires"]}
-    assert "rounds.state@carry>rounds.step.state" in wires
-    assert wires["rounds.leap.state>rounds.state@next"]["target"] == "rounds.next.state"
+    wires = {(tuple(wire["from"]), tuple(wire["to"])): wire for wire in told["wires"]}
+    assert (("rounds", "state", "carry"), ("rounds.step", "state", "")) in wires
+    assert wires[("rounds.leap", "state", ""), ("rounds", "state", "next")]["target"] == "rounds.next.state"
     assert told["problems"] == []
     plan = client.get("/api/plan").json()["plan"]  # the document does not wait for it
     assert plan["counts"] == {"hit": 0, "run": 1, "unknown": 8}
-    amount = next(p for p in node(told, "rounds.step")["parameters"] if p["name"] == "amount")
-    assert (amount["value"], amount["default"], amount["set"]) == (2, 1.0, True)
+    assert node(told, "rounds.step")["given"] == {"amount": {"value": 2}}
+    (amount,) = told["types"]["toy.step"]["parameters"]
+    assert (amount["name"], amount["default"]) == ("amount", 1.0)  # of each type, once
 
 
 def test_edits_are_checked_undone_and_done_again(client: TestClient) -> None:
@@ -70,7 +72,7 @@ def test_a_refused_edit_changes_nothing(client: TestClient) -> None:
 def test_renaming_keeps_all_wires(client: TestClient) -> None:
     told = edited(client, {"rename": "one", "to": "first"})
     assert told["problems"] == []
-    assert {w["from"]["node"] for w in told["wires"] if w["to"]["node"] in ("sum", "rounds")} >= {"first"}
+    assert {w["from"][0] for w in told["wires"] if w["to"][0] in ("sum", "rounds")} >= {"first"}
 
 
 def test_two_browsers_see_one_state(client: TestClient) -> None:

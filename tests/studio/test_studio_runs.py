@@ -85,6 +85,24 @@ def test_a_run_of_edits_and_a_sweep_of_what_is_marked(client: TestClient, folder
     assert client.get(f"/api/runs/{name}").json()["label"] == "five <b>"
 
 
+def test_a_run_is_drawn_as_it_ran_whatever_became_of_its_file(client: TestClient, folder: Path) -> None:
+    file = folder / "graphs" / "small.yaml"
+    run = ex.run(file, workers=0, progress=False, store=folder / ".exmesh", runs=folder / "runs", set={"n": 2})
+    document = client.get("/api/document").json()
+    file.write_text("nodes: {other: {type: toy.const}}\n")
+    until(lambda: client.get(f"/api/runs/{run.id}").status_code == 200)
+    told = client.get(f"/api/runs/{run.id}/graph").json()
+    key = [(tuple(wire["from"]), tuple(wire["to"])) for wire in document["wires"]]
+    assert sorted((tuple(wire["from"]), tuple(wire["to"])) for wire in told["wires"]) == sorted(key)
+    assert {node["id"]: node["kind"] for node in told["nodes"]} == {n["id"]: n["kind"] for n in document["nodes"]}
+    nodes = {node["id"]: node for node in told["nodes"]}
+    assert nodes["rounds.step"]["names"] == ["rounds[1].step", "rounds[2].step"]
+    assert (nodes["rounds"]["repeat"], nodes["rounds.step"]["given"]) == (2, {"amount": {"value": 2}})
+    assert nodes["rounds.leap"]["differ"] == ["factor"]
+    assert told["outputs"] == [{"name": "asset", "node": "files", "port": "files", "text": "@files.files"}]
+    assert client.get("/api/runs/none/graph").status_code == 404
+
+
 def test_a_run_is_stopped_and_its_failure_told(client: TestClient, workspace: Workspace, folder: Path) -> None:
     (folder / "graphs" / "slow.yaml").write_text(SLOW)
     assert client.post("/api/open", json={"file": "slow.yaml"}).status_code == 200

@@ -53,6 +53,36 @@ def test_rewiring_renaming_and_removing_in_place(client: TestClient, folder: Pat
     assert current_session().check(folder / "graphs" / "small.yaml").nodes.keys() >= {"first", "twice"}
 
 
+def test_a_rename_is_followed_by_the_files_own_variants(client: TestClient, folder: Path) -> None:
+    file = folder / "graphs" / "small.yaml"
+    variants = """variants:
+  alone: [{disconnect: sum.b}]   # sum, one
+  big:
+    doc: one.value is large
+    patches: [{set: one.value, to: 7}, {set: {one.label: one}}]
+  wired: [{connect: sum.a, to: "@one.number"}, {add: {name: rounds.more, type: toy.step, state: "@step.state"}}]
+  third: [{set: "rounds[2].step.amount", to: 3}, {connect: rounds.leap.state, to: '@step.state'}]
+  both: {extends: [big, alone]}
+matrix:
+  variant: [base, big]
+  how: {plain: [], odd: [{set: one.value, to: 9}]}
+repeats: {count: 2, of: [one, sum]}
+"""
+    file.write_text(file.read_text().partition("variants:")[0] + variants)
+    client.post("/api/reload", json={})
+    edit(client, {"rename": "one", "to": "first"}, {"rename": "rounds.step", "to": "walk"})
+    saved = save(client, **{"as": "file"})
+    assert saved["document"]["problems"] == []
+    expected = (
+        variants.replace("one.value, to", "first.value, to").replace("{one.label", "{first.label").replace("@one.n", "@first.n")
+        .replace("@step.state", "@walk.state").replace("[2].step", "[2].walk").replace("of: [one", "of: [first")
+    )  # fmt: skip
+    got = file.read_text()
+    assert "variants:" + got.partition("variants:")[2].replace("'", '"') == expected.replace("'", '"')
+    for name in ("wired", "third", "both", "big,how=odd"):
+        assert "first" in current_session().check(file, variant=name).nodes
+
+
 def test_a_variant_holds_the_patches(client: TestClient, folder: Path) -> None:
     edit(client, {"set": "one.value", "to": 7}, {"bypass": "rounds.leap"})
     saved = save(client, **{"as": "variant", "name": "plain"})

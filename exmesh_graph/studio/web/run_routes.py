@@ -11,6 +11,7 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from exmesh_graph.graph.run.rundir import log_file
+from exmesh_graph.studio.rungraph import RunGraph
 from exmesh_graph.studio.runview import RunView, is_own_file, log_lines
 from exmesh_graph.studio.web.answers import Query, Unknown, asked, error_answer, json_answer, posted
 from exmesh_graph.studio.web.guard import SANDBOX
@@ -36,6 +37,16 @@ def run(workspace: Workspace, query: Query) -> Any:
             "published": record.get("published") or {}, "machine": record.get("machine") or {},
             "overrides": record.get("overrides") or [],
         }  # fmt: skip
+
+
+def graph(workspace: Workspace, query: Query) -> Any:
+    """The graph as the run ran it, from its record."""
+    view = view_of(workspace, query)
+    with workspace.watcher.lock:
+        resolved = view.record.get("resolved")
+    if not isinstance(resolved, dict) or not resolved.get("nodes"):
+        raise Unknown(f"the record of {view.id} does not tell its graph")
+    return RunGraph(resolved, workspace.document.types).answer()
 
 
 def curves(workspace: Workspace, query: Query) -> Any:
@@ -128,6 +139,7 @@ ROUTES = [
     Route("/api/runs/stop", posted(stop), methods=["POST"]),
     Route("/api/runs/resume", posted(resume), methods=["POST"]),
     Route("/api/runs/{id}", asked(run)),
+    Route("/api/runs/{id}/graph", asked(graph)),
     Route("/api/runs/{id}/curves", asked(curves)),
     Route("/api/runs/{id}/log", asked(log)),
     Route("/api/runs/{id}/report", asked(report)),

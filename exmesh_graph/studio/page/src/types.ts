@@ -19,8 +19,7 @@ export interface Layer { when: string; round: number; type: string; set: { [name
 
 export interface GraphNode {
   id: string; name: string; kind: "node" | "component" | "block" | "part"; type: string; family: string; parent: string;
-  doc: string; comment: string; version: string; traits: string[]; file: string; line: number; own: boolean;
-  rounds: number; names: string[]; inputs: Port[]; outputs: Port[]; parameters: Parameter[]; layers: Layer[];
+  doc: string; comment: string; version: string; traits: string[]; file: string; line: number; names: string[]; inputs: Port[]; outputs: Port[]; parameters: Parameter[]; layers: Layer[];
   problems: number; editable: string[]; repeat?: number; repeat_text?: string; graph?: string;
 }
 
@@ -28,7 +27,7 @@ export interface End { node: string; port: string; side: string }
 
 export interface Wire {
   id: string; from: End; to: End; label: string; kind: "artifact" | "component"; text: string; target: string;
-  rounds: string | null; file: string; line: number; problem: boolean;
+  rounds: string | null; problem: boolean;
 }
 
 export interface Problem {

@@ -1,18 +1,25 @@
 // The graph: laid out by itself, moved and zoomed, walked with the arrow keys, rewired by drawing wires.
-import { Background, BackgroundVariant, Controls, MiniMap, ReactFlow, useReactFlow, useStore, type Connection, type Edge, type FinalConnectionState, type Node } from "@xyflow/react";
+import { Background, BackgroundVariant, Controls, MiniMap, Position, ReactFlow, useReactFlow, useStore, type Connection, type Edge, type FinalConnectionState, type Node, type NodeHandle } from "@xyflow/react";
 import { useCallback, useEffect, useMemo, useRef, useState } from "react";
 import { edit } from "../state/actions";
 import { nodeOf, now, set, shownGraph, toast, useStudio } from "../state/store";
 import { lookAtNode } from "../panels/Results";
 import { FrameBox } from "./FrameBox";
 import { NodeBox } from "./NodeBox";
-import { picture, type Picture } from "./picture";
+import { picture, type Box, type Picture } from "./picture";
 import { stateOf } from "./states";
 import { DrawnWire, WireEdge } from "./WireEdge";
 import { begin, cease, dropOn, join, offerNew, refusal, useDrawing } from "./wires";
 import { endOf } from "./ends";
 
 const nodeTypes = { box: NodeBox, frame: FrameBox }, edgeTypes = { wire: WireEdge };
+
+// Where the ends of a box lie, as the style sheet draws them: a box whose ends are known is drawn only once it is in view.
+function handlesOf(box: Box): NodeHandle[] {
+  const at = (id: string, output: boolean, y: number, size: number): NodeHandle =>
+    ({ id, type: output ? "source" : "target", position: output ? Position.Right : Position.Left, x: (output ? box.width : 0) - size / 2, y: y - size / 2, width: size, height: size });
+  return [...box.inputs.map((row) => at(row.handle, false, row.top, 11)), ...box.outputs.map((row) => at(row.handle, true, row.top, 11)), at("in:~", false, box.height / 2, 1), at("out:~", true, box.height / 2, 1)];
+}
 
 function flow(drawn: Picture, selected: string | null): { nodes: Node[]; edges: Edge[] } {
   const nodes: Node[] = [];
@@ -24,7 +31,7 @@ function flow(drawn: Picture, selected: string | null): { nodes: Node[]; edges: 
   }
   for (const box of drawn.boxes) {
     const rect = drawn.layout.boxes.get(box.id)!;
-    nodes.push({ id: box.id, type: "box", position: { x: rect.x, y: rect.y }, width: box.width, height: box.height, data: { box }, selected: box.node.id === selected, draggable: false });
+    nodes.push({ id: box.id, type: "box", position: { x: rect.x, y: rect.y }, width: box.width, height: box.height, handles: handlesOf(box), data: { box }, selected: box.node.id === selected, draggable: false });
   }
   const edges = drawn.lines.map((line): Edge => ({ id: line.id, type: "wire", source: line.from.box, sourceHandle: line.from.handle, target: line.to.box, targetHandle: line.to.handle,
     data: { line, points: drawn.layout.paths.get(line.id) }, zIndex: 0 }));
@@ -34,7 +41,8 @@ function flow(drawn: Picture, selected: string | null): { nodes: Node[]; edges: 
 export function Canvas() {
   const graph = useStudio(shownGraph), blocks = useStudio((s) => s.blocks), selected = useStudio((s) => s.selected);
   const readOnly = useStudio((s) => s.runGraph !== null);
-  const [allPorts, setAllPorts] = useState(false);
+  const [allPorts, setAllPorts] = useState(false), [mapped, setMapped] = useState(false);
+  useEffect(() => { const timer = setTimeout(() => setMapped(true), 400); return () => clearTimeout(timer); }, []); // the overview comes after the first picture
   const [chosenEdges, setChosenEdges] = useState<Set<string>>(new Set());
   const drawn = useMemo(() => (graph ? picture({ nodes: graph.nodes, wires: graph.wires, outputs: graph.outputs }, blocks, allPorts) : null), [graph, blocks, allPorts]);
   const { nodes, edges } = useMemo(() => (drawn ? flow(drawn, selected) : { nodes: [], edges: [] }), [drawn, selected]);
@@ -117,7 +125,7 @@ export function Canvas() {
         onPaneClick={() => { set({ selected: null }); setChosenEdges(new Set()); useDrawing.setState({ choose: null }); }}>
         <Background variant={BackgroundVariant.Dots} gap={22} size={1.2} />
         <Controls showInteractive={false} position="bottom-left" />
-        {drawn.boxes.length > 14 && <MiniMap pannable zoomable position="bottom-right" style={{ width: 170, height: Math.min(110, Math.max(44, (170 * drawn.layout.height) / drawn.layout.width + 16)) }} offsetScale={2} nodeColor={mapColour} nodeBorderRadius={6} ariaLabel="overview of the graph" />}
+        {mapped && drawn.boxes.length > 14 && <MiniMap pannable zoomable position="bottom-right" style={{ width: 170, height: Math.min(110, Math.max(44, (170 * drawn.layout.height) / drawn.layout.width + 16)) }} offsetScale={2} nodeColor={mapColour} nodeBorderRadius={6} ariaLabel="overview of the graph" />}
       </ReactFlow>
       <div className="canvas-tools">
         <button onClick={() => setAllPorts(!allPorts)} aria-pressed={allPorts} title="show optional inputs that nothing is wired to">All ports</button>

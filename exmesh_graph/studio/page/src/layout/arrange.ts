@@ -199,29 +199,36 @@ class Scope {
       for (const key of row) { ys.set(key.text, y + this.across(key) / 2); y += this.across(key) + GAP_ACROSS; }
     }
     const gaps = rows.map((row) => row.slice(1).map((key, k) => (this.across(row[k]) + this.across(key)) / 2 + (key.kind === "way" || row[k].kind === "way" ? 10 : GAP_ACROSS)));
-    const pull = (a: Key, b: Key) => [3, 1, 12][Number(a.kind === "way") + Number(b.kind === "way")];
-    const sweeps = this.keys.size > 800 ? 16 : 60;
-    for (let sweep = 0; sweep < sweeps; sweep++)
+    const sweeps = this.keys.size > 800 ? 16 : 60, all = rows.map((row) => row.map((key) => this.pulls(key)));
+    for (let sweep = 0; sweep < sweeps; sweep++) {
+      let moved = 0;
       for (let k = 0; k < rows.length; k++) {
-        const index = sweep % 2 ? rows.length - 1 - k : k, row = rows[index], wanted: number[] = [], weights: number[] = [];
-        for (const key of row) {
-          let sum = 0, weight = 0;
-          for (const [other, link] of this.before.get(key.text)!) {
-            const w = pull(key, other);
-            sum += w * (ys.get(other.text)! + this.port(other, link, true) - this.port(key, link, false)); weight += w;
-          }
-          for (const [other, link] of this.after.get(key.text)!) {
-            const w = pull(key, other);
-            sum += w * (ys.get(other.text)! + this.port(other, link, false) - this.port(key, link, true)); weight += w;
-          }
-          wanted.push(weight ? sum / weight : ys.get(key.text)!);
-          weights.push(weight || 0.05);
-        }
-        apart(wanted, weights, gaps[index]).forEach((y, at) => ys.set(row[at].text, y));
+        const index = sweep % 2 ? rows.length - 1 - k : k, row = rows[index], weights: number[] = [];
+        const wanted = all[index].map(({ others, by, weight }, at) => {
+          let sum = 0, total = 0;
+          for (let n = 0; n < others.length; n++) { sum += weight[n] * (ys.get(others[n])! + by[n]); total += weight[n]; }
+          weights.push(total || 0.05);
+          return total ? sum / total : ys.get(row[at].text)!;
+        });
+        apart(wanted, weights, gaps[index]).forEach((y, at) => { moved = Math.max(moved, Math.abs(y - ys.get(row[at].text)!)); ys.set(row[at].text, y); });
       }
+      if (moved < 0.3) break;
+    }
     const top = Math.min(0, ...[...this.keys.values()].map((key) => ys.get(key.text)! - this.across(key) / 2));
     for (const [text, y] of ys) ys.set(text, y - top + MARGIN + (this.path ? TITLE : 0));
     return ys;
+  }
+
+  // What a key is drawn to: its neighbours, how far from their centres its own wants to be, and how strongly.
+  private pulls(key: Key): { others: string[]; by: number[]; weight: number[] } {
+    const others: string[] = [], by: number[] = [], weight: number[] = [];
+    for (const [near, left] of [[this.before.get(key.text)!, true], [this.after.get(key.text)!, false]] as const)
+      for (const [other, link] of near) {
+        others.push(other.text);
+        by.push(this.port(other, link, left) - this.port(key, link, !left));
+        weight.push([3, 1, 12][Number(key.kind === "way") + Number(other.kind === "way")]);
+      }
+    return { others, by, weight };
   }
 
   private draw(rows: Key[][], ys: Map<string, number>): { layout: Layout; ins: Map<string, number>; outs: Map<string, number> } {

@@ -49,8 +49,14 @@ function ModelTools() {
 
 export function Choice({ label, value, values, pick }: { label: string; value: string; values: string[]; pick: (value: string) => void }) {
   if (values.length <= 6) return <span className="group" role="group" aria-label={label}>{values.map((each) => <button key={each} aria-pressed={each === value} onClick={() => pick(each)}>{each.replace(/_/g, " ")}</button>)}</span>;
-  return <label>{label} <select value={value} onChange={(event) => pick(event.target.value)}>{values.map((each) => <option key={each} value={each}>{each.split("/").pop()}</option>)}</select></label>;
+  return <label>{label} <select value={value} onChange={(event) => pick(event.target.value)}>{values.map((each) => <option key={each} value={each}>{shortest(each, values)}</option>)}</select></label>;
 }
+
+// A file's name, with the folder where two have the same.
+const shortest = (file: string, files: string[]): string => {
+  const name = file.split("/").pop()!;
+  return files.filter((other) => other.split("/").pop() === name).length > 1 ? file.split("/").slice(-2).join("/") : name;
+};
 
 function Slider({ label, unit, set, ...rest }: { label: string; min: number; max: number; step: number; value: number; set: (value: number) => void; unit: string }) {
   return <label className="slider-label">{label} <input type="range" {...rest} onChange={(event) => set(Number(event.target.value))} onDoubleClick={() => set(0)} /> <span className="soft n">{rest.value} {unit}</span></label>;

@@ -3,7 +3,7 @@ import { useState } from "react";
 import { figure } from "../text";
 import type { Curve } from "../types";
 
-const W = 330, H = 170, LEFT = 46, RIGHT = 10, TOP = 24, BOTTOM = 26;
+const W = 330, H = 170, LEFT = 54, RIGHT = 10, TOP = 24, BOTTOM = 26;
 const NAMES: { [name: string]: string } = { psnr: "PSNR (dB)", loss: "loss", ssim: "SSIM" };
 const SHAPES = ["", "6 3", "2 3", "9 3 2 3"]; // dashes beside colours
 
@@ -14,7 +14,7 @@ export function Charts({ curves, axis = "" }: { curves: Curve[]; axis?: "" | "t"
     const key = `${(curve.node ?? "").replace(/\[\d+\]/g, "")}|${curve.name}`;
     groups.set(key, [...(groups.get(key) ?? []), curve]);
   }
-  if (!groups.size) return <p className="soft pad">No curves yet.</p>;
+  if (!groups.size) return <p className="soft pad">No curves yet. They grow here while a run fits something.</p>;
   const order = (key: string) => (key.endsWith("|psnr") ? 0 : key.endsWith("|loss") ? 1 : 2);
   return <div className="charts">{[...groups].sort(([a], [b]) => order(a) - order(b)).map(([key, list]) => <Chart key={key} title={`${key.split("|")[0]} ${NAMES[list[0].name] ?? list[0].name.replace(/_/g, " ")}`} curves={joined(list, axis)} axis={axis ? "seconds" : list[0].axis || "step"} />)}</div>;
 }

@@ -43,14 +43,13 @@ function RunLine({ run, followed, close }: { run: Run; followed: boolean; close:
 }
 
 export function RunCard({ run }: { run: Run }) {
-  const live = LIVE.includes(run.state), name = useStudio((s) => s.document?.name), own = useStudio((s) => s.runGraph !== null);
+  const live = LIVE.includes(run.state), own = useStudio((s) => s.runGraph !== null);
   const now = useStudio((s) => s.runs.find((other) => other.id === run.id)) ?? run;
   const failures = useStudio((s) => s.details?.nodes_detail.filter((node) => node.failure) ?? []);
   return (
     <section className={`card run-card is-${now.state}`}>
       <h3><span className={`sign is-${now.state}`}>{live ? <i className="spin" /> : SIGN[now.state]}</span> Run {now.label || now.id} <button className="quiet" onClick={() => void follow(null)} aria-label="Put away" title="Show the graph without this run">✕</button></h3>
       <p>{now.state}, {now.ready} of {now.nodes} nodes{now.hits ? `, ${now.hits} of them from the store` : ""}, {seconds(now.seconds)}{live && now.left ? `, about ${seconds(now.left)} left` : ""}</p>
-      {run.graph !== name && !own && <p className="warning">This run is of another graph, {run.graph}{run.sweep ? " (a sweep)" : ""}: only what has the same name shows its state here.</p>}
       <div className="meter"><i style={{ width: `${(100 * now.ready) / Math.max(1, now.nodes)}%` }} /></div>
       {failures.map((node) => <FailureNote key={node.name} name={node.name} failure={node.failure!} />)}
       {Object.keys(now.headline ?? {}).length > 0 && (
@@ -62,7 +61,7 @@ export function RunCard({ run }: { run: Run }) {
         {now.report && <a className="button" href={`/api/runs/${encodeURIComponent(run.id)}/report`} target="_blank" rel="noreferrer">Report</a>}
         <button onClick={() => set({ tab: "log", dock: "open", selected: null })}>Log</button>
         <button onClick={() => set({ tab: "curves", dock: "open" })}>Curves</button>
-        {own && <button onClick={() => void follow(run.graph === name ? run.id : null)}>Back to the open graph</button>}
+        {own ? <button onClick={() => void follow(null)}>Back to the open graph</button> : <button onClick={() => void follow(run.id, true)} title="The graph as this run ran it, with the values that it had then">Its graph</button>}
       </div>
     </section>
   );

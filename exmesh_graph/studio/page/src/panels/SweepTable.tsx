@@ -49,13 +49,13 @@ function LookAtVariants({ run, members }: { run: Run; members: SweepMember[] }) 
   }, [run.id, run.state]);
   if (!details?.nodes_detail) return null;
   const outputs = new Map(details.nodes_detail.map((node) => [node.name, node.outputs ?? {}])), first = members.filter((member) => member.repeat <= 1);
-  const ports = new Map<string, string>(); // node.port of variants -> type
-  for (const member of first) for (const [own, merged] of Object.entries(member.nodes)) for (const [port, output] of Object.entries(outputs.get(merged) ?? {})) ports.set(`${own}.${port}`, output.type);
+  const place = new Map(details.nodes_detail.map((node, k) => [node.name, k])), ports = new Map<string, [type: string, place: number]>(); // of node.port of variants
+  for (const member of first) for (const [own, merged] of Object.entries(member.nodes)) for (const [port, output] of Object.entries(outputs.get(merged) ?? {})) ports.set(`${own}.${port}`, [output.type, place.get(merged) ?? 0]);
   const order = ["Asset", "Gallery", "Stage1State", "Carrier", "Mesh"], rank = (type: string) => { const at = order.indexOf(type); return at < 0 ? 9 : at; };
-  const sorted = [...ports].sort(([a, one], [b, two]) => rank(one) - rank(two) || a.localeCompare(b)), wanted = chosen || sorted[0]?.[0] || "";
+  const sorted = [...ports].sort(([, [one, a]], [, [two, b]]) => rank(one) - rank(two) || b - a), wanted = chosen || sorted[0]?.[0] || ""; // what is made last is the result
   const cut = wanted.lastIndexOf("."), node = wanted.slice(0, cut), port = wanted.slice(cut + 1);
   return (
-    <p className="variants-look"><label>Look at <select value={wanted} onChange={(event) => choose(event.target.value)}>{sorted.map(([name, type]) => <option key={name} value={name}>{name} ({type})</option>)}</select></label>
+    <p className="variants-look"><label>Look at <select value={wanted} onChange={(event) => choose(event.target.value)}>{sorted.map(([name, [type]]) => <option key={name} value={name}>{name} ({type})</option>)}</select></label>
       {first.map((member) => {
         const output = outputs.get(member.nodes[node] ?? "")?.[port];
         if (!output) return <span key={member.variant} className="soft"> {member.variant}: none</span>;

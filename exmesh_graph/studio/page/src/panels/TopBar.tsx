@@ -37,10 +37,12 @@ const Brand = () => <span className="brand"><svg viewBox="0 0 32 32" width="20" 
 // "12 of 39 would run, about 1 min 35 s": of the edit that is being tried, else of the document.
 function PlanWords() {
   const plan = useStudio((s) => s.document?.plan), problems = useStudio((s) => s.document?.problems.length ?? 0), preview = useStudio((s) => s.preview);
+  const live = useStudio((s) => s.runs.some((run) => run.id === s.followed && ["starting", "running", "stopping"].includes(run.state)));
   const busy = useStudio((s) => s.busy), pending = useStudio((s) => s.document?.plan_pending ?? false);
   if (problems) return <button className="plan bad" onClick={() => set({ selected: null })} title="shown at the right">⚠ {count(problems, "fault")}</button>;
   if (preview) return <span className="plan trying" role="status">with this: {preview.run ? `${count(preview.run, "node")} would run, about ${seconds(preview.seconds) || "?"}` : "nothing would run"}</span>;
   if (!plan || pending) return <span className="plan soft" role="status">{busy || pending ? "looking what would run…" : ""}</span>;
+  if (live) return null; // the run itself says how far it is
   const { hit, run, unknown } = plan.counts, all = hit + run + unknown;
   if (run + unknown === 0) return <span className="plan" role="status">✓ all {all} in the store</span>;
   return <span className="plan" role="status" title={plan.complete ? "from earlier runs on this machine" : "of some nodes no earlier run tells the time"}>

@@ -2,6 +2,7 @@
 import { Refusal, get, post } from "../api";
 import type { Artifact, Catalog, Document, Ends, Graph, Json, NodeState, Op, Run, RunDetail } from "../types";
 import { now, set, toast } from "./store";
+import { wholeDocument, wholeGraph, type Sent } from "./whole";
 
 export function tell(error: unknown): void {
   if (error instanceof DOMException && error.name === "AbortError") return;
@@ -15,12 +16,14 @@ export function tell(error: unknown): void {
   }
 }
 
-function take(document: Document): void {
+function take(sent: object): Document {
+  const document = wholeDocument(sent);
   set((s) => ({ document, preview: null, selected: s.runGraph || !s.selected || document.nodes.some((n) => n.id === s.selected) ? s.selected : null }));
+  return document;
 }
 
 export async function loadDocument(): Promise<void> {
-  take(await get<Document>("/api/document"));
+  take(await get<object>("/api/document"));
 }
 
 export async function loadCatalog(): Promise<void> {
@@ -30,9 +33,7 @@ export async function loadCatalog(): Promise<void> {
 async function change(path: string, body: { [name: string]: Json | undefined }): Promise<Document | null> {
   set({ busy: true });
   try {
-    const document = await post<Document>(path, body);
-    take(document);
-    return document;
+    return take(await post<object>(path, body));
   } catch (error) {
     if (error instanceof Refusal && error.status === 409 && path === "/api/edit") {
       await loadDocument().catch(tell);
@@ -77,7 +78,7 @@ export function forgetPreview(): void { trial?.abort(); set({ preview: null }); 
 
 export async function save(body: { [name: string]: Json }): Promise<boolean> {
   try {
-    const { document, saved } = await post<{ document: Document; saved: string }>("/api/save", body);
+    const { document, saved } = await post<{ document: object; saved: string }>("/api/save", body);
     take(document);
     toast("info", body.as === "variant" ? `Saved as variant ${String(body.name)} of ${saved}` : `Saved ${saved}`);
     return true;
@@ -106,11 +107,17 @@ export async function follow(id: string | null, itsGraph = false): Promise<void>
   set((s) => ({ followed: id, states: s.followed === id ? s.states : new Map(), details: s.followed === id ? s.details : null, ...(itsGraph ? {} : { runGraph: null }) }));
   try {
     await loadDetails(id);
-    if (itsGraph) {
-      const graph = await get<Graph>(`/api/runs/${encodeURIComponent(id)}/graph`).catch((error: unknown) => { if (error instanceof Refusal && error.status === 404) return null; throw error; });
-      if (graph && now().followed === id) set({ runGraph: { run: id, graph } });
+    if (itsGraph || !agrees()) {
+      const sent = await get<Sent & Graph>(`/api/runs/${encodeURIComponent(id)}/graph`);
+      if (now().followed === id) set({ runGraph: { run: id, graph: { outputs: sent.outputs, ...wholeGraph(sent) } }, selected: null });
     }
   } catch (error) { tell(error); }
+}
+
+// Whether the open graph has all nodes of the followed run; else the run is shown with its own.
+function agrees(): boolean {
+  const { document, details } = now(), known = new Set(document?.nodes.flatMap((node) => node.names));
+  return details?.nodes_detail?.every((node) => known.has(node.name)) ?? true;
 }
 
 export async function loadDetails(id: string): Promise<void> {
