@@ -74,8 +74,8 @@ repeats: {count: 2, of: [one, sum]}
     saved = save(client, **{"as": "file"})
     assert saved["document"]["problems"] == []
     expected = (
-        variants.replace("one.value, to", "first.value, to").replace("{one.label", "{first.label").replace("@one.n", "@first.n")
-        .replace("@step.state", "@walk.state").replace("[2].step", "[2].walk").replace("of: [one", "of: [first")
+        variants.replace("one.value, to", "first.value, to").replace("{one.label", "{first.label")
+        .replace("@one.n", "@first.n").replace("@step.state", "@walk.state").replace("[2].step", "[2].walk").replace("of: [one", "of: [first")
     )  # fmt: skip
     got = file.read_text()
     assert "variants:" + got.partition("variants:")[2].replace("'", '"') == expected.replace("'", '"')
