@@ -217,8 +217,8 @@ def _read(file: Path, quick: bool) -> dict[str, Any]:
 
 
 def _about(root: Path) -> dict[str, Any]:
-    from exmesh_graph.graph.machine import machine_facts
     from exmesh_graph.report.collect import library_versions
+    from exmesh_graph.resources import machine_facts
 
     when = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     try:

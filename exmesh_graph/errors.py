@@ -6,10 +6,15 @@ ExmeshError              base; carries `what`, `where`, `expected`, `fix`
 ├── NumericsError        a NaN, Inf or divergence, with the step and term that produced it
 ├── GraphError           a graph file or its wiring (`GraphErrors` holds all of them at once)
 ├── StoreError           the artifact store
+├── LimitError           a node past the time, memory or disk that it was given
+├── PassingError         a cause that may be gone when the same is tried again
 └── MissingLibraryError  an optional or system library that is not there
 """
 
 from __future__ import annotations
+
+import errno
+import subprocess
 
 
 class ExmeshError(Exception):
@@ -67,3 +72,35 @@ class MissingLibraryError(ExmeshError):
     """A library that a node needs is not installed; `fix` names the package."""
 
     code = "missing-library"
+
+
+class LimitError(ExmeshError):
+    """A node took more time, memory or disk than its limits say."""
+
+    code = "limit"
+
+
+class PassingError(ExmeshError):
+    """A cause that may pass: a node raises it to be tried again, as often as its limits allow."""
+
+    code = "passing"
+
+
+_PASSING = (PassingError, MemoryError, ConnectionError, TimeoutError, BlockingIOError, InterruptedError,
+            subprocess.TimeoutExpired)  # fmt: skip
+_PASSING_NUMBERS = {
+    errno.EAGAIN, errno.EBUSY, errno.EDQUOT, errno.EHOSTDOWN, errno.EHOSTUNREACH, errno.EIO, errno.EMFILE,
+    errno.ENETDOWN, errno.ENETRESET, errno.ENETUNREACH, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM, errno.ENOSPC, errno.ESTALE,
+}  # fmt: skip
+
+
+def may_pass(error: BaseException) -> bool:
+    """Whether the cause of an error may be gone later: a busy or full device, a network, memory that others hold."""
+    seen: BaseException | None = error
+    while seen is not None:
+        if isinstance(seen, _PASSING) or type(seen).__name__ == "OutOfMemoryError":  # torch's, which is not imported
+            return True
+        if isinstance(seen, OSError) and seen.errno in _PASSING_NUMBERS:
+            return True
+        seen = seen.__cause__
+    return False

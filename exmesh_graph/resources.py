@@ -1,13 +1,20 @@
-"""What this machine offers, how much of it this process may use, and the memory that it does use."""
+"""What this machine offers, how much of it this process may use, and the memory that it does use; who uses it."""
 
 from __future__ import annotations
 
 import contextlib
+import getpass
 import os
+import platform
 import resource
 import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
+from exmesh_graph.version import __version__
+
+_CONTROL_GROUPS = Path("/sys/fs/cgroup")
 _granted = 0
 
 
@@ -58,16 +65,87 @@ def memory_in_use() -> int:
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+def memory_of(pid: int) -> int:
+    """Resident bytes of a process and all below it now; 0 where it is gone."""
+    import psutil
+
+    size = 0
+    with contextlib.suppress(psutil.Error):
+        process = psutil.Process(pid)
+        for one in (process, *process.children(recursive=True)):
+            with contextlib.suppress(psutil.Error):  # ended meanwhile
+                size += one.memory_info().rss
+    return size
+
+
+def confine(pid: int, most: int) -> Path | None:
+    """Put a process into a control group (Linux, v2 or v1) in which it and all it starts get `most` bytes of memory.
+
+    The kernel ends what asks for more. Returns the group's folder, to be removed when it is empty; None where this
+    system does not let us make one.
+    """
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/cgroup").read_text(encoding="ascii").splitlines():
+            _, controller, place = line.split(":", 2)
+            if controller not in ("", "memory"):
+                continue
+            group = _CONTROL_GROUPS / controller / place.strip("/") / f"exmesh-{os.getpid()}-{pid}"
+            with contextlib.suppress(OSError):
+                group.mkdir()
+                try:
+                    name = "memory.limit_in_bytes" if controller else "memory.max"
+                    with (group / name).open("r+", encoding="ascii") as file:  # not made: it is there or it is not
+                        file.write(str(most))
+                    (group / "cgroup.procs").write_text(str(pid), encoding="ascii")
+                    return group
+                except OSError:
+                    group.rmdir()
+    return None
+
+
+def was_overdrawn(group: Path) -> bool:
+    """Whether the kernel ended a process of a control group for want of the memory that `confine` gave it."""
+    counted = [told_by_kernel(str(group / name), "oom_kill ", " ") for name in ("memory.events", "memory.oom_control")]
+    return any(count not in ("", "0") for count in counted)
+
+
 def peak_memory() -> int:
     """Peak resident bytes since `reset_peak_memory` (since the process began where that is not possible)."""
     peak = told_by_kernel("/proc/self/status", "VmHWM")
     return int(peak.split()[0] if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
 
 
-def told_by_kernel(file: str, label: str) -> str:
-    """What a file of the kernel says under a label, in its first line of that name; nothing where there is none."""
+def told_by_kernel(file: str, label: str, sign: str = ":") -> str:
+    """What a file of the kernel says behind a label and a sign, in its first line of that name; nothing without one."""
     with contextlib.suppress(OSError), open(file, encoding="utf-8") as lines:
         for line in lines:
             if line.startswith(label):
-                return line.partition(":")[2].strip()
+                return line.partition(sign)[2].strip()
     return ""
+
+
+def machine_facts() -> dict[str, Any]:
+    """Versions and hardware of this process; looks at torch only where it is loaded already."""
+    facts: dict[str, Any] = {
+        "exmesh_graph": __version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processor": told_by_kernel("/proc/cpuinfo", "model name") or platform.processor(),
+        "cpus": len(os.sched_getaffinity(0)),
+        "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
+    }
+    torch = sys.modules.get("torch")
+    if torch is not None and hasattr(torch, "__version__"):
+        facts["torch"] = str(torch.__version__)
+        if torch.cuda.is_available():
+            facts["gpu"] = torch.cuda.get_device_name()
+    return facts
+
+
+def user_and_host() -> str:
+    """`name@machine`, for records of what people decided."""
+    try:
+        name = getpass.getuser()
+    except (OSError, KeyError):  # a user id without a name, as in some containers
+        name = str(os.getuid())
+    return f"{name}@{platform.node()}"

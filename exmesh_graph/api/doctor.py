@@ -25,8 +25,8 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.files import lock, sync
-from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.problems import in_short
+from exmesh_graph.resources import machine_facts
 
 OK, WARN, FAIL = "ok", "warn", "fail"
 LOW, EMPTY = 5 * 10**9, 5 * 10**8

@@ -123,19 +123,19 @@ class _Appearance(Family):
     def uv_texture(self, name: str = "") -> Node:
         """The paper's RGB texture over the UV atlas; the default."""
 class _Benchmark(Family):
-    def dtu(self, name: str = "", *, mesh: Wire[Mesh] | Node, frame: Wire[Frame] | Node, folder: str | PathLike[str] | Parameter, scan: int | Parameter, train: Wire[Views] | Node | None = None, test: Wire[Views] | Node | None = None, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsNode:
+    def dtu(self, name: str = "", *, mesh: Wire[Mesh] | Node, frame: Wire[Frame] | Node, folder: str | PathLike[str] | Parameter, scan: int | Parameter, train: Wire[Views] | Node | None = None, test: Wire[Views] | Node | None = None, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """DTU's Chamfer distance in mm, unculled and, with views that have masks, culled by 2DGS's rule.
 
         folder: DTU's evaluation data: Points/stl/ and ObsMask/.
         scan: Number of the scan. [>= 1]
         """
-    def nerf_synthetic(self, name: str = "", *, mesh: Wire[Mesh] | Node, truth: Wire[SceneTruth] | Node, views: Wire[Views] | Node, frame: Wire[Frame] | Node, scene: str | Parameter = "", samples: int | Parameter = 100000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsNode:
+    def nerf_synthetic(self, name: str = "", *, mesh: Wire[Mesh] | Node, truth: Wire[SceneTruth] | Node, views: Wire[Views] | Node, frame: Wire[Frame] | Node, scene: str | Parameter = "", samples: int | Parameter = 100000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """Chamfer distance on what the test cameras see and on the whole surface, in thousandths of a Blender unit.
 
         scene: The scene's name in the table.
         samples: Points on each surface, and rays from the test cameras. [>= 100]
         """
-    def speed(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 1, specular_samples: int | Parameter = 8, size: int | Parameter = 1600, frames: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsNode:
+    def speed(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 1, specular_samples: int | Parameter = 8, size: int | Parameter = 1600, frames: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """Relighting frames per second by the paper's rule, vertices, and the mesh's size as PLY.
 
         directions: Directions per surface point of the light transport. [>= 32]
@@ -145,7 +145,7 @@ class _Benchmark(Family):
         size: Side of the rendered pictures; the paper's is 1600. [px, >= 16, <= 4096]
         frames: Frames; the first is a warm-up and not counted. [>= 2]
         """
-    def stanford_orb(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, novel: Wire[LitViews] | Node, truth: Wire[SceneTruth] | Node, frame: Wire[Frame] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsNode:
+    def stanford_orb(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, novel: Wire[LitViews] | Node, truth: Wire[SceneTruth] | Node, frame: Wire[Frame] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """Stanford-ORB's PSNR-H, PSNR-L and SSIM in new views and under new lights; depth, normal, shape, albedo.
 
         directions: Directions per surface point of the light transport. [>= 32]
@@ -156,7 +156,7 @@ class _Benchmark(Family):
         lpips: LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.
         scene: The scene's name in the table.
         """
-    def synthetic4relight(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node, train: Wire[Views] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", rule: Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"] | Parameter = "median", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsScoredNode:
+    def synthetic4relight(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node, train: Wire[Views] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", rule: Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"] | Parameter = "median", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
         """New views, relit views, albedo by every published rule, roughness; what `evaluate.asset` gives as well.
 
         directions: Directions per surface point of the light transport. [>= 32]
@@ -170,7 +170,7 @@ class _Benchmark(Family):
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
 class _Data(Family):
-    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, true_mesh: str | Parameter = "", wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TrainTestFrameTruthNode:
+    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, true_mesh: str | Parameter = "", wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFrameTruthNode:
         """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes.
 
         path: Folder with transforms_train.json (or transforms.json).
@@ -191,13 +191,13 @@ class _Data(Family):
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
-    def environment(self, name: str = "", *, path: str | PathLike[str] | Parameter, convention: Literal["openexr", "blender"] | Parameter = "openexr", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> LightNode:
+    def environment(self, name: str = "", *, path: str | PathLike[str] | Parameter, convention: Literal["openexr", "blender"] | Parameter = "openexr", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> LightNode:
         """A lat-long environment map.
 
         path: Lat-long picture: EXR or HDR.
         convention: Where the picture's middle looks: +Z of the Y-up world, or Blender's +X of its z-up world.
         """
-    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = "auto", checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TrainTestFrameNode:
+    def idr(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = "auto", checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 1, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "auto", masks: str | Parameter = "auto", metres_per_unit: float | Parameter = 0.001, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the IDR / NeuS layout (DTU and others), with masks or without.
 
         path: Folder with cameras_sphere.npz and image/.
@@ -213,7 +213,7 @@ class _Data(Family):
         masks: Folder of masks inside the scene; auto = mask/ where it is there; none = ignore.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TrainTestFrameNode:
+    def middlebury(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, holdout: int | Parameter = 8, first: int | Parameter = 3, max_views: int | Parameter = 0, pixel_offset: float | Literal["auto"] | Parameter = 0.5, checks: Literal["error", "warn", "off"] | Parameter = "error", downscale: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "y", masks: bool | Parameter = True, wrong_masks: int | Parameter = 1, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 1.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFrameNode:
         """Photographs in the Middlebury multi-view layout (templeRing and others).
 
         path: Folder with <name>_par.txt, image/ and mask/.
@@ -231,7 +231,7 @@ class _Data(Family):
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", matching: Literal["auto", "plain", "wide"] | Parameter = "auto", threads: int | Parameter = 1, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, frames: int | Parameter = 60, blurred: float | Parameter = 0.4, alike: float | Parameter = 0.002, megapixels: float | Parameter = 2.0, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TrainTestFramePointsCamerasNode:
+    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", matching: Literal["auto", "plain", "wide"] | Parameter = "auto", threads: int | Parameter = 1, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, keep: Literal["all", "object"] | Parameter = "all", masks: bool | Parameter = True, frames: int | Parameter = 60, blurred: float | Parameter = 0.4, alike: float | Parameter = 0.002, megapixels: float | Parameter = 2.0, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFramePointsCamerasNode:
         """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap).
 
         path: Folder of pictures (or its images/) with masks/ beside them, or alpha; or a video.
@@ -258,7 +258,7 @@ class _Data(Family):
         wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
         checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
-    def stanford_orb(self, name: str = "", *, path: str | PathLike[str] | Parameter, downscale: int | Parameter = 4, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, max_novel_views: int | Parameter = 0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TrainTestFrameTruthNovelNode:
+    def stanford_orb(self, name: str = "", *, path: str | PathLike[str] | Parameter, downscale: int | Parameter = 4, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, max_novel_views: int | Parameter = 0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFrameTruthNovelNode:
         """A capture of Stanford-ORB: HDR photographs, scanned truth, and views under two other measured lights.
 
         path: Folder of a capture, blender_HDR/<object>_scene00x; ground_truth/ beside blender_HDR/.
@@ -268,7 +268,7 @@ class _Data(Family):
         max_novel_views: Keep at most so many views under other lights; 0 = all. [views, >= 0]
         checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
-    def synthetic4relight(self, name: str = "", *, path: str | PathLike[str] | Parameter, lights: tuple[str, ...] | list[str] | Parameter = ..., downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TrainTestFrameTruthNode:
+    def synthetic4relight(self, name: str = "", *, path: str | PathLike[str] | Parameter, lights: tuple[str, ...] | list[str] | Parameter = ..., downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFrameTruthNode:
         """A scene of Synthetic4Relight: linear training pictures, test views with materials, relit pictures.
 
         path: Folder of a scene, with transforms_train.json and test_rli/; envmaps/ in it or beside it.
@@ -278,13 +278,13 @@ class _Data(Family):
         max_test_views: Keep at most so many test views; 0 = all. [views, >= 0]
         checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
-    def usd(self, name: str = "", *, path: str | PathLike[str] | Parameter, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> FilesNode:
+    def usd(self, name: str = "", *, path: str | PathLike[str] | Parameter, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilesNode:
         """A USD package from elsewhere, to be composed with others; what the gate finds in it is a warning.
 
         path: A USD package (.usdz), which holds all that it needs.
         """
 class _Edit(Family):
-    def material(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node | None = None, frame: Wire[Frame] | Node | None = None, channel: Literal["base_color", "roughness", "metallic"] | Parameter = "base_color", operation: Literal["set", "scale", "paint"] | Parameter = "set", value: tuple[float, ...] | list[float] | Parameter = ..., picture: str | PathLike[str] | None | Parameter = None, mask: str | PathLike[str] | None | Parameter = None, center: tuple[float, ...] | list[float] | None | Parameter = None, view: str | Parameter = "", pixel: tuple[float, ...] | list[float] | None | Parameter = None, radius: float | Parameter = 0.0, feather: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> AssetGalleryNode:
+    def material(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node | None = None, frame: Wire[Frame] | Node | None = None, channel: Literal["base_color", "roughness", "metallic"] | Parameter = "base_color", operation: Literal["set", "scale", "paint"] | Parameter = "set", value: tuple[float, ...] | list[float] | Parameter = ..., picture: str | PathLike[str] | None | Parameter = None, mask: str | PathLike[str] | None | Parameter = None, center: tuple[float, ...] | list[float] | None | Parameter = None, view: str | Parameter = "", pixel: tuple[float, ...] | list[float] | None | Parameter = None, radius: float | Parameter = 0.0, feather: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetGalleryNode:
         """Set, scale or paint a map in a region; all other texels keep their bytes.
 
         channel: The map to change.
@@ -298,7 +298,7 @@ class _Edit(Family):
         radius: Radius of the ball, in the units of `center`. [>= 0]
         feather: Share of the radius over which the edit fades out. [>= 0, <= 1]
         """
-    def relight(self, name: str = "", *, asset: Wire[Asset] | Node, light: Wire[EnvMap] | Node | None = None, views: Wire[Views] | Node | None = None, transport: Wire[Transport] | Node | None = None, rotation: float | Parameter = 0.0, exposure: float | Parameter = 0.0, pictures: int | Parameter = 3, size: int | Parameter = 384, bounces: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> AssetGalleryNode:
+    def relight(self, name: str = "", *, asset: Wire[Asset] | Node, light: Wire[EnvMap] | Node | None = None, views: Wire[Views] | Node | None = None, transport: Wire[Transport] | Node | None = None, rotation: float | Parameter = 0.0, exposure: float | Parameter = 0.0, pictures: int | Parameter = 3, size: int | Parameter = 384, bounces: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetGalleryNode:
         """The asset under another environment, turned and exposed (its own where none is wired), with pictures.
 
         rotation: Turn of the light about +Y, counter-clockwise from above. [rad, >= -6.283185307179586, <= 6.283185307179586]
@@ -307,7 +307,7 @@ class _Edit(Family):
         size: Side of pictures that no view gives a size. [px, >= 16, <= 4096]
         bounces: Interreflections in the pictures, where no transport is wired. [>= 0, <= 8]
         """
-    def turntable(self, name: str = "", *, asset: Wire[Asset] | Node, transport: Wire[Transport] | Node | None = None, frames: int | Parameter = 36, size: int | Parameter = 384, seconds: float | Parameter = 4.0, elevation: float | Parameter = 0.35, turn: Literal["camera", "light"] | Parameter = "camera", bounces: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> FilmNode:
+    def turntable(self, name: str = "", *, asset: Wire[Asset] | Node, transport: Wire[Transport] | Node | None = None, frames: int | Parameter = 36, size: int | Parameter = 384, seconds: float | Parameter = 4.0, elevation: float | Parameter = 0.35, turn: Literal["camera", "light"] | Parameter = "camera", bounces: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilmNode:
         """A film of the asset turning under its light (animated WebP, shown in the report).
 
         frames: Pictures in one turn. [>= 2, <= 720]
@@ -318,7 +318,7 @@ class _Edit(Family):
         bounces: Interreflections, where no transport is wired. [>= 0, <= 8]
         """
 class _Evaluate(Family):
-    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsScoredNode:
+    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
         """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object.
 
         directions: Directions per surface point of the light transport. [>= 32]
@@ -330,14 +330,14 @@ class _Evaluate(Family):
         exposure: Fitted: of each held-out photograph one factor per channel is fitted before it is compared, as Stage I fits those of the training photographs (gains); the report says so, and the figure without stands beside.
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
-    def capture(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsNode:
+    def capture(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """What the photographs cover of the surface, and from where more of them would help most."""
-    def mesh(self, name: str = "", *, mesh: Wire[Mesh] | Node, truth: Wire[SceneTruth] | Node | None = None, samples: int | Parameter = 40000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsNode:
+    def mesh(self, name: str = "", *, mesh: Wire[Mesh] | Node, truth: Wire[SceneTruth] | Node | None = None, samples: int | Parameter = 40000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """Chamfer distance to the true surface, whether the mesh is closed and manifold, its size.
 
         samples: Points on each surface for the Chamfer distance. [>= 100]
         """
-    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, table: Literal["auto", "keep"] | Parameter = "auto", tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, downscale: int | Parameter = 2, neighbours: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> RegionNode:
+    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, table: Literal["auto", "keep"] | Parameter = "auto", tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, downscale: int | Parameter = 2, neighbours: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> RegionNode:
         """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
 
         box: Two corners, normalised units: only surface inside counts. Default: the sphere around the object.
@@ -348,13 +348,13 @@ class _Evaluate(Family):
         downscale: Look for depth in pictures reduced by this factor. [>= 1, <= 16]
         neighbours: Training views near each that stereo may compare with. [views, >= 2, <= 32]
         """
-    def round(self, name: str = "", *, state: Wire[Carrier] | Node, views: Wire[Views] | Node | None = None, truth: Wire[SceneTruth] | Node | None = None, region: Wire[Region] | Node | None = None, samples: int | Parameter = 10000, max_views: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsNode:
+    def round(self, name: str = "", *, state: Wire[Carrier] | Node, views: Wire[Views] | Node | None = None, truth: Wire[SceneTruth] | Node | None = None, region: Wire[Region] | Node | None = None, samples: int | Parameter = 10000, max_views: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """What a round of Stage I has reached: error against seconds and vertices.
 
         samples: Points on each surface for the Chamfer distance. [>= 100]
         max_views: Held-out views that the PSNR is taken on, evenly spread. [>= 1]
         """
-    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Region] | Node | None = None, train: Wire[Views] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MetricsScoredNode:
+    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, region: Wire[Region] | Node | None = None, train: Wire[Views] | Node | None = None, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
         """Held-out PSNR and SSIM of the mesh with its Stage I appearance.
 
         max_views: Score this many views, evenly spread; 0: all. [>= 0]
@@ -363,13 +363,13 @@ class _Evaluate(Family):
         pictures: Scored views handed on for pictures (gallery.stage1). [>= 0]
         """
 class _Export(Family):
-    def gaussians(self, node_name: str = "", /, *, gaussians: Wire[PlanarGaussians] | Node, frame: Wire[Frame] | Node | None = None, units: Literal["normalised", "scene", "dataset"] | Parameter = "dataset", name: str | Parameter = "gaussians", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> FilesNode2:
+    def gaussians(self, node_name: str = "", /, *, gaussians: Wire[PlanarGaussians] | Node, frame: Wire[Frame] | Node | None = None, units: Literal["normalised", "scene", "dataset"] | Parameter = "dataset", name: str | Parameter = "gaussians", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilesNode2:
         """Write Gaussians as PLY in the common 3DGS layout.
 
         units: The file's space: the normalised world, the Y-up scene, or the data set's own axes and units.
         name: File name, without .ply.
         """
-    def gltf(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> FilesNode3:
+    def gltf(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilesNode3:
         """Write mesh, tangents and maps as one binary glTF file, in metres; glTF holds no environment.
 
         name: Name of the asset and its files: letters, digits and _.
@@ -377,14 +377,14 @@ class _Export(Family):
         dilation: Padding of the charts, so that mip levels do not bleed. [texels, >= 0, <= 64]
         recentre: Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset.
         """
-    def lod(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node | None = None, share: float | Parameter = 0.25, texture_size: int | Parameter = 0, fit_pixels: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> AssetNode:
+    def lod(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node | None = None, share: float | Parameter = 0.25, texture_size: int | Parameter = 0, fit_pixels: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetNode:
         """A coarser level of detail: fewer faces on the same atlas, normals baked from the fine mesh, smaller maps.
 
         share: Faces of the result, as a share of the asset's. [> 0, <= 1]
         texture_size: Side of the maps, a divisor of theirs; 0: as they are. [texels, >= 0, <= 8192]
         fit_pixels: Side of the maps at which a texel is no larger than a pixel in the wired views, for 95 % of the surface.
         """
-    def obj(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> FilesNode4:
+    def obj(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilesNode4:
         """Write mesh and maps as Wavefront OBJ with an MTL file; OBJ holds neither light nor units.
 
         name: Name of the asset and its files: letters, digits and _.
@@ -392,7 +392,7 @@ class _Export(Family):
         dilation: Padding of the charts, so that mip levels do not bleed. [texels, >= 0, <= 64]
         recentre: Put the object's middle at the origin, for scenes far from theirs; the move is kept in the asset.
         """
-    def usd(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, views: Wire[Views] | Node | None = None, mid: Wire[Asset] | Node | None = None, low: Wire[Asset] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, up_axis: Literal["Y", "Z"] | Parameter = "Y", normal_bits: Literal[8, 16] | Parameter = 8, clip: bool | Parameter = False, require_scale: bool | Parameter = False, require_closed: bool | Parameter = False, gate: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> FilesNode:
+    def usd(self, node_name: str = "", /, *, asset: Wire[Asset] | Node, frame: Wire[Frame] | Node | None = None, views: Wire[Views] | Node | None = None, mid: Wire[Asset] | Node | None = None, low: Wire[Asset] | Node | None = None, metrics: Wire[Metrics] | Node | None = None, name: str | Parameter = "asset", roughness_floor: float | Parameter = 0.04, dilation: int | Parameter = 8, recentre: bool | Parameter = False, up_axis: Literal["Y", "Z"] | Parameter = "Y", normal_bits: Literal[8, 16] | Parameter = 8, clip: bool | Parameter = False, require_scale: bool | Parameter = False, require_closed: bool | Parameter = False, gate: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilesNode:
         """Write mesh, maps, light and cameras as USD; judged by the gate before anything is published.
 
         name: Name of the asset and its files: letters, digits and _.
@@ -407,9 +407,9 @@ class _Export(Family):
         gate: Refuse to publish a file that fails the checks; false is noted in the asset.
         """
 class _Gallery(Family):
-    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, scored: Wire[ScoredViews] | Node, truth: Wire[SceneTruth] | Node | None = None, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> GalleryNode:
+    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, scored: Wire[ScoredViews] | Node, truth: Wire[SceneTruth] | Node | None = None, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GalleryNode:
         """What evaluate.asset or benchmark.synthetic4relight compared, light, atlas, geometry, a model to turn."""
-    def blender(self, name: str = "", *, files: Wire[UsdAsset] | Node, python: str | Parameter, cameras: tuple[str, ...] | list[str] | Parameter = ..., pictures: int | Parameter = 3, samples: int | Parameter = 64, scale: float | Parameter = 1.0, background: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> GalleryNode:
+    def blender(self, name: str = "", *, files: Wire[UsdAsset] | Node, python: str | Parameter, cameras: tuple[str, ...] | list[str] | Parameter = ..., pictures: int | Parameter = 3, samples: int | Parameter = 64, scale: float | Parameter = 1.0, background: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GalleryNode:
         """Pictures of an exported file by Blender's Cycles, from the file's own cameras.
 
         python: Path of a Python with bpy (docs/usd.md); not looked for anywhere else.
@@ -419,12 +419,12 @@ class _Gallery(Family):
         scale: Factor on the pictures' sides. [> 0, <= 8]
         background: Show the light behind the objects.
         """
-    def round(self, name: str = "", *, state: Wire[Carrier] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> GalleryNode:
+    def round(self, name: str = "", *, state: Wire[Carrier] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GalleryNode:
         """A round of Stage I: the shape from six sides, its edges, its atlas in colours of stretch."""
-    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> GalleryNode:
+    def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshDecisionsNode:
         """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
@@ -440,7 +440,7 @@ class _Init(Family):
         close_holes: Without masks: fill holes of at most so many edges. [edges, >= 0]
         wrong_masks: Masks that may be wrong at a point. [views, >= 0]
         """
-    def clean(self, name: str = "", *, mesh: Wire[Mesh] | Node, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.0, max_faces: int | Parameter = 12000, method: Literal["builtin", "pymeshlab", "open3d"] | Parameter = "builtin", components: int | Parameter = 1, min_area: float | Parameter = 0.0, close_holes: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshNode:
+    def clean(self, name: str = "", *, mesh: Wire[Mesh] | Node, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.0, max_faces: int | Parameter = 12000, method: Literal["builtin", "pymeshlab", "open3d"] | Parameter = "builtin", components: int | Parameter = 1, min_area: float | Parameter = 0.0, close_holes: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed.
 
         faces: Face budget of the result. [faces, >= 20]
@@ -451,19 +451,19 @@ class _Init(Family):
         min_area: Drop parts below this share of the largest part's area. [>= 0, <= 1]
         close_holes: Fill holes of at most so many edges (not open3d); 0 = none. [edges, >= 0]
         """
-    def gaussian_file(self, name: str = "", *, path: str | PathLike[str] | Parameter, frame: Wire[Frame] | Node | None = None, units: Literal["normalised", "scene", "dataset"] | Parameter = "dataset", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> GaussiansNode:
+    def gaussian_file(self, name: str = "", *, path: str | PathLike[str] | Parameter, frame: Wire[Frame] | Node | None = None, units: Literal["normalised", "scene", "dataset"] | Parameter = "dataset", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GaussiansNode:
         """Gaussians from a PLY file of 3DGS, 2DGS or PGSR.
 
         path: PLY file of Gaussians in the common 3DGS layout.
         units: The file's space: the normalised world, the Y-up scene, or the data set's own axes and units.
         """
-    def mesh_file(self, name: str = "", *, path: str | PathLike[str] | Parameter, frame: Wire[Frame] | Node | None = None, units: Literal["normalised", "scene", "dataset"] | Parameter = "dataset", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshNode:
+    def mesh_file(self, name: str = "", *, path: str | PathLike[str] | Parameter, frame: Wire[Frame] | Node | None = None, units: Literal["normalised", "scene", "dataset"] | Parameter = "dataset", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """A mesh from an OBJ or PLY file.
 
         path: OBJ or PLY file.
         units: The file's space: the normalised world, the Y-up scene, or the data set's own axes and units.
         """
-    def object(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, threads: int | Parameter = 0, side: int | Parameter = 400, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshNode:
+    def object(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, threads: int | Parameter = 0, side: int | Parameter = 400, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """The object alone, closed and rough, from views without masks: what stereo shows of it, without its table.
 
         table: A plane that the object stands on: auto takes it away where it goes on beside the object; keep it, or take it away in any case (an error where there is none).
@@ -474,7 +474,7 @@ class _Init(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         side: Longer side of the pictures for stereo, and in which the object is sought. [px, >= 32]
         """
-    def pgsr(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, begin: Wire[PlanarGaussians] | Node | None = None, iterations: int | Parameter = 1500, start: Literal["auto", "points", "hull", "random"] | Parameter = "auto", count: int | Parameter = 20000, max_gaussians: int | Parameter = 40000, wrong_masks: int | Parameter = 0, degree: int | Parameter = 3, ssim_weight: float | Parameter = 0.2, mask_weight: float | Parameter = 0.2, flatten_weight: float | Parameter = 100.0, normal_weight: float | Parameter = 0.015, geometric_weight: float | Parameter = 0.03, photometric_weight: float | Parameter = 0.15, geometry_from: float | Parameter = 0.25, samples: int | Parameter = 4096, mean_rate: float | Parameter = 0.002, mean_decay: float | Parameter = 0.01, scale_rate: float | Parameter = 0.005, rotation_rate: float | Parameter = 0.002, opacity_rate: float | Parameter = 0.05, colour_rate: float | Parameter = 0.005, densify: float | Parameter = 0.0002, densify_absolute: float | Parameter = 0.0008, densify_from: float | Parameter = 0.08, densify_to: float | Parameter = 0.6, densify_rounds: int | Parameter = 15, min_opacity: float | Parameter = 0.01, reset_at: float | Parameter = 0.0, gains: bool | Parameter = False, downscale: int | Parameter = 1, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> GaussiansHistoryNode:
+    def pgsr(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, begin: Wire[PlanarGaussians] | Node | None = None, iterations: int | Parameter = 1500, start: Literal["auto", "points", "hull", "random"] | Parameter = "auto", count: int | Parameter = 20000, max_gaussians: int | Parameter = 40000, wrong_masks: int | Parameter = 0, degree: int | Parameter = 3, ssim_weight: float | Parameter = 0.2, mask_weight: float | Parameter = 0.2, flatten_weight: float | Parameter = 100.0, normal_weight: float | Parameter = 0.015, geometric_weight: float | Parameter = 0.03, photometric_weight: float | Parameter = 0.15, geometry_from: float | Parameter = 0.25, samples: int | Parameter = 4096, mean_rate: float | Parameter = 0.002, mean_decay: float | Parameter = 0.01, scale_rate: float | Parameter = 0.005, rotation_rate: float | Parameter = 0.002, opacity_rate: float | Parameter = 0.05, colour_rate: float | Parameter = 0.005, densify: float | Parameter = 0.0002, densify_absolute: float | Parameter = 0.0008, densify_from: float | Parameter = 0.08, densify_to: float | Parameter = 0.6, densify_rounds: int | Parameter = 15, min_opacity: float | Parameter = 0.01, reset_at: float | Parameter = 0.0, gains: bool | Parameter = False, downscale: int | Parameter = 1, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GaussiansHistoryNode:
         """Fit planar Gaussians to the photographs (PGSR): a coarse surface that opens what no outline shows.
 
         iterations: Length of the fit, one view each; every schedule is a share of it. [>= 1]
@@ -509,7 +509,7 @@ class _Init(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
         """
-    def photometric(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node, passes: int | Parameter = 2, reach: float | Parameter = 3.0, smoothness: float | Parameter = 0.03, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshNode:
+    def photometric(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node, passes: int | Parameter = 2, reach: float | Parameter = 3.0, smoothness: float | Parameter = 0.03, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """Open cavities that no outline shows: move a coarse mesh to where patches of the photographs agree.
 
         passes: Sweeps over the mesh. [>= 0, <= 20]
@@ -518,13 +518,13 @@ class _Init(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
         """
-    def sphere(self, name: str = "", *, faces: int | Parameter = 1280, radius: float | Parameter = 0.8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshNode:
+    def sphere(self, name: str = "", *, faces: int | Parameter = 1280, radius: float | Parameter = 0.8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """A sphere that knows nothing of the photographs: what Stage I makes of the worst start.
 
         faces: Upper limit; a sphere has 20, 80, 320, 1280, 5120, ... faces. [faces, >= 20]
         radius: Around the origin of the normalised world, which the unit sphere bounds. [> 0, <= 1]
         """
-    def tsdf(self, name: str = "", *, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node, resolution: int | Parameter = 128, truncation: float | Parameter = 4.0, masked: bool | Parameter = True, min_weight: float | Parameter = 1.0, radius: float | Parameter = 0.0, solid: bool | Parameter = False, wrong_masks: int | Parameter = 0, clear: float | Parameter = 1.0, blur: float | Parameter = 0.0, incidence: float | Parameter = 0.0, agreeing: int | Parameter = 0, tolerance: float | Parameter = 0.01, parts: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshNode:
+    def tsdf(self, name: str = "", *, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node, resolution: int | Parameter = 128, truncation: float | Parameter = 4.0, masked: bool | Parameter = True, min_weight: float | Parameter = 1.0, radius: float | Parameter = 0.0, solid: bool | Parameter = False, wrong_masks: int | Parameter = 0, clear: float | Parameter = 1.0, blur: float | Parameter = 0.0, incidence: float | Parameter = 0.0, agreeing: int | Parameter = 0, tolerance: float | Parameter = 0.01, parts: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull.
 
         resolution: Voxels along the unit sphere's diameter; 0: 128, solid: as init.visual_hull. [voxels, >= 0, <= 512]
@@ -541,7 +541,7 @@ class _Init(Family):
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
         parts: Connected parts to keep, largest area first; 0 = all. [>= 0]
         """
-    def visual_hull(self, name: str = "", *, views: Wire[Views] | Node, resolution: int | Parameter = 128, wrong_masks: int | Parameter = 0, smooth: int | Parameter = 10, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> MeshNode:
+    def visual_hull(self, name: str = "", *, views: Wire[Views] | Node, resolution: int | Parameter = 128, wrong_masks: int | Parameter = 0, smooth: int | Parameter = 10, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """The largest closed shape that agrees with the masks.
 
         resolution: Voxels along the object's longest side; 0: as fine as pictures show it, 1.25 pixels, 64 to 192 voxels. [voxels, >= 0, <= 512]
@@ -549,7 +549,7 @@ class _Init(Family):
         smooth: Taubin smoothing steps (no shrinking) after marching cubes. [steps, >= 0, <= 200]
         """
 class _Mask(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, least_overlap: float | Parameter = 0.94, least_apart: float | Parameter = 0.8, least_seen: float | Parameter = 0.6, most_contradicted: float | Parameter = 0.2, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, find: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TrainDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, least_overlap: float | Parameter = 0.94, least_apart: float | Parameter = 0.8, least_seen: float | Parameter = 0.6, most_contradicted: float | Parameter = 0.2, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, find: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainDecisionsNode:
         """Masks for photographs that have none, where an object stands apart: init.object, mask.from_surface, and a check.
 
         least_overlap: Median over the views of masks and their common shape, drawn back: intersection over union. [>= 0, <= 1]
@@ -567,12 +567,12 @@ class _Mask(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         find: Look for masks where there are none; false passes the views on as they are.
         """
-    def files(self, name: str = "", *, views: Wire[Views] | Node, path: str | PathLike[str] | Parameter, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> ViewsNode:
+    def files(self, name: str = "", *, views: Wire[Views] | Node, path: str | PathLike[str] | Parameter, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> ViewsNode:
         """Masks from files, laid on views that have none: white on the object, as the views have the pictures.
 
         path: Folder of masks, PNG, called as the views: NAME_mask.png, NAME.png or NAME.jpg.png.
         """
-    def from_surface(self, name: str = "", *, views: Wire[Views] | Node, surface: Wire[Mesh] | Node, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> ViewsNode:
+    def from_surface(self, name: str = "", *, views: Wire[Views] | Node, surface: Wire[Mesh] | Node, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> ViewsNode:
         """Masks of what shows a surface: drawn into each view, and cut to the picture's edges around its outline.
 
         side: Longer side of the pictures in which outlines are first moved; of stereo too. [px, >= 32]
@@ -587,7 +587,7 @@ class _Material(Family):
         doubt: Variance of fitted roughness over what independent errors of pixels give: TV has taken most away. [> 0]
         """
 class _Mesh(Family):
-    def flip(self, name: str = "", *, state: Wire[Stage1State] | Node, method: Literal["delaunay", "valence"] | Parameter = "delaunay", max_bend: float | Parameter = 0.5, max_shift: float | Parameter = 0.1, min_shape: float | Parameter = 0.1, max_rounds: int | Parameter = 8, relax: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def flip(self, name: str = "", *, state: Wire[Stage1State] | Node, method: Literal["delaunay", "valence"] | Parameter = "delaunay", max_bend: float | Parameter = 0.5, max_shift: float | Parameter = 0.1, min_shape: float | Parameter = 0.1, max_rounds: int | Parameter = 8, relax: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Flip edges inside charts to even out the triangles that splits and merges leave, then space vertices evenly.
 
         method: Which edges turn: those whose two opposite angles sum to more than half a turn, or those between vertices whose degrees then come nearer to six (four on a boundary).
@@ -597,7 +597,7 @@ class _Mesh(Family):
         max_rounds: Passes over the mesh; it ends early when no edge is left to flip. [>= 1, <= 64]
         relax: Then glide vertices, with their UVs, towards even spacing. [steps, >= 0, <= 20]
         """
-    def merge(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, degenerate: float | Parameter = 0.05, area_quantile: float | Parameter = 0.3, method: Literal["degenerate", "random"] | Parameter = "degenerate", share: float | Parameter = 0.1, tries: int | Parameter = 3, checks: Literal["shape", "topology"] | Parameter = "shape", uv: Literal["survivor", "own"] | Parameter = "survivor", min_faces: int | Parameter = 100, min_cosine: float | Parameter = 0.5, outline_cosine: float | Parameter = 0.7, supersample: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def merge(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, degenerate: float | Parameter = 0.05, area_quantile: float | Parameter = 0.3, method: Literal["degenerate", "random"] | Parameter = "degenerate", share: float | Parameter = 0.1, tries: int | Parameter = 3, checks: Literal["shape", "topology"] | Parameter = "shape", uv: Literal["survivor", "own"] | Parameter = "survivor", min_faces: int | Parameter = 100, min_cosine: float | Parameter = 0.5, outline_cosine: float | Parameter = 0.7, supersample: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Collapse small faces that are degenerate or, with views given, that no view shows.
 
         degenerate: tau_degen of eq. 4: faces below this area / longest edge squared go. [>= 0.0, <= 1.0]
@@ -612,7 +612,7 @@ class _Mesh(Family):
         outline_cosine: A vertex on a boundary or seam goes only where that line turns by no more than the angle of this cosine. [>= -1.0, <= 1.0]
         supersample: Views are searched for each face at this multiple of their resolution. [>= 1, <= 8]
         """
-    def split(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, max_faces: int | Parameter = 200000, target_faces: int | Parameter = 0, growth: float | Parameter = 1.5, min_edge: float | Parameter = 0.0, method: Literal["score", "area", "random", "uniform"] | Parameter = "score", position: Literal["projection", "midpoint", "random"] | Parameter = "projection", edge_degrees: Literal["opposite", "endpoints"] | Parameter = "opposite", score: Literal["ranks", "values"] | Parameter = "ranks", gradient_weight: float | Parameter = 0.6, curvature_weight: float | Parameter = 0.4, area_quantile: float | Parameter = 0.5, max_degree: int | Parameter = 10, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def split(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, max_faces: int | Parameter = 200000, target_faces: int | Parameter = 0, growth: float | Parameter = 1.5, min_edge: float | Parameter = 0.0, method: Literal["score", "area", "random", "uniform"] | Parameter = "score", position: Literal["projection", "midpoint", "random"] | Parameter = "projection", edge_degrees: Literal["opposite", "endpoints"] | Parameter = "opposite", score: Literal["ranks", "values"] | Parameter = "ranks", gradient_weight: float | Parameter = 0.6, curvature_weight: float | Parameter = 0.4, area_quantile: float | Parameter = 0.5, max_degree: int | Parameter = 10, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Split faces that are large, curved or far from their images; UVs, moments and gradients follow.
 
         max_faces: Never exceeded (Table 1). [faces, >= 4]
@@ -628,18 +628,18 @@ class _Mesh(Family):
         area_quantile: Faces from this quantile of area on may be selected. [>= 0.0, < 1.0]
         max_degree: An edge is not split when a vertex opposite to it has this degree as a round begins; splits on two sides of a vertex in one round may pass it by one. [>= 6]
         """
-    def untangle(self, name: str = "", *, state: Wire[Stage1State] | Node, steps: int | Parameter = 12, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def untangle(self, name: str = "", *, state: Wire[Stage1State] | Node, steps: int | Parameter = 12, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Smooth faces apart that cut one another; nothing else moves. For starts and photographs that leave such faces.
 
         steps: Steps of smoothing at most; it ends when no face cuts another. [>= 1, <= 200]
         """
 class _Prior(Family):
-    def align(self, name: str = "", *, relative: Wire[DepthMaps] | Node, measured: Wire[DepthMaps] | Node, reach: float | Parameter = 0.03, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> DepthsNode:
+    def align(self, name: str = "", *, relative: Wire[DepthMaps] | Node, measured: Wire[DepthMaps] | Node, reach: float | Parameter = 0.03, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> DepthsNode:
         """Bring relative depth maps to the world by measured depths: scale and shift of each view, corrected nearby.
 
         reach: How far measured depths correct the fit around them, and beyond which there is none; 0: fit alone. [picture widths, >= 0, <= 1]
         """
-    def depth_anything(self, name: str = "", *, views: Wire[Views] | Node, model: str | Parameter = "depth-anything/DA3-BASE", revision: str | Parameter = "", weights: str | PathLike[str] | None | Parameter = None, resolution: int | Parameter = 504, batch: int | Parameter = 8, cameras: bool | Parameter = True, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> DepthsNode:
+    def depth_anything(self, name: str = "", *, views: Wire[Views] | Node, model: str | Parameter = "depth-anything/DA3-BASE", revision: str | Parameter = "", weights: str | PathLike[str] | None | Parameter = None, resolution: int | Parameter = 504, batch: int | Parameter = 8, cameras: bool | Parameter = True, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> DepthsNode:
         """Relative depth by Depth Anything 3; needs the optional package and its weights (docs/data.md).
 
         model: Model on the Hugging Face hub; unused where weights are given. [min_length 1]
@@ -650,7 +650,7 @@ class _Prior(Family):
         cameras: Tell the network the cameras; false for the monocular and metric models.
         device: Where to compute.
         """
-    def depth_files(self, name: str = "", *, views: Wire[Views] | Node, folder: str | PathLike[str] | Parameter, frame: Wire[Frame] | Node | None = None, pattern: str | Parameter = "{name}", scale: float | Parameter = 1.0, units: Literal["normalised", "scene", "relative"] | Parameter = "scene", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> DepthsNode:
+    def depth_files(self, name: str = "", *, views: Wire[Views] | Node, folder: str | PathLike[str] | Parameter, frame: Wire[Frame] | Node | None = None, pattern: str | Parameter = "{name}", scale: float | Parameter = 1.0, units: Literal["normalised", "scene", "relative"] | Parameter = "scene", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> DepthsNode:
         """Depth along the camera's axis, one file for each view.
 
         folder: Folder with one depth map (EXR, NPY or 16-bit PNG) for each view.
@@ -658,7 +658,7 @@ class _Prior(Family):
         scale: File values times this give the stated units (0.001 for millimetres as integers). [> 0]
         units: After scaling: the normalised world's, the scene's own (then wire `frame`), or relative: right up to a scale and a shift of each map, as networks give it (for the depth loss, or prior.align).
         """
-    def depth_from_gaussians(self, name: str = "", *, gaussians: Wire[PlanarGaussians] | Node, views: Wire[Views] | Node, surface: Literal["middle", "blended"] | Parameter = "middle", incidence: float | Parameter = 80.0, agreeing: int | Parameter = 1, tolerance: float | Parameter = 0.01, outward: float | Parameter = 0.5, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> DepthsNode:
+    def depth_from_gaussians(self, name: str = "", *, gaussians: Wire[PlanarGaussians] | Node, views: Wire[Views] | Node, surface: Literal["middle", "blended"] | Parameter = "middle", incidence: float | Parameter = 80.0, agreeing: int | Parameter = 1, tolerance: float | Parameter = 0.01, outward: float | Parameter = 0.5, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> DepthsNode:
         """Depth maps of fitted Gaussians, without grazing planes and what neighbouring views contradict.
 
         surface: Plane of the Gaussian at which half of the light is gone, or all planes blended.
@@ -669,7 +669,7 @@ class _Prior(Family):
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
         """
-    def patch_match(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, side: int | Parameter = 640, sources: int | Parameter = 4, best: int | Parameter = 2, window: int | Parameter = 5, step: int | Parameter = 2, trials: int | Parameter = 2, min_score: float | Parameter = 0.4, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> DepthsNode:
+    def patch_match(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, side: int | Parameter = 640, sources: int | Parameter = 4, best: int | Parameter = 2, window: int | Parameter = 5, step: int | Parameter = 2, trials: int | Parameter = 2, min_score: float | Parameter = 0.4, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> DepthsNode:
         """Depth from the photographs alone, dense: planes that spread from pixel to pixel (PatchMatch stereo).
 
         side: Compare pictures whose longer side is at most this. [px, >= 32]
@@ -683,7 +683,7 @@ class _Prior(Family):
         tolerance: How far those may be off, as a share of the depth. [> 0, <= 1]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
-    def plane_sweep(self, name: str = "", *, views: Wire[Views] | Node, planes: int | Parameter = 128, neighbours: int | Parameter = 4, window: int | Parameter = 9, downscale: int | Parameter = 2, min_score: float | Parameter = 0.6, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> DepthsNode:
+    def plane_sweep(self, name: str = "", *, views: Wire[Views] | Node, planes: int | Parameter = 128, neighbours: int | Parameter = 4, window: int | Parameter = 9, downscale: int | Parameter = 2, min_score: float | Parameter = 0.6, agreeing: int | Parameter = 2, tolerance: float | Parameter = 0.01, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> DepthsNode:
         """Depth from the photographs alone: where windows of neighbouring views correlate best (plane sweep).
 
         planes: Depths tried for every pixel, over the unit sphere. [>= 8, <= 1024]
@@ -714,13 +714,13 @@ class _Regulariser(Family):
         strength: lambda of the paper; the filter reaches about its root, in edges. [>= 0]
         """
 class _Scene(Family):
-    def probe(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> NeedsDecisionsNode:
+    def probe(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> NeedsDecisionsNode:
         """Measure on a few coarse training views whether indirect light, a metallic map, finer maps or sky pay.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
 class _Stage1(Family):
-    def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, beyond_gloss: float | Parameter = 0.5, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> ViewsDecisionsNode:
+    def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, beyond_gloss: float | Parameter = 0.5, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> ViewsDecisionsNode:
         """The photographs as one exposure and white balance would have taken them, where theirs wander.
 
         exposure: Take exposure and white balance out of the views: where they wander, always, never.
@@ -728,14 +728,14 @@ class _Stage1(Family):
         beyond_gloss: auto: the same, as a share of how parts of one view differ by gloss and shadows. [>= 0]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """
-    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, appearance: Plug[Appearance] | Appearance | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", texture: Literal["views", "carrier", "grey"] | Parameter = "views", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Start Stage I: colour the carrier's atlas from the photographs, optimiser moments at zero.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
         texture: First texture: projected from the photographs, the carrier's own, or plain grey.
         """
-    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, appearance: Plug[Appearance] | Appearance | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, evidence: float | Parameter = 0.0, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, facing_weight: float | Parameter = 1.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, memory_gib: float | Parameter = 4.0, fill_unseen: bool | Parameter = True, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", share: float | Parameter = 0.0, seconds: float | Parameter = 0.0, vertex_units: Literal["edges", "world"] | Parameter = "edges", deviation_units: Literal["edges", "world"] | Parameter = "edges", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateHistoryNode:
+    def refine(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node, depths: Wire[DepthMaps] | Node | None = None, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, appearance: Plug[Appearance] | Appearance | Node | None = None, iterations: int | Parameter = 500, total_iterations: int | Parameter = 0, vertex_lr: float | Parameter = 0.08, vertex_decay: float | Parameter = 0.00625, evidence: float | Parameter = 0.0, texture_lr: float | Parameter = 0.02, texture_decay: float | Parameter = 0.05, ssim_weight: float | Parameter = 0.2, silhouette: Literal["l1", "bce"] | Parameter = "l1", silhouette_weight: float | Parameter = 5.0, coverage_weight: float | Parameter = 1.0, deviation_weight: float | Parameter = 0.0, facing_weight: float | Parameter = 1.0, depth_weight: float | Parameter = 0.01, gradient_decay: float | Parameter = 0.95, uv_gradient: bool | Parameter = True, gains: bool | Parameter = False, downscale: int | Parameter = 1, memory_gib: float | Parameter = 4.0, fill_unseen: bool | Parameter = True, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", share: float | Parameter = 0.0, seconds: float | Parameter = 0.0, vertex_units: Literal["edges", "world"] | Parameter = "edges", deviation_units: Literal["edges", "world"] | Parameter = "edges", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateHistoryNode:
         """Move vertices and texels against the photographs on a fixed topology.
 
         iterations: Iterations of this round, one view each. [>= 0]
@@ -766,7 +766,7 @@ class _Stage1(Family):
         deviation_units: Unit of the distances in L_b: mean edges of the round's mesh, or the world's (the paper).
         """
 class _Stage2(Family):
-    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> AssetHistoryNode:
+    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
         """Recover base colour, roughness and environment from the training views (paper, section 5).
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
@@ -796,7 +796,7 @@ class _Stage2(Family):
         exposure: Fit one gain per view, for photographs of varying exposure.
         memory_gib: Memory that the views' buffers may take; the rest are made anew. [GiB, >= 0]
         """
-    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, base_color: Literal["texture", "gray"] | Parameter = "texture", roughness: float | Parameter = 0.5, metallic: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> AssetNode:
+    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, base_color: Literal["texture", "gray"] | Parameter = "texture", roughness: float | Parameter = 0.5, metallic: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetNode:
         """Where stage2.fit starts: base colour from the Stage I texture or gray, the rest neutral, under white light.
 
         base_color: The Stage I texture, linearised (the paper), or mid-gray: better for short fits.
@@ -804,13 +804,13 @@ class _Stage2(Family):
         metallic: Metallic; above 0 only for fits with metallic: true. [>= 0, <= 1]
         """
 class _Transport(Family):
-    def bounce(self, name: str = "", *, light: Wire[Transport] | Node, needs: Wire[SceneNeeds] | Node | None = None, bounces: int | Literal["auto"] | Parameter = 1, secondary_material: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TransportNode:
+    def bounce(self, name: str = "", *, light: Wire[Transport] | Node, needs: Wire[SceneNeeds] | Node | None = None, bounces: int | Literal["auto"] | Parameter = 1, secondary_material: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TransportNode:
         """Build the interreflection operator from the secondary hits and switch it on.
 
         bounces: Diffuse interreflections to add; the paper has 1. 0 hands the direct light on. [>= 0, <= 16, or auto, by needs]
         secondary_material: Light from the mesh carries the maps of where it comes from; else the receiver's own (an ablation).
         """
-    def direct(self, name: str = "", *, mesh: Wire[Carrier] | Node, directions: int | Parameter = 128, points: int | Parameter = 12000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> TransportNode:
+    def direct(self, name: str = "", *, mesh: Wire[Carrier] | Node, directions: int | Parameter = 128, points: int | Parameter = 12000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TransportNode:
         """Trace the visibility and the secondary hits of the mesh along fixed directions.
 
         directions: Equal-area directions traced from every surface point. [>= 16, <= 8192]
@@ -830,7 +830,7 @@ class _Transport(Family):
         independent_gradient: Draw the gradient's samples by a seed of their own, or from the next kept ones: a fit with less bias.
         """
 class _Usd(Family):
-    def compose(self, name: str = "", *, light: Wire[EnvMap] | Node, first: Wire[UsdAsset] | Node, second: Wire[UsdAsset] | Node | None = None, third: Wire[UsdAsset] | Node | None = None, height: float | Parameter = 0.3, turn: tuple[float, ...] | list[float] | Parameter = ..., gap: float | Parameter = 0.15, table_color: tuple[float, ...] | list[float] | Parameter = ..., table_roughness: float | Parameter = 0.35, width: int | Parameter = 640, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> FilesNode:
+    def compose(self, name: str = "", *, light: Wire[EnvMap] | Node, first: Wire[UsdAsset] | Node, second: Wire[UsdAsset] | Node | None = None, third: Wire[UsdAsset] | Node | None = None, height: float | Parameter = 0.3, turn: tuple[float, ...] | list[float] | Parameter = ..., gap: float | Parameter = 0.15, table_color: tuple[float, ...] | list[float] | Parameter = ..., table_roughness: float | Parameter = 0.35, width: int | Parameter = 640, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilesNode:
         """Assets side by side on a table top under one light, as a USD scene that references them; with a camera.
 
         height: Every piece is scaled to this height. [m, > 0]
@@ -841,14 +841,14 @@ class _Usd(Family):
         width: Width of the camera's picture. [px, >= 16, <= 8192]
         """
 class _Uv(Family):
-    def maintain(self, name: str = "", *, state: Wire[Stage1State] | Node, dilation: float | Parameter = 8.0, max_flipped: float | Parameter = 0.01, max_stretch: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def maintain(self, name: str = "", *, state: Wire[Stage1State] | Node, dilation: float | Parameter = 8.0, max_flipped: float | Parameter = 0.01, max_stretch: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Check the atlas, drop unused UVs and spread the texture beyond its charts.
 
         dilation: How far colours are spread beyond charts. [texels, >= 0.0, <= 4096.0]
         max_flipped: Part of the faces folded over in the atlas before a warning. [>= 0.0, <= 1.0]
         max_stretch: Spread of texel sizes (95th over 5th percentile) before a warning. [>= 1.0]
         """
-    def regenerate(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def regenerate(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Make a new atlas and move texture and texture moments over, texel by texel.
 
         texture_size: Side of the new texture; 0: as fine as `views` show it, without views the old one's. [texels, >= 0, <= 8192]
@@ -856,7 +856,7 @@ class _Uv(Family):
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.
         bend: How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts. [> 0.0, < 1.0]
         """
-    def unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> CarrierNode:
+    def unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, bend: float | Parameter = 0.45, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> CarrierNode:
         """Unwrap a mesh into an atlas of nearly flat discs, laid out as rigidly as possible; give it a grey texture.
 
         texture_size: Side of the square texture; 0: as fine as `views` show it, 1.25 pixels, in multiples of 64. [texels, >= 0, <= 8192]
@@ -865,7 +865,7 @@ class _Uv(Family):
         cut_nonmanifold: Cut a non-manifold mesh open where it is, with a warning, instead of refusing it.
         bend: How far a chart may bend, 1 - |mean normal|^2: more, fewer and more stretched charts. [> 0.0, < 1.0]
         """
-    def xatlas_regen(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> StateNode:
+    def xatlas_regen(self, name: str = "", *, state: Wire[Stage1State] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 0, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> StateNode:
         """Make a new atlas with the charts of xatlas and move texture and texture moments over, texel by texel.
 
         texture_size: Side of the new texture; 0: as fine as `views` show it, without views the old one's. [texels, >= 0, <= 8192]
@@ -875,7 +875,7 @@ class _Uv(Family):
         chart_iterations: xatlas: rounds of chart growing. [>= 1, <= 8]
         max_seconds: When xatlas is not done by then, uv.unwrap's charts take its place, with a warning. [s, > 0.0]
         """
-    def xatlas_unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = []) -> CarrierNode:
+    def xatlas_unwrap(self, name: str = "", *, mesh: Wire[Mesh] | Node, views: Wire[Views] | Node | None = None, texture_size: int | Parameter = 1024, fill: float | Parameter = 0.5, padding: int | Parameter = 4, cut_nonmanifold: bool | Parameter = True, max_cost: float | Parameter = 2.0, chart_iterations: int | Parameter = 1, max_seconds: float | Parameter = 120.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> CarrierNode:
         """Unwrap a mesh into an atlas with the charts of xatlas (slow on large or rough meshes); give it a grey texture.
 
         texture_size: Side of the square texture; 0: as fine as `views` show it, 1.25 pixels, in multiples of 64. [texels, >= 0, <= 8192]

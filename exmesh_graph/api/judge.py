@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef
     from exmesh_graph.graph.declare.packs import Packs
 
-_OWN = ("type", "every", "at", "each", "doc", "seed")  # of a node's entry, what is neither port nor parameter
+_OWN = ("type", "every", "at", "each", "limits", "doc", "seed")  # of a node's entry, what is neither port nor parameter
 
 
 def judge(scope: NodeScope, name: str) -> Problems:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import exmesh_graph
-from exmesh_graph.graph.machine import machine_facts, user_and_host
 from exmesh_graph.report.collect import library_versions
+from exmesh_graph.resources import machine_facts, user_and_host
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.language.check import Checked

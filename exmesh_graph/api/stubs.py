@@ -82,7 +82,7 @@ def _method(definition: NodeDef, info: TypeInfo, results: dict[Any, str], used: 
         words[needed].append(f"{parameter.name}: {kind} | Parameter{default}")
     if known.component is None:
         words[False] += ["seed: int | Parameter = 0", "at: dict[int, Any] = {}", "every: dict[int, Any] = {}",
-                         "each: str | list[str] = []"]  # fmt: skip
+                         "each: str | list[str] = []", "limits: dict[str, Any] = {}"]  # fmt: skip
     taken = "name" in known.params.model_fields or "name" in known.inputs
     first = ["self", *(['node_name: str = ""', "/"] if taken else ['name: str = ""'])]
     given = ", ".join([*first, *(["*", *words[True], *words[False]] if any(words.values()) else [])])

@@ -36,6 +36,7 @@ class Bound:
     """A node ready to run: definition, signature, parameters, wires and components by input port, sources by name.
 
     `each` names inputs that are lists: the node stands for one node for each element, and gathers what they make.
+    `limits`: the seconds, ram_gb, disk_gb and retries that it may take.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Bound:
     where: Where
     components: Mapping[str, BoundComponent] = field(default_factory=dict)
     each: tuple[str, ...] = ()
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     def plugged(self) -> list[BoundComponent]:
         """All components plugged into it and into these."""
@@ -100,6 +102,7 @@ class Checked:
                 "inputs": {port: str(link) for port, link in bound.inputs.items()},
                 **({"components": {p: f"@{c.name}" for p, c in bound.components.items()}} if bound.components else {}),
                 **({"each": list(bound.each)} if bound.each else {}),
+                **({"limits": dict(bound.limits)} if bound.limits else {}),
             }
             for name, bound in {**self.nodes, **self.idle}.items()
         }
@@ -195,8 +198,8 @@ def _bound(node: NodeCheck, components: Mapping[str, BoundComponent]) -> Bound |
     elif model is not None:
         node.check_decided(model, plugs.values())
         wires = {port: link for port, link in node.links.items() if link.port}
-        files = node.sources(model)
-        return Bound(spec.name, node.definition, node.kind, model, wires, files, spec.seed, where, plugs, node.each)
+        fixed = spec.name, node.definition, node.kind, model, wires, node.sources(model), spec.seed, where, plugs
+        return Bound(*fixed, node.each, node.limits())
     return None
 
 

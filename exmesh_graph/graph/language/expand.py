@@ -28,6 +28,7 @@ class NodeSpec:
     seed: int
     seeded: Where | None = None
     each: Value | None = None
+    limits: tuple[Value, ...] = ()  # those of the graph, its own
 
 
 @dataclass(frozen=True)
@@ -217,13 +218,16 @@ class _Expansion:
             names = "name: {type: data.blender, ...}"
             self.problems.add("graph", entry.where, f"node {full} has no type", expected=names)
             return
-        seeded, each = fields.pop("seed", None), fields.pop("each", None)
+        seeded, each, own = (fields.pop(key, None) for key in ("seed", "each", "limits"))
+        shared = substitute(self.tree.limits, self.tree.params, self.tree.limits.where, self.problems)
         seed = scope.seed if seeded is None else self._seed_given(full, seeded)
         rounds = (*scope.outer, *scope.rounds)
         if rounds:
             text = ":".join(map(str, (seed, *rounds)))
             seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
-        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, seeded.where if seeded else None, each)
+        limits = (shared, own) if own else (shared,)
+        place = seeded.where if seeded else None
+        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, place, each, limits)
 
     def _written(self, full: str, entry: Map, scope: Scope) -> Written:
         """What an entry says in a round, and `--set` of it."""

@@ -17,9 +17,11 @@ from exmesh_graph.graph.declare.ports import RESERVED, Port, link_form, signatur
 from exmesh_graph.graph.language.links import Broken, Link
 from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.language.wires import Wiring
-from exmesh_graph.graph.language.yamlfile import every
+from exmesh_graph.graph.language.yamlfile import every, is_whole
 from exmesh_graph.graph.problems import Where, closest, nearest
 from exmesh_graph.params import Auto, Params
+
+LIMITS = ("seconds", "ram_gb", "disk_gb", "retries")
 
 
 class NodeCheck:
@@ -156,6 +158,20 @@ class NodeCheck:
         paths = self.kind.path_fields() & set(self.given)
         return model.model_copy(update={key: _absolute(getattr(model, key), self.given[key].base) for key in paths})
 
+    def limits(self) -> dict[str, float]:
+        """What the node may take: its own limits over those of the graph."""
+        limits: dict[str, float] = {}
+        for given in self.spec.limits:
+            table = given.value if isinstance(given.value, dict) else {"": given.value}
+            for name, most in table.items():
+                if name not in LIMITS or not (is_whole(most, 0) if name == "retries" else _is_positive(most)):
+                    what = f"limits: {name}: {most!r} is no limit" if name else f"limits: {most!r} are none"
+                    shown = "{seconds: 600, ram_gb: 8, disk_gb: 20, retries: 2}, any of them"
+                    self.add_problem("limits", given.where, what, nearest=closest(name, LIMITS), expected=shown)
+                else:
+                    limits[str(name)] = most
+        return limits
+
     def check_libraries(self) -> None:
         """Note the libraries that are not there."""
         for library in self.definition.libraries:
@@ -232,6 +248,10 @@ class NodeCheck:
             expected = f"{doc} [{unit}]".strip() if unit else doc
         where, shown = (self.spec.where, "") if given is None else (given.where, repr(given.value))
         self.add_problem("parameter", where, what, expected=expected, found=shown)
+
+
+def _is_positive(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
 
 
 def _absolute(value: Any, base: Path) -> Any:

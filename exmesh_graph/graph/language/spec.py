@@ -18,7 +18,7 @@ from exmesh_graph.graph.language.yamlfile import Map, every, is_whole, parse_yam
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest, fail, nearest
 
 VARIANT_KEYS = ("variants", "matrix", "repeats")  # read by the room `variants`
-TOP_KEYS = ("name", "doc", "extends", "params", "seed", "run", "inputs", "nodes", "outputs", *VARIANT_KEYS)
+TOP_KEYS = ("name", "doc", "extends", "params", "seed", "run", "limits", "inputs", "nodes", "outputs", *VARIANT_KEYS)
 BLOCK_KEYS = ("repeat", "carry", "nodes", "next", "doc")
 MAX_SIZE = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*\Z")
@@ -51,7 +51,7 @@ class Override:
 
 @dataclass
 class Tree:
-    """A merged graph file before expansion. `run_all`: also nodes that nothing needs run."""
+    """A merged graph file before expansion. `run_all`: also nodes that nothing needs run; `limits`: of each node."""
 
     name: str
     file: Path
@@ -63,6 +63,7 @@ class Tree:
     inputs: Map = field(default_factory=lambda: Map(Where(None)))
     declared: Mapping[str, Declared] = field(default_factory=dict)
     run_all: bool = False
+    limits: Map = field(default_factory=lambda: Map(Where(None)))
 
 
 def load_tree(path: Path, overrides: Iterable[str], problems: Problems) -> Tree:
@@ -118,7 +119,8 @@ def tree_of(
         else:
             values[key] = replace(values[key], value=param.judge(values[key].value, values[key].where, problems))
     inputs = mapping_in(merged, "inputs", problems)
-    return Tree(name, path, nodes, outputs, seed, values, sets, inputs, declared, run == "all")
+    limits = mapping_in(merged, "limits", problems)
+    return Tree(name, path, nodes, outputs, seed, values, sets, inputs, declared, run == "all", limits)
 
 
 def substitute(value: Any, scope: Mapping[str, Value], where: Where, problems: Problems) -> Value:

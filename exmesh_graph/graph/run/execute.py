@@ -17,14 +17,13 @@ from exmesh_graph.graph.cache.keys import NOTHING, Stored, listed
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.ports import Port, artifact_types, base_name
 from exmesh_graph.graph.language.check import Bound
-from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.problems import in_short
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.hermetic import apart
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
 from exmesh_graph.graph.run.lists import arguments
 from exmesh_graph.graph.run.memory import Memory, losses, mark_of
-from exmesh_graph.resources import peak_memory, reset_peak_memory
+from exmesh_graph.resources import machine_facts, peak_memory, reset_peak_memory
 from exmesh_graph.types import Artifact
 
 _LARGE = 256 * 2**20  # bytes

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.errors import ExmeshError, GraphError
+from exmesh_graph.errors import ExmeshError, GraphError, may_pass
 from exmesh_graph.graph.cache.keys import ABSENT, Stored, key_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.components import rebuild, validated_again
@@ -36,8 +36,8 @@ class Job:
     inputs: {port: [type, digest]}; components: {port: BoundComponent.describe()};
     wires: {port: "node.port"} for messages; promised: facets that need no measuring;
     threads and devices: CPU threads and GPU numbers granted; log: the file for what the node prints;
-    checkpoint_every: seconds, 0 for each step; packs: the session's, for a process that has none yet (none: the
-    installed ones).
+    checkpoint_every: seconds, 0 for each step; limits: those of the node; packs: the session's, for a process that has
+    none yet (none: the installed ones).
     """
 
     name: str
@@ -59,6 +59,7 @@ class Job:
     log: str = ""
     checkpoint_every: float = 30.0
     packs: tuple[str, ...] = ()
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -108,7 +109,7 @@ def job_of(
         sources={name: str(path) for name, path in bound.sources.items()},
         preimage=preimage, graph=graph.name, store=str(store.root),
         where=(None if file is None else str(file), bound.where.line),
-        components={port: plug.describe() for port, plug in bound.components.items()},
+        components={port: plug.describe() for port, plug in bound.components.items()}, limits=bound.limits,
         **more,
     )  # fmt: skip
 
@@ -128,9 +129,9 @@ def rekeyed(job: Job, store: Store) -> Job:
 class Outcome:
     """How a job ended.
 
-    done: `outputs` are those of the record, `info` its FIGURES. failed: `info` holds error, what, message, at and
-    traceback; `cause` is the error where it happened in this process. broken: the input info["port"] cannot be read
-    from the store (info["note"]). stopped: interrupted; what it had check-pointed is kept.
+    done: `outputs` are those of the record, `info` its FIGURES. failed: `info` holds error, what, message, at,
+    traceback, and whether its cause `passes`; `cause` is the error where it happened in this process. broken: the input
+    info["port"] cannot be read from the store (info["note"]). stopped: interrupted; what it had check-pointed is kept.
     """
 
     name: str
@@ -159,5 +160,6 @@ def failure(name: str, error: BaseException) -> Outcome:
         "message": text,
         "at": "" if own else f"{frames[-1].filename}:{frames[-1].lineno} in {frames[-1].name}",
         "traceback": "".join(traceback.format_exception(error)),
+        "passes": may_pass(error),
     }
     return Outcome(name, FAILED, info=info, cause=error)

@@ -23,8 +23,8 @@ from exmesh_graph.graph.cache.keys import NOTHING, Stored, elements
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.files import copy_files, is_locked, writing
 from exmesh_graph.graph.language.check import OWN_FOLDERS, Bound, Checked
-from exmesh_graph.graph.machine import machine_facts
 from exmesh_graph.graph.run.job import Job, Outcome
+from exmesh_graph.resources import machine_facts
 from exmesh_graph.types import Files
 
 OWN_FILES = (*OWN_FOLDERS, "run.json", "graph.yaml", "events.jsonl", "failure.json", "report.json", "report.html")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 import contextlib
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -27,6 +28,7 @@ from exmesh_graph.graph.run.rundir import BLOCKED, HIT, INTERRUPTED, RUNNING, WA
 from exmesh_graph.graph.run.schedule import Dataflow, KeyLeases, Pool, remaining_seconds
 
 _ASK = 0.3  # seconds between looks at a result that another process computes
+_LONGEST = 60.0  # seconds before a node is tried again
 _GRACE = {True: 60.0, False: 3.0}  # seconds to stop in, for nodes that are resumable and for others
 
 
@@ -76,6 +78,8 @@ class Runner:
         self.running: dict[str, tuple[Job, float]] = {}
         self.leases = KeyLeases(store.root, lambda n, text: self.log.emit("log", node=n, message=text))
         self.remade: set[str] = set()
+        self.tries: Counter[str] = Counter()  # of nodes that failed for causes that may pass
+        self.later: dict[str, float] = {}  # {node: when it is tried again}, by the monotonic clock
         self.stopping = False
         self.failures: list[Mapping[str, Any]] = []
         self.cause: BaseException | None = None
@@ -139,9 +143,10 @@ class Runner:
             self._dispatch()
             if self.flow.ready and self._going():
                 continue
-            if not self.running and not (self.leases.elsewhere and self._going()):
+            waiting = bool(self.leases.elsewhere or self.later)
+            if not self.running and not (waiting and self._going()):
                 return
-            self._poll(_ASK if self.leases.elsewhere else 1.0)
+            self._poll(_ASK if waiting else 1.0)
 
     def _poll(self, timeout: float) -> None:
         """Take what ended. A job of a script or a notebook runs in here."""
@@ -246,7 +251,7 @@ class Runner:
                 return
             name = self.flow.names[entry[1]]
             key, preimage = self.rows[name]["key"], self.planned[name]
-            if key in keys:
+            if key in keys or self.later.get(name, 0.0) > time.monotonic():
                 continue
             try:
                 wanted = self.pool.wanted(self.nodes[name])
@@ -258,6 +263,7 @@ class Runner:
                 self._fail(name, failure(name, error), None)
                 continue
             self.queue.remove(entry)
+            self.later.pop(name, None)
             if action is not None:  # made meanwhile by a twin
                 self.leases.give_back(name)
                 self._settle(name, HIT, action.outputs, action.info, 0.0)
@@ -279,7 +285,11 @@ class Runner:
         self.running[name] = job, time.perf_counter()
         self.log.emit("node_started", node=name)
         self.log.save()
-        (self.here if job.is_of_main() else self.backend).submit(job)
+        place = self.here if job.is_of_main() else self.backend
+        if place is self.here and job.limits.keys() - {"retries"}:
+            why = "its limits are not kept: it runs in the process of the run, which would end with it"
+            self.log.emit("warning", node=name, message=why)
+        place.submit(job)
         self._divide_cores()
 
     def _divide_cores(self) -> None:
@@ -296,6 +306,8 @@ class Runner:
         self.pool.give_back(name)
         self._divide_cores()
         self.leases.give_back(name)
+        if outcome.state == FAILED:
+            self.store.sweep()  # a process that was killed leaves its work folder
         if outcome.state == DONE:
             self.store.share(self.rows[name]["key"])
             self._settle(name, DONE, outcome.outputs, outcome.info, time.perf_counter() - started)
@@ -306,8 +318,20 @@ class Runner:
             self._fail(name, failure(name, ExmeshError(what, fix="run it again")), job, time.perf_counter() - started)
         elif outcome.state == BROKEN:
             self._make_again(name, outcome)
+        elif outcome.info.get("passes") and self.tries[name] < job.limits.get("retries", 0):
+            self._try_again(name, outcome, job.limits["retries"])
         else:
             self._fail(name, outcome, job, time.perf_counter() - started)
+
+    def _try_again(self, name: str, outcome: Outcome, most: float) -> None:
+        """A failure whose cause may pass: queue the node for a while later, each time twice as long."""
+        wait = min(_LONGEST, 2.0 ** self.tries[name])
+        self.tries[name] += 1
+        self.rows[name]["state"] = WAITING
+        self.later[name] = time.monotonic() + wait
+        bisect.insort(self.queue, (-self.remaining[name], self.flow.rank[name]))
+        again = f"tried again in {wait:g} s ({self.tries[name]} of {most:g}): {outcome.info['message']}"
+        self.log.emit("warning", node=name, message=again)
 
     def _settle(
         self, name: str, state: str, outputs: Mapping[str, Stored], info: Mapping[str, Any], spent: float

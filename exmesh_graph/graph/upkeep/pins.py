@@ -15,7 +15,7 @@ from typing import Any
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.machine import user_and_host
+from exmesh_graph.resources import user_and_host
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import selectors
 import signal
@@ -20,9 +21,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.errors import LimitError
+from exmesh_graph.graph import files
 from exmesh_graph.graph.run.backends import Backend
-from exmesh_graph.graph.run.job import FAILED, Emit, Job, Outcome
-from exmesh_graph.resources import machine_tokens
+from exmesh_graph.graph.run.job import FAILED, Emit, Job, Outcome, failure
+from exmesh_graph.resources import confine, machine_tokens, memory_of, was_overdrawn
 
 _START = "import sys; sys.path[:] = {path!r}; from exmesh_graph.graph.run.backends.worker import main; main({budget})"
 _WAITING = {"OMP_WAIT_POLICY": "passive"}  # threads that spin at barriers starve one another beside other processes
@@ -49,7 +52,7 @@ class Local(Backend):
     def submit(self, job: Job) -> None:
         idle = [w for w in self.workers if w.job is None]
         fitting = [w for w in idle if w.devices == job.devices]
-        if fitting:
+        if fitting and "ram_gb" not in job.limits:  # what others left in memory is not this node's
             digests = {digest for _, digest in job.inputs.values()}
             worker = max(fitting, key=lambda w: sum(self.sizes.get(d, 1) for d in digests & w.holds))
         else:
@@ -58,7 +61,7 @@ class Local(Backend):
             worker = _Worker(job, self.budget)
             self.workers.append(worker)
             self.selector.register(worker.output, selectors.EVENT_READ, worker)
-        worker.job = job
+        worker.job, worker.began = job, time.monotonic()
         worker.send(job=job.to_json())
 
     def grant(self, name: str, cores: int) -> None:
@@ -83,6 +86,11 @@ class Local(Backend):
                     if worker.job is not None:
                         done.append(worker.obituary(worker.job))
                     self._drop(worker)
+            for worker in [w for w in self.workers if w.job is not None and w.job.limits]:
+                assert worker.job is not None
+                if error := worker.beyond(worker.job):
+                    done.append(failure(worker.job.name, error))
+                    self._drop(worker, kill=True)
             if time.monotonic() >= end:
                 break
         return done
@@ -93,6 +101,10 @@ class Local(Backend):
         for stored in outcome.outputs.values():
             worker.holds.add(stored.digest)
             self.sizes[stored.digest] = stored.bytes
+        if worker.job is not None and "ram_gb" in worker.job.limits:
+            if outcome.state == FAILED and (error := worker.overdrawn(worker.job)):  # a process below it was ended
+                outcome = failure(outcome.name, error)
+            self._drop(worker)
         worker.job = None
         return outcome
 
@@ -133,6 +145,7 @@ class _Worker:
         self.holds: set[str] = set()
         self.gone: set[str] = set()
         self.closed = False
+        self.began = 0.0
         self._rest = b""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (what it prints outside of nodes; closed in `end`)
         environment = {**_WAITING, **os.environ}
@@ -148,6 +161,8 @@ class _Worker:
         assert self.process.stdout is not None
         self.output = self.process.stdout
         os.set_blocking(self.output.fileno(), False)
+        most = job.limits.get("ram_gb")
+        self.group = None if most is None else confine(self.process.pid, int(most * 1e9))
 
     def send(self, **message: Any) -> None:
         """A message, and what it need not keep; nothing where there is neither."""
@@ -173,9 +188,32 @@ class _Worker:
                 messages.append(json.loads(line))
         return messages
 
+    def beyond(self, job: Job) -> LimitError | None:
+        """The limit that a job is past, if any: seconds since it was handed over, memory of all its processes, disk."""
+        taken, home, pid = {"seconds": time.monotonic() - self.began}, Path(job.store, "work"), self.process.pid
+        if "ram_gb" in job.limits:
+            taken["ram_gb"] = memory_of(pid) / 1e9
+        if "disk_gb" in job.limits:
+            with contextlib.suppress(FileNotFoundError):  # removed while it is measured
+                taken["disk_gb"] = sum(map(files.allocated, home.glob(f"{pid}-*"))) / 1e9
+        past = [(name, took) for name, took in taken.items() if took > job.limits.get(name, math.inf)]
+        return self._past(job, *past[0]) if past else None
+
+    def overdrawn(self, job: Job) -> LimitError | None:
+        """The limit of memory, where the kernel ended one of the job's processes for it."""
+        killed = self.group is not None and was_overdrawn(self.group)
+        return self._past(job, "ram_gb", job.limits["ram_gb"]) if killed else None
+
+    def _past(self, job: Job, name: str, took: float) -> LimitError:
+        most, place = job.limits[name], ":".join(map(str, job.where)) if job.where[0] else job.name
+        fix = f"give it more, limits: {{{name}: {2 * most:g}}}, or less to do; one that keeps checkpoints goes on there"
+        return LimitError(f"{job.name} took {took:.3g} {name}, past its limit of {most:g}", where=place, fix=fix)
+
     def obituary(self, job: Job) -> Outcome:
         """The outcome of a job whose process died under it."""
         code = self.process.wait()
+        if error := self.overdrawn(job):
+            return failure(job.name, error)
         if code < 0:
             name = signal.Signals(-code).name
             hint = {"SIGKILL": ", most often for want of memory", "SIGSEGV": ", a fault in a native library"}
@@ -189,7 +227,8 @@ class _Worker:
         own = next((number for number, line in enumerate(lines) if _OWN_FRAME in line), len(lines))
         shown = lines[max(0, own - _TAIL) : own]
         message = "\n".join([what, *(f"  | {line}" for line in shown)])
-        info = {"error": "ProcessDied", "what": what, "message": message, "at": "", "traceback": "\n".join(lines)}
+        info = {"error": "ProcessDied", "what": what, "message": message, "at": "", "traceback": "\n".join(lines),
+                "passes": code == -signal.SIGKILL}  # fmt: skip
         return Outcome(job.name, FAILED, info=info)
 
     def _tail(self, path: Path) -> list[str]:
@@ -210,5 +249,8 @@ class _Worker:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        if self.group is not None:
+            with contextlib.suppress(OSError):
+                self.group.rmdir()
         self.output.close()
         self._errors.close()

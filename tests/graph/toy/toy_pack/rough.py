@@ -6,16 +6,18 @@ import decimal
 import io
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 import time
 import warnings
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from threadpoolctl import threadpool_info
 
-from exmesh_graph.errors import DataError
+from exmesh_graph.errors import DataError, PassingError
 from exmesh_graph.graph import Context, Params, node, param
 from exmesh_graph.resources import usable_cores
 from exmesh_graph.types import Metrics
@@ -259,3 +261,44 @@ def found(ctx: Context, number: Number, *, p: NoParams) -> MetricsOut:
         "printed": str(np.array([1 / 3])), "call": repr(np.geterrcall()), "third": str(decimal.Decimal(1) / 3),
         "depth": sys.getrecursionlimit(), "filters": len(warnings.filters), "stdout": type(sys.stdout).__name__,
     }))  # fmt: skip
+
+
+class GreedyParams(Params):
+    seconds: float = param(0.0, ge=0, doc="How long to sleep.")
+    megabytes: int = param(0, ge=0, doc="Memory to fill.")
+    by_child: bool = param(False, doc="A process of its own fills it.")
+    disk: int = param(0, ge=0, doc="Megabytes to write.")
+
+
+@node("toy.greedy", version="1")
+def greedy(ctx: Context, number: Number, *, p: GreedyParams) -> NumberOut:
+    """The number, after it took what it was told to take."""
+    filled = f"import time; held = bytearray({p.megabytes} << 20); time.sleep({p.seconds})"
+    if p.by_child:
+        subprocess.run([sys.executable, "-c", filled], check=True)
+    else:
+        held = bytearray(p.megabytes << 20)
+        (ctx.scratch / "large").write_bytes(bytes(p.disk << 20))
+        time.sleep(p.seconds)
+        del held
+    return NumberOut(number)
+
+
+class FlakyParams(Params):
+    folder: str = param(doc="Where it counts its attempts.")
+    until: int = param(2, ge=0, doc="The attempt that goes through.")
+    how: Literal["network", "own", "fault", "kill"] = param("network", doc="How the others fail.")
+
+
+@node("toy.flaky", version="1")
+def flaky(ctx: Context, number: Number, *, p: FlakyParams) -> NumberOut:
+    """The number, at the attempt `until`."""
+    place = Path(p.folder) / f"{time.monotonic_ns()}"
+    place.touch()
+    if len(list(Path(p.folder).iterdir())) < p.until:
+        if p.how == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if p.how == "network":
+            raise RuntimeError("no luck") from ConnectionResetError("the other end is gone")
+        raise PassingError("busy") if p.how == "own" else ValueError("always so")
+    return NumberOut(number)
