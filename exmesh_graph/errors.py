@@ -90,7 +90,8 @@ _PASSING = (PassingError, MemoryError, ConnectionError, TimeoutError, BlockingIO
             subprocess.TimeoutExpired)  # fmt: skip
 _PASSING_NUMBERS = {
     errno.EAGAIN, errno.EBUSY, errno.EDQUOT, errno.EHOSTDOWN, errno.EHOSTUNREACH, errno.EIO, errno.EMFILE,
-    errno.ENETDOWN, errno.ENETRESET, errno.ENETUNREACH, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM, errno.ENOSPC, errno.ESTALE,
+    errno.ENETDOWN, errno.ENETRESET, errno.ENETUNREACH, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM, errno.ENOSPC,
+    errno.ESTALE,
 }  # fmt: skip
 
 
