@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 import torch
 
-from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.cores import scratch, split
 from exmesh_graph.gpu.warp_runtime import warp
 
 EPSILON = 1e-15
 """Far below any gradient of a mean over an image; it only keeps 0 / 0 from happening."""
 
-SECOND = 0.99
-"""Decay of the second moment, unless told otherwise."""
+FIRST, SECOND = 0.9, 0.99
+"""Decay of the moments, unless told otherwise."""
 
 
 class Bounds(NamedTuple):
@@ -43,12 +43,13 @@ def adam_step(
     step: int,
     rate: float,
     *,
-    betas: tuple[float, float] = (0.9, SECOND),
+    betas: tuple[float, float] = (FIRST, SECOND),
     epsilon: float = EPSILON,
     uniform: bool = False,
     torch_rounding: bool = False,
     bounds: Bounds | None = None,
-) -> None:
+    check: bool = False,
+) -> bool:
     """Move `values` one step of bias-corrected Adam, and update both moments: in place.
 
     values, gradient, first   of one shape
@@ -60,11 +61,12 @@ def adam_step(
     uniform   every row is divided by the largest of the second moments (AdamUniform of "Large Steps")
     torch_rounding  sqrt(v) / sqrt(1 - b2^t), as torch.optim.Adam rounds it, in place of sqrt(v / (1 - b2^t))
     bounds    see `Bounds`
+    check     whether to look at the gradient: returns False if a value of it is not finite (the step is taken), else
+              True
     """
     tensors = (values, gradient, first, second)
     if second.ndim == values.ndim and not uniform and values.numel() >= _MANY and all(_plain(t) for t in tensors):
-        _fused(*tensors, step, rate, betas, epsilon, torch_rounding, bounds)
-        return
+        return _fused(*tensors, step, rate, betas, epsilon, torch_rounding, bounds)
     b1, b2 = betas
     if bounds is not None:
         bounds.touched.logical_or_((gradient.abs() > bounds.threshold).any(dim=-1))
@@ -82,6 +84,7 @@ def adam_step(
     values.addcdiv_(first, scale, value=-rate / (1 - b1**step))
     if bounds is not None:
         values.clamp_(0, 1)
+    return not check or bool(torch.isfinite(gradient.sum()))
 
 
 def _plain(tensor: torch.Tensor) -> bool:
@@ -100,18 +103,21 @@ def _fused(
     epsilon: float,
     torch_rounding: bool,
     bounds: Bounds | None,
-) -> None:
+) -> bool:
     k, count = _kernels(), values.numel()
     b1, b2 = betas
     bias = 1 - b2**step
     bias = bias**0.5 if torch_rounding else bias
     touched, threshold = bounds if bounds is not None else (_NOTHING, 0.0)
     row = values.shape[-1] if bounds is not None else 1
+    blocks = -(-count // int(k.BLOCK))
+    faults = scratch("adam faults", blocks, torch.uint8)[:blocks]
     split(
-        k.adam_blocks, -(-count // int(k.BLOCK)), count, 1 - b1, b2, 1 - b2, bias, int(torch_rounding), epsilon,
+        k.adam_blocks, blocks, count, 1 - b1, b2, 1 - b2, bias, int(torch_rounding), epsilon,
         -rate / (1 - b1**step), int(bounds is not None), row, threshold, values.detach(), gradient, first, second,
-        touched, grain=16,
+        touched, faults, grain=16,
     )  # fmt: skip
+    return not bool(faults.any())
 
 
 @cache

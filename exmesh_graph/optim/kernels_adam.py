@@ -22,6 +22,7 @@ _SNIPPET = (
     const long begin = (long)block * block_size;
     const long end = begin + block_size < count ? begin + block_size : count;
     const vf zero = 0.f, one = 1.f;
+    vf apart = 0.f;                                               // not a number once a gradient is not finite
     for (long i = begin; i < end; i += LANES) {
         const int n = end - i < LANES ? (int)(end - i) : LANES;
         vf x = 0.f, g = 0.f, m = 0.f, v = 0.f;
@@ -32,6 +33,7 @@ _SNIPPET = (
                 g[k] = gradient.data[i + k]; m[k] = first_moment.data[i + k]; v[k] = second_moment.data[i + k];
             }
         }
+        apart += g - g;
         if (!__builtin_reduce_or((g != zero) | (m != zero) | (v != zero))) continue;
         if (n == LANES) x = LOAD(values.data + i);
         else for (int k = 0; k < n; ++k) x[k] = values.data[i + k];
@@ -61,6 +63,7 @@ _SNIPPET = (
             }
         }
     }
+    faults.data[block] = __builtin_reduce_or(apart != zero);
 """
 )
 
@@ -85,6 +88,7 @@ def _step(
     first_moment: wp.array(dtype=float),
     second_moment: wp.array(dtype=float),
     touched: wp.array(dtype=wp.bool),
+    faults: wp.array(dtype=wp.uint8),
 ): ...
 
 
@@ -107,13 +111,14 @@ def adam_blocks(
     first_moment: wp.array(dtype=float),
     second_moment: wp.array(dtype=float),
     touched: wp.array(dtype=wp.bool),
+    faults: wp.array(dtype=wp.uint8),
 ):
     """Block `first + tid`: m += (1 - b1)(g - m), v = b2 v + (1 - b2) g^2, x += length m / (s + epsilon).
 
     s is sqrt(v / bias), or with `torch_rounding` sqrt(v) / bias. Where `bounded`, x is held in [0, 1] and rows of `row`
-    values with a |g| above the threshold are marked.
+    values with a |g| above the threshold are marked. `faults` is 1 where a g is not finite.
     """
     _step(
         first + wp.tid(), BLOCK, count, from_gradient, b2, from_square, bias, torch_rounding, epsilon, length, bounded,
-        row, threshold, values, gradient, first_moment, second_moment, touched,
+        row, threshold, values, gradient, first_moment, second_moment, touched, faults,
     )  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 import torch
 
 from exmesh_graph.raster import Fragments
+from exmesh_graph.stage1.vertices import any_turned, serves
 
 
 def behind(
@@ -17,14 +18,20 @@ def behind(
     projected: torch.Tensor,
     fragments: Fragments,
     intrinsics: torch.Tensor,
+    shown: torch.Tensor | None = None,
 ) -> torch.Tensor | None:
     """Share of a view's pixels that show a face from behind, differentiable in the vertices; None where none does.
 
-    vertices [V, 3], faces int64 [F, 3] of a closed surface, projected [V, 3] (`raster.project`), intrinsics [3, 3]
+    vertices [V, 3], faces int32 [F, 3] of a closed surface, projected [V, 3] (`raster.project`), intrinsics [3, 3];
+    shown uint8 [F], which faces the fragments have, where that is known: mostly none of them is seen from behind, which
+    one pass over them tells.
     Every such pixel would be put right by some move of its face along the face's own normal, away from the camera,
     that no picture shows. The gradient takes this move to be the width of a pixel there: it is the share's if each
     pixel's say fell linearly to 0 over one width, so it compares with that of an outline against a unit contrast.
     """
+    if shown is not None and serves(projected) and not any_turned(projected, faces, shown):
+        return None
+    faces = faces.long()
     face_id = fragments.face_id.view(-1)
     pixels = torch.bincount(face_id[face_id >= 0])
     seen = torch.nonzero(pixels)[:, 0]

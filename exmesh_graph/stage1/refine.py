@@ -19,6 +19,7 @@ from exmesh_graph.stage1.render import draw, painter_of, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.smoothness import Bilaplacian
 from exmesh_graph.stage1.terms import Terms
+from exmesh_graph.stage1.vertices import serves, step
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Mesh, Stage1State, Views
 
@@ -192,38 +193,44 @@ class _Loop:
             bad = [name for name, term in terms.items() if not math.isfinite(float(term.detach()))]
             raise self.broken(iteration, view, f"the loss (term {', '.join(bad)}) is not finite")
         vertex_grad, *value_grads = torch.autograd.grad(loss, (surface.vertices, *self.appearance.leaves()))
-        norm = vertex_grad.norm(dim=1)
-        if not math.isfinite(float(norm.sum() + sum(gradient.sum() for gradient in value_grads))):
-            raise self.broken(iteration, view, "a gradient is not finite")
-
-        # paper eq. 1
-        self.gradient_ema.lerp_(norm, 1 - settings.gradient_decay)
         total = settings.total_iterations or (self.state.iteration + settings.iterations)
-        self.move(vertex_grad, k, decayed(settings.vertex_lr, settings.vertex_decay, iteration, total) * self.mean_edge)
+        rate = decayed(settings.vertex_lr, settings.vertex_decay, iteration, total) * self.mean_edge
+        finite = math.isfinite(self.move(vertex_grad, k, rate))
         rate = decayed(settings.texture_lr, settings.texture_decay, iteration, total)
-        self.appearance.step(value_grads, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
+        finite &= self.appearance.step(value_grads, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
+        if not finite:  # the state is lost; what was stored of it is not
+            raise self.broken(iteration, view, "a gradient is not finite")
         self.terms.follow(surface.vertices)
         return value, error
 
-    def move(self, gradient: torch.Tensor, k: int, rate: float) -> None:
-        """Step the vertices, through the smoothness's filter where it has one."""
+    def move(self, gradient: torch.Tensor, k: int, rate: float) -> float:
+        """Step the vertices, through the smoothness's filter where it has one, and follow the size of their gradients.
+
+        Returns the sum of these sizes, which is not finite if a gradient is not.
+
+        Equation: 1.
+        """
         prepared = self.terms.smoothness or PreparedSmoothness(None)
-        smooth = prepared.filter
+        smooth, decay = prepared.filter, self.settings.gradient_decay
         count = self.state.vertex_steps + k + 1
-        if smooth is None:
-            adam_step(
-                self.surface.vertices, gradient * self.per_area, self.vertex_m, self.vertex_v, count, rate,
+        vertices, moments = self.surface.vertices, (self.vertex_m, self.vertex_v)
+        if smooth is None and serves(vertices):
+            return step(
+                vertices, gradient, self.per_area, self.gradient_ema, moments, count, rate, decay=decay,
                 epsilon=self.silent(count),
             )  # fmt: skip
-            return
+        norm = gradient.norm(dim=1)
+        self.gradient_ema.lerp_(norm, 1 - decay)
+        if smooth is None:
+            adam_step(vertices, gradient * self.per_area, *moments, count, rate, epsilon=self.silent(count))
+            return float(norm.sum())
         with torch.no_grad():
-            step = torch.zeros_like(gradient)
+            moved = torch.zeros_like(gradient)
             # one factor for all vertices keeps a symmetric filter's steps downhill
             per_area = self.per_area.reciprocal().mean().reciprocal() if prepared.uniform else self.per_area
-            adam_step(
-                step, smooth(gradient * per_area), self.vertex_m, self.vertex_v, count, rate, uniform=prepared.uniform
-            )
-            self.surface.vertices.add_(smooth(step))
+            adam_step(moved, smooth(gradient * per_area), *moments, count, rate, uniform=prepared.uniform)
+            vertices.add_(smooth(moved))
+        return float(norm.sum())
 
     def silent(self, count: int) -> float:
         """The gradient (per unit of area) below which steps shorten: a share of the vertices' median, by their moments.

@@ -17,6 +17,8 @@ from typing import Literal, NamedTuple, Protocol
 
 import torch
 
+from exmesh_graph.stage1.vertices import Neighbours, neighbours, serves, unevenness
+
 Kind = Literal["laplacian", "bilaplacian"]
 REFERENCE_DECAY = 0.99
 
@@ -52,12 +54,14 @@ def weighted(kind: Kind, weight: float, vertices: torch.Tensor, edges: torch.Ten
 
 
 class Smoother(NamedTuple):
-    """What the regularisers need of a topology: sparse U and its transpose, the edges, l."""
+    """What the regularisers need of a topology: sparse U and its transpose, the edges, l, and on a CPU each vertex's
+    neighbours."""
 
     laplacian: torch.Tensor
     transposed: torch.Tensor
     edges: torch.Tensor
     mean_edge: float
+    neighbours: Neighbours | None = None
 
 
 def smoother(vertices: torch.Tensor, edges: torch.Tensor) -> Smoother:
@@ -73,7 +77,8 @@ def smoother(vertices: torch.Tensor, edges: torch.Tensor) -> Smoother:
     size = (count, count)
     forward = torch.sparse_coo_tensor(index, values, size, check_invariants=True).coalesce()
     backward = torch.sparse_coo_tensor(index.flip(0), values, size, check_invariants=True).coalesce()
-    return Smoother(_csr(forward), _csr(backward), edges, length)
+    beside = neighbours(count, edges) if serves(vertices) else None
+    return Smoother(_csr(forward), _csr(backward), edges, length, beside)
 
 
 def mean_edge(vertices: torch.Tensor, edges: torch.Tensor) -> float:
@@ -85,10 +90,13 @@ def mean_edge(vertices: torch.Tensor, edges: torch.Tensor) -> float:
 
 def smoothness(vertices: torch.Tensor, of: Smoother, kind: Kind) -> torch.Tensor:
     """L_s, a scalar; 0 on a plane of even vertices away from its boundary."""
+    scale = 1 / (max(len(vertices), 1) * of.mean_edge**2)
+    if of.neighbours is not None and serves(vertices):
+        return unevenness(vertices, of.neighbours, 2 if kind == "bilaplacian" else 1, scale)
     difference = _Multiply.apply(vertices, of.laplacian, of.transposed)
     if kind == "bilaplacian":
         difference = _Multiply.apply(difference, of.laplacian, of.transposed)
-    return difference.square().sum() / (max(len(vertices), 1) * of.mean_edge**2)
+    return difference.square().sum() * scale
 
 
 def deviation(vertices: torch.Tensor, reference: torch.Tensor, of: Smoother) -> torch.Tensor:

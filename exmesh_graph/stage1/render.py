@@ -25,12 +25,14 @@ from exmesh_graph.types import Carrier, Views
 
 
 class Picture(NamedTuple):
-    """colour [H, W, 3], display-referred over black;  alpha [H, W];  projected [V, 3];  fragments."""
+    """colour [H, W, 3], display-referred over black;  alpha [H, W];  projected [V, 3];  fragments;  shown uint8 [F], 1
+    where a pixel shows the face, or None where that was not looked at."""
 
     colour: torch.Tensor
     alpha: torch.Tensor
     projected: torch.Tensor
     fragments: Fragments
+    shown: torch.Tensor | None = None
 
 
 def surface_of(carrier: Carrier, device: torch.device | str = "cpu") -> Surface:
@@ -90,7 +92,7 @@ def draw(
         colour, alpha, fragments = painter.paint(
             projected, values, tints, extent=surface.extent, uv_gradient=uv_gradient
         )
-        return Picture(colour, alpha, projected, fragments)
+        return Picture(colour, alpha, projected, fragments, painter.cover.shown)
     fragments = rasterize_projected(projected, surface.faces, height, width)
     if uv_gradient:
         colour = shaded(surface, projected, fragments.face_id, tints)

@@ -10,8 +10,17 @@ from exmesh_graph.gpu.warp_runtime import warp
 
 @cache
 def kernels() -> Any:
-    """The module of Warp kernels, imported after `warp()` has been configured."""
+    """The module of Warp kernels of images, imported after `warp()` has been configured."""
     warp()
     from exmesh_graph.stage1 import kernels_terms
 
     return kernels_terms
+
+
+@cache
+def vertex_kernels() -> Any:
+    """The module of Warp kernels of vertices and faces."""
+    warp()
+    from exmesh_graph.stage1 import kernels_vertices
+
+    return kernels_vertices

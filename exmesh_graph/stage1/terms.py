@@ -39,7 +39,7 @@ class Terms:
         usual = settings.silhouette == "l1" and targets.inside is None and not settings.gains
         on_cpu = targets.device.type == "cpu"
         self.fused = ImageTerms(targets, settings) if fused and usual and on_cpu else None
-        self.targets, self.settings, self.faces = targets, settings, surface.faces.long()
+        self.targets, self.settings, self.faces = targets, settings, surface.faces
         vertices = surface.vertices.detach()
         self.smoothness = smoothness.prepare(vertices, surface.edges.edges)
         self.smoother: Smoother | None = None
@@ -73,7 +73,8 @@ class Terms:
         if self.smoother is not None and self.reference is not None:
             terms["deviation"] = settings.deviation_weight * deviation(vertices, self.reference, self.smoother)
         if self.closed:
-            turned = behind(vertices, self.faces, picture.projected, picture.fragments, self.targets.intrinsics[view])
+            place = picture.projected, picture.fragments, self.targets.intrinsics[view]
+            turned = behind(vertices, self.faces, *place, picture.shown)
             if turned is not None:
                 terms["facing"] = settings.facing_weight * turned
         return terms, error
@@ -130,7 +131,7 @@ class Terms:
         known = (face_id >= 0) & (reference[view].view(-1) > 0) & (self.targets.alpha[view].view(-1) > 0.5)
         pixels = torch.nonzero(known)[:, 0]
         bary = barycentrics(picture.projected, self.faces, face_id[pixels], pixels, self.targets.width)
-        z = (bary * picture.projected[self.faces[face_id[pixels].long()], 2]).sum(-1)
+        z = (bary * picture.projected[self.faces[face_id[pixels].long()].long(), 2]).sum(-1)
         seen = torch.ones_like(z, dtype=torch.bool)
         return losses.pearson_depth(z, reference[view].view(-1)[pixels], seen)
 

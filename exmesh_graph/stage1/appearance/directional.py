@@ -77,10 +77,11 @@ class Directional(UVTexture):
         return (basis[:, None] @ self.residual.view(-1, count, 3))[:, 0]
 
     @torch.no_grad()
-    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> None:
-        super().step(gradients, count, rate, pixel)
+    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> bool:
+        finite = super().step(gradients, count, rate, pixel)
         pulled = gradients[1] + (2 * self.shrinkage * self.share) * self.residual
         adam_step(self.residual, pulled, *self.residual_moments, count, self.rate * rate, epsilon=GRAZED * pixel)
+        return finite and bool(torch.isfinite(pulled.sum()))
 
     def changing(self) -> dict[str, torch.Tensor]:
         first, second = self.residual_moments

@@ -69,16 +69,18 @@ class AppearanceModel:
         raise NotImplementedError
 
     @torch.no_grad()
-    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> None:
+    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> bool:
         """Adam step number `count` of the leaves, in place: `rate` in colour units, `pixel` one pixel's L1's gradient.
+        Returns whether all gradients were finite.
 
         A texel that bilinear lookups merely graze would run about at full speed on a trace of a gradient, and stand
         out as a speck of wrong colour: steps shorten below `GRAZED`. Colours are held in [0, 1] after the step, which
         leaves no dead gradient.
         """
         grazed = GRAZED * pixel
-        adam_step(
-            self.values, gradients[0], *self.moments, count, rate, epsilon=grazed, bounds=Bounds(self.touched, grazed)
+        bounds = Bounds(self.touched, grazed)
+        return adam_step(
+            self.values, gradients[0], *self.moments, count, rate, epsilon=grazed, bounds=bounds, check=True
         )
 
     def changing(self) -> dict[str, torch.Tensor]:
