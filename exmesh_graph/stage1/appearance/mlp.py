@@ -64,8 +64,8 @@ class Mlp(SurfaceModel):
                 features = features.relu()
         return features.sigmoid()
 
-    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> None:
-        adam_step(self.values, gradients[0], *self.moments, count, RATE * rate)
+    def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> bool:
+        return adam_step(self.values, gradients[0], *self.moments, count, RATE * rate, check=True)
 
     def arrays(self) -> dict[str, Any]:
         shape = np.array([self.frequencies, self.width], np.int32)
