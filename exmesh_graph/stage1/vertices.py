@@ -17,10 +17,10 @@ from exmesh_graph.stage1.runtime import vertex_kernels
 
 
 class Neighbours(NamedTuple):
-    """Of each vertex: index[starts[v]:starts[v + 1]], int32, and one over their number, float32 (0 for none)."""
+    """Of each vertex: beside[starts[v]:starts[v + 1]], int32, and one over their number, float32 (0 for none)."""
 
     starts: torch.Tensor
-    index: torch.Tensor
+    beside: torch.Tensor
     inverse: torch.Tensor
 
 
