@@ -11,3 +11,9 @@ import sys
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+from hypothesis import HealthCheck, settings  # noqa: E402 - torch comes with some strategies: after the above
+
+# how long an example takes to draw says something of the machine's load, not of the code
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from exmesh_graph.export.inputs import check_asset, check_frame, check_name
+from exmesh_graph.export.inputs import check_asset, check_frame, check_name, without_vanished
 from exmesh_graph.export.maps import prepare_maps
 from exmesh_graph.export.settings import FileSettings
 from exmesh_graph.types import Asset, Frame, Views
@@ -144,6 +144,7 @@ def file_content(
     """(maps as `export.maps.prepare_maps`, placement, mesh, what was measured) of an asset that goes into one file."""
     check_name(settings.name)
     check_asset(asset)
+    asset = without_vanished(asset)
     maps, report = prepare_maps(asset, settings)
     placement = place(frame, recentre=settings.recentre)
     return maps, placement, mesh_content(asset, placement), report | mesh_report(asset, placement) | placement.report

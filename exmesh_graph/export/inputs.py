@@ -32,6 +32,22 @@ def check_name(name: str) -> None:
         )
 
 
+def without_vanished(asset: Asset) -> Asset:
+    """The asset without parts that have shrunk to nothing (`geometry.vanished`), whose faces have no texture area.
+
+    Stage I's rounds drop them; here go those that shrank after the last round.
+    """
+    from exmesh_graph.geometry.adjacency import without_unused
+    from exmesh_graph.geometry.vanished import vanished
+
+    keep = ~vanished(asset.vertices, asset.faces)
+    if keep.all():
+        return asset
+    vertices, faces = without_unused(asset.vertices, asset.faces[keep])
+    uvs, uv_faces = without_unused(asset.uvs, asset.uv_faces[keep])
+    return replace(asset, vertices=vertices, faces=faces, uvs=uvs, uv_faces=uv_faces)
+
+
 def check_asset(asset: Asset, owner: str = "asset") -> None:
     """Ranges and finiteness of everything that the export writes; shapes are right by the type. `owner` names the asset
     in errors.

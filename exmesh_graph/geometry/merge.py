@@ -35,6 +35,7 @@ from exmesh_graph.geometry.topology import (
     link_condition,
     rounded,
 )
+from exmesh_graph.geometry.vanished import vanished
 from exmesh_graph.types.edges import Edges, edges_of
 
 Incident = tuple[np.ndarray, np.ndarray]
@@ -65,7 +66,8 @@ def merge(
     rendered  int [F], C_rend: pixels of the training views that showed each face; None: only degenerate faces merge
 
     Survivors do not move. Vertices and UVs that nothing uses are dropped; no UV coordinate moves. Seam-splitting
-    charts are never welded. A face that a collapse changed counts as rendered.
+    charts are never welded. A face that a collapse changed counts as rendered. Parts that have shrunk to nothing
+    (`vanished`) go first: no collapse may take the last faces of a closed part.
     """
     settings = settings or MergeSettings()
     if faces.shape != uv_faces.shape or (rendered is not None and len(rendered) != len(faces)):
@@ -76,6 +78,7 @@ def merge(
         )
     rng = np.random.default_rng(seed)
     state = Topology(vertices, faces, uvs, uv_faces, VertexMap(), np.arange(len(faces)), 0)
+    state = _only(state, faces, uv_faces, ~vanished(vertices, faces), 0)
     own = settings.uv == "own"
     seen = np.ones(len(faces), bool) if rendered is None else rendered > 0
     total = 0
@@ -89,8 +92,6 @@ def merge(
         total += len(plan.removed)
         if settings.method == "random":
             break
-    if total == 0:
-        state = apply_merges(state, Collapses(np.zeros(0, np.int64), np.zeros(0, np.int64)))
     return Topology(state.vertices, state.faces, state.uvs, state.uv_faces, state.map, state.face_source, total)
 
 
@@ -137,10 +138,13 @@ def apply_merges(state: Topology, plan: Collapses, *, own_uv: bool = False) -> T
     faces = goes_to[state.faces]
     corners = state.uv_faces if own_uv else _moved_corners(state.faces, state.uv_faces, plan, len(state.vertices))
     a, b, c = faces.T
-    alive = (a != b) & (b != c) & (c != a)
-    faces, corners = faces[alive], corners[alive]
-    kept, new_faces = compact(faces, len(state.vertices))
-    kept_uvs, new_corners = compact(corners, len(state.uvs))
+    return _only(state, faces, corners, (a != b) & (b != c) & (c != a), len(plan.removed))
+
+
+def _only(state: Topology, faces: np.ndarray, corners: np.ndarray, alive: np.ndarray, count: int) -> Topology:
+    """The faces that are `alive`, of `faces` and `corners` into the state's vertices and UVs; unused ones go too."""
+    kept, new_faces = compact(faces[alive], len(state.vertices))
+    kept_uvs, new_corners = compact(corners[alive], len(state.uvs))
     step = Step(kept)
     return Topology(
         step.carry(state.vertices),
@@ -149,7 +153,7 @@ def apply_merges(state: Topology, plan: Collapses, *, own_uv: bool = False) -> T
         new_corners.astype(state.uv_faces.dtype),
         state.map.then(step),
         state.face_source[alive],
-        len(plan.removed),
+        count,
     )
 
 

@@ -3,6 +3,7 @@
 import json
 import struct
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -275,3 +276,19 @@ def test_the_confidence_map_lies_beside_the_maps_and_is_named_in_the_report(tmp_
     assert "confidence" not in read_usd(tmp_path / "out" / "asset.usdz").textures
     with pytest.raises(DataError, match="confidence"):
         write_usd(tmp_path / "bad", example_asset(confidence=confidence[:4]))
+
+
+def test_a_part_that_shrank_to_nothing_is_left_out_where_the_gate_would_refuse_its_faces(tmp_path):
+    asset = example_asset()
+    n, t = len(asset.vertices), len(asset.uvs)
+    speck = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]], np.int32)
+    spoilt = replace(
+        asset,
+        vertices=np.concatenate([asset.vertices, np.full((4, 3), 0.3, np.float32)]),
+        faces=np.concatenate([asset.faces, speck + n]),
+        uvs=np.concatenate([asset.uvs, np.full((4, 2), 0.5, np.float32)]),
+        uv_faces=np.concatenate([asset.uv_faces, speck + t]),
+    )
+    report = write_usd(tmp_path / "out", spoilt, FRAME)
+    assert (report["faces"], report["vertices"], report["gate"]) == (8, 6, "passed")
+    assert len(read_usd(tmp_path / "out" / "asset.usdz").faces) == 8

@@ -23,7 +23,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.export.content import LODS, AssetContent, camera_contents, mesh_content, mesh_report, place
 from exmesh_graph.export.folder import new_folder
-from exmesh_graph.export.inputs import check_asset, check_name, check_views, clipped
+from exmesh_graph.export.inputs import check_asset, check_name, check_views, clipped, without_vanished
 from exmesh_graph.export.maps import prepare_maps, to_codes, write_environment, write_map
 from exmesh_graph.export.settings import ExportSettings
 from exmesh_graph.export.usd import layers
@@ -104,7 +104,7 @@ def _levels(asset: Asset, lods: Mapping[str, Asset]) -> dict[str, Asset]:
     levels = {"high": asset, **{lod: lods[lod] for lod in LODS if lod in lods}}
     for lod, level in levels.items():
         check_asset(level, lod if lods else "asset")
-    return levels
+    return {lod: without_vanished(level) for lod, level in levels.items()}
 
 
 def _content(
