@@ -148,14 +148,17 @@ def asset(
     truth: SceneTruth | None = None,
     train: TrainViews | None = None,
     region: Region | None = None,
+    before: Metrics | None = None,
     *,
     p: AssetParams,
 ) -> ScoredOut:
     """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object.
 
     Views without masks are scored where `region` says (evaluate.region): what is missing there counts as wrong.
+    `before`, the metrics of evaluate.stage1: warns where the asset shows held-out views worse than Stage I's texture.
     """
     from exmesh_graph.evaluate.asset import asset_pairs, score_asset
+    from exmesh_graph.evaluate.before import set_beside
     from exmesh_graph.evaluate.scores import add_lpips
 
     scores = score_asset(
@@ -163,4 +166,8 @@ def asset(
         region=_region_of(ctx, views, train, region), exposure=p.exposure,
     )  # fmt: skip
     add_lpips(scores.values, p.lpips, scores.held_out, scores.relit)
+    if before is not None:
+        scores.values["before"] = beside = set_beside(scores.values, before.values, asset)
+        if beside.get("worse"):
+            ctx.warn(beside["warning"])
     return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))

@@ -36,7 +36,7 @@ class InitOut(NamedTuple):
 
 @node("stage2.init", version="1", libraries=("torch",))
 def init(ctx: Context, carrier: Carrier, *, p: StartSettings) -> InitOut:
-    """Where stage2.fit starts: base colour from the Stage I texture or gray, the rest neutral, under white light."""
+    """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light."""
     from exmesh_graph.stage2.init import neutral_asset
 
     return InitOut(neutral_asset(carrier, p))

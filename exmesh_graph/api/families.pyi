@@ -318,7 +318,7 @@ class _Edit(Family):
         bounces: Interreflections, where no transport is wired. [>= 0, <= 8]
         """
 class _Evaluate(Family):
-    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
+    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, before: Wire[Metrics] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
         """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object.
 
         directions: Directions per surface point of the light transport. [>= 32]
@@ -796,10 +796,11 @@ class _Stage2(Family):
         exposure: Fit one gain per view, for photographs of varying exposure.
         memory_gib: Memory that the views' buffers may take; the rest are made anew. [GiB, >= 0]
         """
-    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, base_color: Literal["texture", "gray"] | Parameter = "texture", roughness: float | Parameter = 0.5, metallic: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetNode:
-        """Where stage2.fit starts: base colour from the Stage I texture or gray, the rest neutral, under white light.
+    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, base_color: Literal["texture", "gray", "tint"] | Parameter = "texture", level: float | Parameter = 0.4, roughness: float | Parameter = 0.5, metallic: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetNode:
+        """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light.
 
-        base_color: The Stage I texture, linearised (the paper), or mid-gray: better for short fits.
+        base_color: The Stage I texture, linearised (the paper); mid-gray; or one colour, the texture's mean at `level`, so that the light starts white.
+        level: Luminance of the base colour that `tint` starts from. [> 0, < 1]
         roughness: Neutral roughness. [> 0, < 1]
         metallic: Metallic; above 0 only for fits with metallic: true. [>= 0, <= 1]
         """

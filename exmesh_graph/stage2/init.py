@@ -18,6 +18,9 @@ from exmesh_graph.types import Asset, Carrier
 #: is kept as it is but for `NARROW_MARGIN`.
 MARGIN, NARROW_MARGIN = 0.02, 1e-3
 
+#: Luminance of linear sRGB (BT.709), and that below which a mean colour is noise.
+LUMINANCE, DARKEST = np.array([0.2126, 0.7152, 0.0722]), 1e-4
+
 
 def resize_texture(texture: np.ndarray, size: int) -> torch.Tensor:
     """`texture` [R, R, C] at size x size texels, float32: area average down, bilinear up."""
@@ -40,6 +43,23 @@ def initial_base_color(texture: np.ndarray, size: int, source: str) -> torch.Ten
     return srgb_to_linear(resize_texture(texture, size).clamp(0, 1))
 
 
+def tint(carrier: Carrier, level: float) -> np.ndarray:
+    """One linear colour float32 [3]: the mean of the Stage I texture over its charts, brought to the luminance `level`.
+
+    A sky is white on the whole far more often than an object is gray, so the colour that photographs have on average
+    is the object's until they tell otherwise (the gray-world assumption, about light).
+    """
+    from exmesh_graph.uv.raster import rasterize_atlas
+
+    face, _ = rasterize_atlas(carrier.uvs, carrier.uv_faces, carrier.texture.shape[0])
+    shown = carrier.texture[face >= 0] if (face >= 0).any() else carrier.texture.reshape(-1, 3)
+    mean = srgb_to_linear(tensor_of(np.asarray(shown, np.float32)).clamp(0, 1)).double().mean(dim=0).numpy()
+    luminance = float(mean @ LUMINANCE)
+    if luminance < DARKEST:  # black pictures have no colour
+        return np.full(3, level, np.float32)
+    return (mean * (level / luminance)).astype(np.float32)
+
+
 def neutral_asset(carrier: Carrier, settings: StartSettings | None = None, size: int = 0) -> Asset:
     """Where a fit starts that knows no better: one roughness, one metallic, white light of radiance 1.
 
@@ -48,7 +68,11 @@ def neutral_asset(carrier: Carrier, settings: StartSettings | None = None, size:
     """
     settings = settings or StartSettings()
     size, metallic = size or carrier.texture.shape[0], settings.metallic
-    color = initial_base_color(carrier.texture, size, settings.base_color).clamp(MARGIN, 1 - MARGIN)
+    if settings.base_color == "tint":
+        color = torch.from_numpy(tint(carrier, settings.level)).expand(size, size, 3).clone()
+    else:
+        color = initial_base_color(carrier.texture, size, settings.base_color)
+    color = color.clamp(MARGIN, 1 - MARGIN)
     return Asset(
         **{field.name: getattr(carrier, field.name) for field in fields(Carrier)},
         base_color=color.numpy(),

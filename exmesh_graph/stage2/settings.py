@@ -12,9 +12,12 @@ from exmesh_graph.params import Auto, Params, param
 class StartSettings(Params):
     """Where a fit starts that knows no better (stage2.init)."""
 
-    base_color: Literal["texture", "gray"] = param(
-        "texture", doc="The Stage I texture, linearised (the paper), or mid-gray: better for short fits."
+    base_color: Literal["texture", "gray", "tint"] = param(
+        "texture",
+        doc="The Stage I texture, linearised (the paper); mid-gray; or one colour, the texture's mean at `level`, "
+        "so that the light starts white.",
     )
+    level: float = param(0.4, gt=0, lt=1, doc="Luminance of the base colour that `tint` starts from.")
     roughness: float = param(0.5, gt=0, lt=1, doc="Neutral roughness.")
     metallic: float = param(0.0, ge=0, le=1, doc="Metallic; above 0 only for fits with metallic: true.")
 

@@ -18,7 +18,7 @@ from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.packs import load_packs
 from exmesh_graph.io.images import read_image
 from exmesh_graph.testing import FakeContext, depth_maps
-from exmesh_graph.types import Mesh, Region, SceneTruth
+from exmesh_graph.types import Mesh, Metrics, Region, SceneTruth
 
 ROOT = Path(__file__).parent.parent.parent
 TYPES = load_packs().types
@@ -111,6 +111,20 @@ def test_the_floor_follows_the_brightness_of_the_training_images(scene, context)
 
     brighter = replace(scene.train, images=scene.train.images * 2)
     assert np.isclose(level(brighter), 2 * level(scene.train), rtol=1e-5)
+
+
+def test_an_asset_worse_than_the_texture_before_it_is_warned_of(scene, tmp_path):
+    fast = evaluate.AssetParams(directions=64, bounces=0, max_views=1, supersampling=1, pictures=1)
+    plain = evaluate.asset(FakeContext(tmp_path), scene.asset, scene.test, p=fast).metrics.values["held_out"]
+    for shift, worse in ((3.0, True), (-3.0, False)):
+        earlier = {"psnr": plain["psnr"], "exposure": plain["exposure"]}
+        earlier["psnr_per_view"] = {name: value + shift for name, value in plain["psnr_per_view"].items()}
+        context = FakeContext(tmp_path)
+        before = Metrics({"held_out": earlier})
+        values = evaluate.asset(context, scene.asset, scene.test, before=before, p=fast).metrics.values
+        assert values["before"]["gain"] == pytest.approx(-shift)
+        assert values["before"]["worse"] is worse
+        assert any("below Stage I's texture" in text for text in context.warnings) is worse
 
 
 def test_without_truth_only_held_out_views_are_scored(scene, context):

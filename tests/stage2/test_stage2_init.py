@@ -15,6 +15,7 @@ from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.testing import FakeContext
+from exmesh_graph.uv.raster import rasterize_atlas
 
 SHORT = DecompositionSettings(
     texture_size=48, environment_height=16, iterations=40, material_rate=0.1, environment_rate=0.3, factor_rate=0.06,
@@ -39,6 +40,21 @@ def test_the_node_starts_from_the_texture_or_from_gray(carrier):
     assert np.unique(gray.metallic).tolist() == [np.float32(0.3)]
     with pytest.raises(ValidationError):
         StartSettings(base_color="blue")
+
+
+def test_a_tinted_start_has_the_textures_mean_colour_at_the_level_asked_for(carrier):
+    texture = np.zeros((32, 32, 3), np.float32)
+    face, _ = rasterize_atlas(carrier.uvs, carrier.uv_faces, 32)
+    texture[face >= 0] = 0.735, 0.5, 0.25
+    texture[face < 0] = 0, 0, 1  # between the charts: nothing that the object shows
+    found = neutral_asset(dataclasses.replace(carrier, texture=texture), StartSettings(base_color="tint", level=0.3))
+    color = found.base_color.reshape(-1, 3)
+    assert (color == color[0]).all()
+    assert color[0] @ np.array([0.2126, 0.7152, 0.0722]) == pytest.approx(0.3, rel=1e-5)
+    linear = ((np.array([0.735, 0.5, 0.25]) + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(color[0] / color[0][1], linear / linear[1], rtol=1e-4)
+    black = dataclasses.replace(carrier, texture=np.zeros_like(texture))
+    assert np.unique(neutral_asset(black, StartSettings(base_color="tint")).base_color) == pytest.approx(0.4)
 
 
 def test_an_unwired_start_is_the_nodes_default(carrier, train_views, transport):

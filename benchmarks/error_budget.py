@@ -1,0 +1,166 @@
+"""What is lost where in Stage II: the fit with one thing after the other made true or finer, where truth is known.
+
+    python -m benchmarks.error_budget graphs/samples/chair graphs/samples/spot --downscale 2
+    python -m benchmarks.error_budget FOLDER/idol --downscale 4 --only shipped,sky,light
+    python -m benchmarks.error_budget FOLDER/idol --carrier FOLDER_OF_STATE       # and what our own mesh costs
+
+The base is the quickstart's Stage II on the *true* mesh. One line per row and scene, figures as by evaluate.asset; the
+second line is the difference to the base. Rows:
+
+    shipped    the base
+    mesh       our own mesh in place of the true one (--carrier: a stored Stage1State of this scene)
+    light      the true sky is given and kept
+    sky        a sky of twice the rows
+    transport  four times the directions and points
+    lobes      the specular term measured three times as often, with four times the rays
+    priors     without the prior on roughness
+    views      without noise and clipping: the pictures in HDR where the scene has them
+    all        light, transport and lobes together: what is left is resolution, pictures and the fit itself
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from exmesh_nodes import data, transport
+
+from benchmarks import register
+from benchmarks.stage2 import QUICK, Quiet, stored_carrier, true_carrier
+from exmesh_graph.evaluate.asset import score_asset
+from exmesh_graph.evaluate.settings import Quality
+from exmesh_graph.shading.settings import TransportSettings
+from exmesh_graph.shading.transport import with_bounces
+from exmesh_graph.stage2.alike import Alike
+from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.probe.scene import probe_scene
+from exmesh_graph.stage2.settings import StartSettings
+from exmesh_graph.types import Carrier, SceneTruth, Views
+
+#: Stage II as graphs/quickstart.yaml has it, but for the number of steps.
+SHIPPED = QUICK.replaced(corrections=3, rates_for=400, gloss_weight=8.0, indirect_ramp=40)
+#: Row: what it changes of the fit's settings, of the transport's, and of what it is given.
+ROWS: dict[str, tuple[dict[str, Any], dict[str, int], set[str]]] = {
+    "shipped": ({}, {}, set()),
+    "mesh": ({}, {}, {"mesh"}),
+    "light": ({}, {}, {"light"}),
+    "sky": ({"environment_height": 128}, {}, set()),
+    "transport": ({}, {"directions": 512, "points": 48_000}, set()),
+    "lobes": ({"corrections": 9, "correction_samples": 64}, {}, set()),
+    "priors": ({}, {}, {"no prior"}),
+    "views": ({}, {}, {"hdr"}),
+    "all": (
+        {"corrections": 9, "correction_samples": 64},
+        {"directions": 512, "points": 48_000},
+        {"light"},
+    ),
+}
+#: Figures in dB, and the mean squared error of roughness.
+FIGURES = ("held-out", "relit", "unscaled", "albedo", "roughness")
+
+
+def main() -> None:
+    options = arguments()
+    torch.set_num_threads(1)
+    found: dict[str, dict[str, list[float]]] = {}
+    print(f"{'':28s}" + "".join(f"{name:>11s}" for name in FIGURES))
+    for folder in options.scene:
+        register.choosing(folder)
+        found[folder.name] = budget(folder, options)
+        if options.json:
+            options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+def budget(folder: Path, options: argparse.Namespace) -> dict[str, list[float]]:
+    """The figures of every row of one scene, printed as they come."""
+    scene = _scene(folder, options.downscale, "false")
+    carriers = {"true": true_carrier(Quiet(0), scene)}
+    if options.carrier:
+        carriers["own"] = stored_carrier(options.carrier)
+    needs = {name: d.value for name, d in probe_scene(carriers["true"], scene.train).needs.decisions.items()}
+    figures: dict[str, list[float]] = {}
+    for name in options.only or ROWS:
+        settings, traced, given = ROWS[name]
+        if "mesh" in given and "own" not in carriers:
+            continue
+        views = scene.train
+        if "hdr" in given:
+            views = _scene(folder, options.downscale, "auto").train
+            if views.clipped:  # the scene has 8-bit pictures only
+                continue
+        figures[name] = _row(
+            carriers["own" if "mesh" in given else "true"], scene, views, needs, settings, traced, given, options
+        )
+        _show(folder.name, name, figures)
+    return figures
+
+
+def _row(
+    carrier: Carrier,
+    scene: data.BlenderOut,
+    views: Views,
+    needs: dict[str, Any],
+    changes: dict[str, Any],
+    traced: dict[str, int],
+    given: set[str],
+    options: argparse.Namespace,
+) -> list[float]:
+    traced = {"directions": 128, **traced}
+    light = transport.direct(Quiet(0), carrier, p=TransportSettings(**traced)).transport
+    if needs["bounces"]:
+        light = with_bounces(light, needs["bounces"])
+    chosen = {"texture_size": needs["texture_size"], "metallic": needs["metallic"], "iterations": options.iterations}
+    settings = SHIPPED.replaced(**chosen, **changes, keep_light="light" in given)
+    start = neutral_asset(carrier, StartSettings(base_color=options.start))
+    if "light" in given:
+        start = replace(start, environment=_true_sky(scene.truth))
+    prior = None if "no prior" in given else Alike()
+    asset, _ = fit(carrier, views, light, settings, seed=options.seed, start=start, prior=prior, warn=print)
+    quality = Quality(supersampling=1)
+    values = score_asset(asset, scene.test, scene.truth, scene.train, max_views=options.views, quality=quality).values
+    relit, material = values["relit"], values["material"]
+    return [values["held_out"]["psnr"], relit["psnr"], relit["psnr_unscaled"],
+            material["albedo_psnr_linear"], material["roughness_mse"]]  # fmt: skip
+
+
+def _scene(folder: Path, downscale: int, hdr: str) -> data.BlenderOut:
+    given = data.BlenderParams(path=folder, downscale=downscale, hdr=hdr)
+    return data.blender(Quiet(0), p=given)
+
+
+def _true_sky(truth: SceneTruth) -> Any:
+    assert truth.environment is not None, "the scene names no light of its photographs"
+    return truth.environment
+
+
+def _show(scene: str, name: str, figures: dict[str, list[float]]) -> None:
+    def line(title: str, values: list[float], sign: str) -> str:
+        return f"{title:28s}" + "".join(f"{v:{sign}11.2f}" for v in values[:4]) + f"{values[4]:{sign}11.5f}"
+
+    print(line(f"{scene}: {name}", figures[name], ""), flush=True)
+    if name != "shipped" and "shipped" in figures:
+        gain = [a - b for a, b in zip(figures[name], figures["shipped"], strict=True)]
+        print(line("", gain, "+"), flush=True)
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path, nargs="+")
+    parser.add_argument("--carrier", type=Path, help="folder of a stored Stage1State, for the row `mesh`")
+    parser.add_argument("--only", type=lambda text: text.split(","), help="rows, joined by commas")
+    parser.add_argument("--iterations", type=int, default=800)
+    parser.add_argument("--downscale", type=int, default=1)
+    parser.add_argument("--views", type=int, default=4, help="test views that are scored")
+    parser.add_argument("--start", choices=["gray", "tint", "texture"], default="tint")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
