@@ -39,28 +39,36 @@ def choose_steps(vertices: np.ndarray, faces: np.ndarray, points: int, counted: 
 
     A face's size is the geometric mean of its longest edge and of the side of a square of its area: by area alone a
     sliver had too few points along its length, by length alone too many of all.
-    counted  bool [F], the faces that make up the count (None: all)
+    counted  bool [F], the faces that make up the count (None: all). The others are spaced alike, or wider where they
+             would have many more points than that: they change none of the counted ones.
     """
     corners = np.asarray(vertices, np.float64)[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
     size = np.sqrt(longest * np.sqrt(2 * face_areas(vertices, faces)))
     levels = np.log2(np.maximum(size, 1e-12 * max(float(size.max()), 1e-30)))
-    mine = slice(None) if counted is None else counted
-    corner_points = len(np.unique(faces[mine]))
+    if counted is None or counted.all():
+        return _steps_at(levels, _spacing(levels, faces, points))
+    mine = _spacing(levels[counted], faces[counted], points)
+    others = max(mine, _spacing(levels[~counted], faces[~counted], points))
+    return np.where(counted, _steps_at(levels, mine), _steps_at(levels, others))
 
-    def steps_at(spacing: float) -> np.ndarray:
-        return np.exp2(np.clip(np.round(levels - spacing), 0, math.log2(MOST_STEPS))).astype(np.int64)
+
+def _spacing(levels: np.ndarray, faces: np.ndarray, points: int) -> float:
+    """The widest spacing (log2, in eighths below the largest face's) that gives at least `points` points."""
+    corner_points = len(np.unique(faces))
 
     def count(spacing: float) -> int:
-        n = steps_at(spacing)[mine]
+        n = _steps_at(levels, spacing).astype(np.int64)
         return corner_points + int((3 * (n - 1) // 2 + (n - 1) * (n - 2) // 2).sum())
 
-    # in eighths of a level below the largest counted face's: a face that does not count changes none of the others
-    own = levels[mine]
-    largest, below = float(own.max()), 8 * math.ceil(float(np.ptp(own)) + math.log2(MOST_STEPS) + 2)
+    largest, below = float(levels.max()), 8 * math.ceil(float(np.ptp(levels)) + math.log2(MOST_STEPS) + 2)
     spacings = largest + 1 - np.arange(below) / 8
     found = int(np.searchsorted([count(spacing) >= points for spacing in spacings], True))
-    return steps_at(float(spacings[min(found, below - 1)])).astype(np.int32)
+    return float(spacings[min(found, below - 1)])
+
+
+def _steps_at(levels: np.ndarray, spacing: float) -> np.ndarray:
+    return np.exp2(np.clip(np.round(levels - spacing), 0, math.log2(MOST_STEPS))).astype(np.int32)
 
 
 def direct_transport(

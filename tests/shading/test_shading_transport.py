@@ -125,6 +125,10 @@ def test_steps_reach_the_count_and_follow_the_faces_size():
     np.testing.assert_array_equal(
         choose_steps(whole, both, 500, counted)[: len(faces)], choose_steps(vertices, faces, 500)
     )
+    # and the rest has no more points than were asked for, however few and small the counted faces are
+    few = np.arange(len(both)) == 0
+    assert choose_steps(whole, both, 3000, few)[0] ** 2 > 3000
+    assert len(build_lattice(whole, both, choose_steps(whole, both, 3000, few)).points) < 6 * 3000
 
 
 def test_the_shadow_on_a_floor_of_two_triangles_is_sharp():
