@@ -1,26 +1,25 @@
 """What the studio costs: a large graph on its page, an edit of it, a large asset's first look, a run that is watched.
 
-    python -m benchmarks.studio                          # all four
+    python -m benchmarks.studio                          # all
+    python -m benchmarks.studio --only paint
     python -m benchmarks.studio --only graph --nodes 1000
     python -m benchmarks.studio --only watch --graph graphs/quickstart.yaml --set pbr.iterations=100
 
-Seconds are the best of some repeats, with the processor's beside them: on a busy machine the latter tell more. `watch`
-starts a server with an open page, lets it run the graph, and sets the server's processor seconds against the run's.
+Seconds are the best of some repeats, with the processor's beside them: on a busy machine the latter tell more. `paint`
+and `watch` open the page in headless Chromium (`benchmarks.studio_page`).
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import os
-import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+
+from benchmarks.studio_page import paint, watch
 
 ROOT = Path(__file__).parent.parent
 TOY = ROOT / "tests" / "graph" / "toy"
@@ -28,7 +27,7 @@ TOY = ROOT / "tests" / "graph" / "toy"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=("graph", "model", "watch"))
+    parser.add_argument("--only", choices=("graph", "model", "paint", "watch"))
     parser.add_argument("--nodes", type=int, default=1000)
     parser.add_argument("--faces", type=int, default=200_000)
     parser.add_argument("--maps", type=int, default=2048)
@@ -37,7 +36,7 @@ def main() -> None:
     parser.add_argument("--set", dest="sets", action="append", default=[], metavar="NAME=VALUE")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        for name, work in (("graph", graph), ("model", model), ("watch", watch)):
+        for name, work in (("graph", graph), ("model", model), ("paint", paint), ("watch", watch)):
             if args.only in (None, name):
                 print(f"\n{name}")
                 for row in work(args, Path(folder) / name):
@@ -119,73 +118,6 @@ def model(args: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
         times = best(look, args.repeats)
         yield {"what": f"level {number}" + (", read and checked" if number == 0 else ""), "faces": args.faces,
                "maps": args.maps, "MB": round(len(made[-1]) / 1e6, 2), **times}  # fmt: skip
-
-
-def watch(args: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
-    """A run that a page watches: processor seconds of the server against those of the run."""
-    import httpx
-
-    folder.mkdir(parents=True)
-    words = [
-        sys.executable,
-        "-c",
-        "from exmesh_graph.cli import main; main()",
-        "studio",
-        str(args.graph.resolve()),
-        "--no-browser",
-    ]
-    words += [word for text in args.sets for word in ("--set", text)]
-    server = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True)
-    try:
-        assert server.stdout is not None
-        address = next(line for line in server.stdout if "http://" in line).split()[-1]
-        with httpx.Client(base_url=address.partition("?")[0], headers={"x-exmesh": "1"}, timeout=60) as page:
-            page.get(f"/?{address.partition('?')[2]}")
-            page.get("/api/document")
-            seen: list[str] = []
-            threading.Thread(target=_listen, args=(page, seen), daemon=True).start()
-            before, children = own_seconds(server.pid), child_seconds(server.pid)
-            began = time.perf_counter()
-            run = page.post("/api/runs", json={}).json()["run"]["id"]
-            while not run:
-                run = next((one["id"] for one in page.get("/api/runs").json()["runs"]), "")
-                time.sleep(0.2)
-            while (told := page.get(f"/api/runs/{run}").json())["state"] in ("running", "starting"):
-                page.get(f"/api/runs/{run}/curves")
-                time.sleep(2)
-            page.get("/api/runs")  # lets go of the ended process, whose seconds are counted then
-            wall = time.perf_counter() - began
-            spent, ran = own_seconds(server.pid) - before, child_seconds(server.pid) - children
-        yield {
-            "graph": args.graph.stem, "nodes": told["nodes"], "state": told["state"], "seconds": round(wall, 1),
-            "run, processor s": round(ran, 1), "server, processor s": round(spent, 2),
-            "of the run": f"{spent / ran:.2%}", "events": len(seen),
-        }  # fmt: skip
-    finally:
-        server.terminate()
-        server.wait(20)
-
-
-def _listen(page: Any, seen: list[str]) -> None:
-    """Read the stream of events as a page does, which gets the document and the plan again where they changed."""
-    with contextlib.suppress(Exception), page.stream("GET", "/api/events", timeout=None) as lines:
-        for line in lines.iter_lines():
-            if line.startswith("event: "):
-                seen.append(line.removeprefix("event: "))
-                if seen[-1] == "plan":
-                    page.get("/api/plan")
-
-
-def own_seconds(pid: int) -> float:
-    """Processor seconds of a process."""
-    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(map(int, words[11:13])) / os.sysconf("SC_CLK_TCK")
-
-
-def child_seconds(pid: int) -> float:
-    """Processor seconds of the ended children of a process, and of theirs."""
-    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(map(int, words[13:15])) / os.sysconf("SC_CLK_TCK")
 
 
 def best(work: Callable[[], Any], repeats: int) -> dict[str, Any]:

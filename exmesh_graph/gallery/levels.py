@@ -1,7 +1,8 @@
 """A mesh, carrier or asset as binary glTF in levels, for a live page: the first is small and quick, the last is whole.
 
 Made for speed, not for keeping: attributes quantised (KHR_mesh_quantization), pictures as lossy WebP, coordinates of
-the normalised world in every level, so that one camera fits all. `export.gltf` writes the files that are for keeping.
+the normalised world in every level, so that one camera fits all; an asset has its light beside it, as
+`export.gltf_compact` puts it. `export.gltf` writes the files that are for keeping.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from exmesh_graph.export.gltf import Blob, glb_bytes
+from exmesh_graph.gallery.models import LIGHT_WIDTH, equirectangular
 from exmesh_graph.geometry.adjacency import area_weighted_normals, components
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.types import Asset, Carrier, Mesh
@@ -72,12 +74,17 @@ def model_level(mesh: Mesh, level: Level) -> tuple[bytes, int]:
     short = len(vertex) <= 65535
     indices = blob.accessor(index.astype(np.uint16 if short else np.uint32))
     views = [blob.add(webp(picture, 88 if level.side else 95)) for _, picture in images]
+    scene: dict[str, Any] = {"nodes": [0]}
+    if isinstance(mesh, Asset):
+        light = equirectangular(mesh.environment, LIGHT_WIDTH)
+        told = {"bufferView": blob.add(light.tobytes()), "width": light.shape[1], "height": light.shape[0]}
+        scene["extras"] = {"light": told}
     used = ["KHR_mesh_quantization", *(["EXT_texture_webp"] if images else [])]
     document = {
         "asset": {"version": "2.0", "generator": "exmesh-graph"},
         "extensionsUsed": used + (["KHR_materials_unlit"] if images and not isinstance(mesh, Asset) else []),
         "extensionsRequired": used,
-        "scene": 0, "scenes": [{"nodes": [0]}],
+        "scene": 0, "scenes": [scene],
         "nodes": [{"mesh": 0, "translation": low.tolist(), "scale": [size] * 3}],
         "meshes": [{"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
         "materials": [material],

@@ -6,6 +6,7 @@ its lock, so that two browsers see one state.
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -26,6 +27,7 @@ from exmesh_graph.graph.variants.draft import Draft
 from exmesh_graph.studio.edits import Op, patched, with_edit
 from exmesh_graph.studio.ends import Ends
 from exmesh_graph.studio.faults import counted, fault_facts
+from exmesh_graph.studio.places import Conflict
 from exmesh_graph.studio.reading import Reading, graph_parameters
 from exmesh_graph.studio.typefacts import TypeFacts
 from exmesh_graph.studio.values import plain
@@ -61,6 +63,7 @@ class Document:
 
     def __post_init__(self) -> None:
         self.begun: list[Op] = list(self.history[0])
+        self._real = os.path.realpath(self.file)
         self._judged: tuple[list[Op], Judged] | None = None
         self._read()
 
@@ -109,6 +112,7 @@ class Document:
     def reload(self) -> list[Op]:
         """Read the file again; the edits that are no longer possible are taken out and given back."""
         with self.lock:
+            self.check_place()
             self._read()
             kept: list[Op] = []
             lost: list[Op] = []
@@ -127,6 +131,13 @@ class Document:
             self.history, self.place, self.begun, self.variant = [[]], 0, [], ""
             self._read()
             self.revision += 1
+
+    def check_place(self) -> None:
+        """Raises Conflict where the file became a link to another one since it was opened."""
+        if os.path.realpath(self.file) != self._real:
+            raise Conflict(
+                f"{self.file.name} is a link to another file now", fix="make it a file again, or open another"
+            )
 
     def changed_on_disk(self) -> bool:
         """Whether a file that the graph is made of was written since it was read."""

@@ -13,7 +13,7 @@ from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.studio.document import Judged
 from exmesh_graph.studio.plans import plan_facts
 
-EVERY = 5.0
+EVERY = 20.0
 """Seconds at least between two plans while a run goes on."""
 Plan = dict[str, Any]
 
@@ -46,7 +46,7 @@ class Planner:
         """A run finished nodes, or ended: the plan may be another now.
 
         Where somebody looks on, it is made at once, and `later` is called then. While runs go on this costs them at
-        most a fiftieth.
+        most a two-hundredth.
         """
         if not ended and time.monotonic() < self._again_after:
             return
@@ -59,7 +59,7 @@ class Planner:
         tell = later
 
         def done(work: Future[Plan]) -> None:
-            self._again_after = time.monotonic() + max(EVERY, 50 * (time.monotonic() - began))
+            self._again_after = time.monotonic() + max(EVERY, 200 * (time.monotonic() - began))
             tell()
 
         self._planning(judged).add_done_callback(done)

@@ -10,7 +10,7 @@ from typing import Any
 
 from exmesh_graph.studio.runview import RunView, is_run
 
-PAUSE = 0.25
+PAUSE = 0.5
 """Seconds between two looks at runs that go on."""
 _LIST_EVERY = 1.0
 SHOWN = 200

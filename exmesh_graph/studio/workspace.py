@@ -83,10 +83,10 @@ class Workspace:
         return cls(file, store=used, shared=shared, runs=real.parent, variant=variant, sets=sets, run=real.name)
 
     def start(self) -> None:
-        """Begin to follow the runs, and check the graph while the browser opens the page."""
+        """Begin to follow the runs, and check the graph before the first page asks for it."""
         self.jobs.sweep()
         self.watcher.start()
-        threading.Thread(target=self.document.facts, name="studio-first", daemon=True).start()
+        self.document.judged()
 
     def close(self) -> None:
         self.hub.close()
@@ -140,6 +140,7 @@ class Workspace:
         """The file as it is, as it would be saved, and what differs."""
         document = self.document
         with document.lock:
+            document.check_place()
             text = document.file.read_text(encoding="utf-8")
             name, patch = document.file.name, ops_text(document.ops)
             told: dict[str, Any] = {"file": name, "text": text, "patch": patch, "new_text": "", "diff": ""}
@@ -155,6 +156,7 @@ class Workspace:
         """Save the edits: in place, as a variant, or as a child file. Raises GraphErrors, Outside, Conflict."""
         document, kind = self.document, body.get("as")
         with document.lock:
+            document.check_place()
             judged = document.judged()
             if judged.checked is None and not body.get("faulty"):
                 raise GraphErrors(judged.faults)

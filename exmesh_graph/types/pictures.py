@@ -137,6 +137,9 @@ class Pictures:
     def load(cls, folder: Path) -> Self:
         """The stack that `save` wrote."""
         count, *shape = json.loads((folder / "stack.json").read_text(encoding="utf-8"))["shape"]
+        found = sum(1 for _ in folder.glob("[0-9]*.npy"))
+        if count != found:
+            raise DataError(f"the stack tells of {count} pictures and holds {found}", where=str(folder))
         return cls([folder / f"{number:05d}.npy" for number in range(count)], tuple(shape))
 
 

@@ -24,12 +24,13 @@ PATIENCE = int(os.environ.get("STUDIO_PATIENCE", "120000"))  # milliseconds; the
 class Studio:
     """The server's process; `address` is what it printed."""
 
-    def __init__(self, graph: Path, port: int = 0, **environment: str) -> None:
+    def __init__(self, graph: Path, port: int = 0, *words: str, home: Path | None = None) -> None:
+        home = home or graph.parent
         command = [sys.executable, "-c", "from exmesh_graph.cli import main; main()", "studio", str(graph),
-                   "--no-browser", "--port", str(port), "--store", str(graph.parent / ".exmesh"),
-                   "--runs", str(graph.parent / "runs")]  # fmt: skip
-        self.process = subprocess.Popen(command, cwd=graph.parent, text=True, stdout=subprocess.PIPE,
-                                        stderr=subprocess.STDOUT, env={**os.environ, **environment})  # fmt: skip
+                   "--no-browser", "--port", str(port), "--store", str(home / ".exmesh"),
+                   "--runs", str(home / "runs"), *words]  # fmt: skip
+        self.process = subprocess.Popen(command, cwd=home, text=True, stdout=subprocess.PIPE,
+                                        stderr=subprocess.STDOUT)  # fmt: skip
         self.said: list[str] = []
         self._heard = threading.Event()
         threading.Thread(target=self._listen, daemon=True).start()
@@ -57,16 +58,22 @@ class Studio:
 
 
 @contextmanager
-def browser_page(width: int = 1280, height: int = 720, scheme: str = "light") -> Iterator[Any]:
+def browser_page(
+    width: int = 1280,
+    height: int = 720,
+    scheme: str = "light",
+    motion: str = "reduce",
+    options: tuple[str, ...] = OPTIONS,
+) -> Iterator[Any]:
     """A page of a fresh browser; `page.faults` collects errors of scripts and answers of 500 and more."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright: the extra `browser`")
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("needs chromium on the PATH")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=list(OPTIONS))
+        browser = playwright.chromium.launch(executable_path=chromium, args=list(options))
         page = browser.new_context(
-            viewport={"width": width, "height": height}, color_scheme=scheme, reduced_motion="reduce"
+            viewport={"width": width, "height": height}, color_scheme=scheme, reduced_motion=motion
         ).new_page()
         page.set_default_timeout(PATIENCE)
         page.faults = []

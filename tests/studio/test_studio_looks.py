@@ -62,10 +62,9 @@ def test_a_model_stands_where_the_mesh_does() -> None:
     assert told["nodes"][0]["translation"] == [-0.5, -0.5, 0.0]
     assert told["nodes"][0]["scale"] == [1.0, 1.0, 1.0]
     assert told["materials"][0]["extensions"] == {"KHR_materials_unlit": {}}
-    assert (
-        "metallicRoughnessTexture"
-        in document(model_level(asset(), Level(0, 0))[0])["materials"][0]["pbrMetallicRoughness"]
-    )
+    whole = document(model_level(asset(), Level(0, 0))[0])
+    assert "metallicRoughnessTexture" in whole["materials"][0]["pbrMetallicRoughness"]
+    assert whole["scenes"][0]["extras"]["light"]["width"] == 64 // 4  # the asset's own, beside it
 
 
 def test_looks_of_an_asset(client: TestClient, workspace: Workspace) -> None:

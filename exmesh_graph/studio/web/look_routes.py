@@ -4,14 +4,16 @@ is right for ever and browsers may keep it.
 
 from __future__ import annotations
 
+import functools
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 
+from exmesh_graph.errors import ExmeshError
 from exmesh_graph.studio.artifacts.shelf import NoArtifact, Shelf, is_digest
 from exmesh_graph.studio.web.answers import BadRequest, Query, Unknown, asked, json_answer
 from exmesh_graph.studio.web.guard import SANDBOX
@@ -174,21 +176,37 @@ def view(workspace: Workspace, query: Query) -> Any:
     return _answer(data, "text/html; charset=utf-8", query, {"content-security-policy": SANDBOX})
 
 
+def seen(work: Callable[[Workspace, Query], Any]) -> Any:
+    """The endpoint of a look: an artifact that is not what its type says is told of, whoever made it."""
+
+    @functools.wraps(work)
+    def looked(workspace: Workspace, query: Query) -> Any:
+        try:
+            return work(workspace, query)
+        except (ExmeshError, RecursionError):
+            raise
+        except Exception as error:  # of the libraries that read it
+            what = f"this cannot be shown: {type(error).__name__}: {str(error)[:200]}"
+            raise NoArtifact(what, fix="run the graph again: it is made anew") from error
+
+    return asked(looked)
+
+
 ROUTES = [
-    Route("/api/artifact", asked(artifact)),
-    Route("/api/artifact/picture", asked(picture)),
-    Route("/api/artifact/contact", asked(contact)),
-    Route("/api/artifact/model", asked(model)),
-    Route("/api/artifact/points", asked(points)),
-    Route("/api/artifact/cameras", asked(cameras)),
-    Route("/api/artifact/table", asked(table)),
-    Route("/api/artifact/curves", asked(curves)),
-    Route("/api/artifact/figures", asked(figures)),
-    Route("/api/artifact/environment", asked(environment)),
-    Route("/api/artifact/file", asked(file)),
-    Route("/api/artifact/gallery", asked(gallery)),
-    Route("/api/artifact/view", asked(view)),
-    Route("/api/light", asked(light)),
+    Route("/api/artifact", seen(artifact)),
+    Route("/api/artifact/picture", seen(picture)),
+    Route("/api/artifact/contact", seen(contact)),
+    Route("/api/artifact/model", seen(model)),
+    Route("/api/artifact/points", seen(points)),
+    Route("/api/artifact/cameras", seen(cameras)),
+    Route("/api/artifact/table", seen(table)),
+    Route("/api/artifact/curves", seen(curves)),
+    Route("/api/artifact/figures", seen(figures)),
+    Route("/api/artifact/environment", seen(environment)),
+    Route("/api/artifact/file", seen(file)),
+    Route("/api/artifact/gallery", seen(gallery)),
+    Route("/api/artifact/view", seen(view)),
+    Route("/api/light", seen(light)),
     Route("/api/lights", asked(lights)),
 ]
 

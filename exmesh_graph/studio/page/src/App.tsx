@@ -47,7 +47,7 @@ function Connection() {
   if (connection === "open") return null;
   if (connection === "connecting") return loaded ? null : <div className="banner" role="status">Reading the graph…</div>;
   if (connection === "denied") return <div className="banner bad" role="alert">This address is no longer good: the studio was started again. Open the address that it printed.</div>;
-  return <div className="banner bad" role="alert"><i className="spin" /> The server does not answer. Runs go on without it; this page comes back by itself when <code>exmesh studio</code> runs again.</div>;
+  return <div className="banner bad" role="alert"><i className="spin turning" /> The server does not answer. Runs go on without it; this page comes back by itself when <code>exmesh studio</code> runs again.</div>;
 }
 
 function Toasts() {

@@ -14,10 +14,11 @@ import { endOf } from "./ends";
 
 const nodeTypes = { box: NodeBox, frame: FrameBox }, edgeTypes = { wire: WireEdge };
 
-// Where the ends of a box lie, as the style sheet draws them: a box whose ends are known is drawn only once it is in view.
+// Where the ends of a box lie, as the style sheet draws them from within its borders: a box whose ends are known is drawn only once it is in view.
 function handlesOf(box: Box): NodeHandle[] {
+  const { kind } = box.node, [left, side] = kind === "component" ? [1, 1] : kind === "node" ? [5, 1] : [6, 3];
   const at = (id: string, output: boolean, y: number, size: number): NodeHandle =>
-    ({ id, type: output ? "source" : "target", position: output ? Position.Right : Position.Left, x: (output ? box.width : 0) - size / 2, y: y - size / 2, width: size, height: size });
+    ({ id, type: output ? "source" : "target", position: output ? Position.Right : Position.Left, x: (output ? box.width - side : left) - size / 2, y: side + y - size / 2, width: size, height: size });
   return [...box.inputs.map((row) => at(row.handle, false, row.top, 11)), ...box.outputs.map((row) => at(row.handle, true, row.top, 11)), at("in:~", false, box.height / 2, 1), at("out:~", true, box.height / 2, 1)];
 }
 
@@ -26,12 +27,12 @@ function flow(drawn: Picture, selected: string | null): { nodes: Node[]; edges: 
   for (const frame of drawn.frames) {
     const rect = drawn.layout.frames.get(frame.id);
     if (!rect) continue;
-    nodes.push({ id: frame.id, type: "frame", position: { x: rect.x, y: rect.y }, width: rect.width, height: rect.height, data: { frame, ends: rect }, zIndex: -10 + frame.scopes.length,
+    nodes.push({ id: frame.id, type: "frame", position: { x: rect.x, y: rect.y }, width: rect.width, height: rect.height, measured: { width: rect.width, height: rect.height }, data: { frame, ends: rect }, zIndex: 1 + frame.scopes.length, // above wires, so that its inner ends can be taken hold of
       selected: frame.node.id === selected, draggable: false, style: { pointerEvents: "none" }, className: "frame-node" });
   }
   for (const box of drawn.boxes) {
     const rect = drawn.layout.boxes.get(box.id)!;
-    nodes.push({ id: box.id, type: "box", position: { x: rect.x, y: rect.y }, width: box.width, height: box.height, handles: handlesOf(box), data: { box }, selected: box.node.id === selected, draggable: false });
+    nodes.push({ id: box.id, type: "box", position: { x: rect.x, y: rect.y }, width: box.width, height: box.height, measured: { width: box.width, height: box.height }, handles: handlesOf(box), data: { box }, zIndex: 50, selected: box.node.id === selected, draggable: false });
   }
   const edges = drawn.lines.map((line): Edge => ({ id: line.id, type: "wire", source: line.from.box, sourceHandle: line.from.handle, target: line.to.box, targetHandle: line.to.handle,
     data: { line, points: drawn.layout.paths.get(line.id) }, zIndex: 0 }));

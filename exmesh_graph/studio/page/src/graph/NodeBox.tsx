@@ -6,6 +6,7 @@ import { useStoreWithEqualityFn } from "zustand/traditional";
 import { useStudio } from "../state/store";
 import { seconds } from "../text";
 import type { Box, Row } from "./picture";
+import { Busy } from "../panels/Busy";
 import { SIGNS, WORDS, stateOf } from "./states";
 import { refusal, useDrawing } from "./wires";
 
@@ -33,7 +34,7 @@ export const NodeBox = memo(function NodeBox({ data, selected }: NodeProps & { d
         <span className="box-name">{node.name}</span>
         {marked && <span className="box-mark" title="marked for the comparison with and without">◆</span>}
         {node.problems > 0 && <span className="box-bad" title="has faults">⚠</span>}
-        {!component && <span className="box-sign" aria-hidden>{shown === "running" ? <i className="spin" /> : SIGNS[shown]}</span>}
+        {!component && <span className="box-sign" aria-hidden>{shown === "running" ? <Busy /> : SIGNS[shown]}</span>}
       </div>
       <div className="box-type">
         <span>{node.type || (node.kind === "part" ? node.graph : `repeat × ${node.repeat ?? ""}`)}</span>

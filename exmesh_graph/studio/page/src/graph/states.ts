@@ -44,9 +44,10 @@ function fromRun(names: string[], told: (NodeState | undefined)[]): BoxState {
 function fromPlan(names: string[], planned: Planned | undefined, known: NodeState[]): BoxState {
   const memory = Math.max(0, ...known.map((node) => node.peak_memory ?? 0));
   if (!planned) return { state: "none", seconds: null, expected: false, done: 0, of: names.length, part: 0, figures: "", memory, reason: "" };
-  const hits = planned.rounds.filter((round) => round.state === "hit").length, state = planned.state as Shown;
+  const own = planned.rounds.filter((round) => names.includes(round.name)), rounds = own.length ? own : planned.rounds; // of a round that is drawn by itself, that one
+  const hits = rounds.filter((round) => round.state === "hit").length, state = (rounds.length === 1 ? rounds[0].state : planned.state) as Shown;
   const ranNow = state === "hit" && known.length === names.length && known.some((node) => node.state === "done");
-  return { state: ranNow ? "done" : state, seconds: planned.known ? planned.seconds : null, expected: state !== "hit", done: hits, of: planned.rounds.length, part: 0, figures: "", memory, reason: planned.reason };
+  return { state: ranNow ? "done" : state, seconds: planned.known ? planned.seconds : null, expected: state !== "hit", done: hits, of: rounds.length, part: 0, figures: "", memory, reason: planned.reason };
 }
 
 const SHOWN_FIGURES = ["psnr", "loss", "error", "rmse"];

@@ -237,7 +237,7 @@ class Scope {
     rows.forEach((row, column) => {
       const border = this.path && (column === 0 || column === this.last), width = border ? 0 : Math.max(0, ...row.filter((key) => key.kind === "box").map((key) => this.size(key.name).width));
       left.push(x); right.push(x + width);
-      x += width + (border ? 64 : GAP_ALONG + Math.min(50, 1.5 * row.length));
+      x += width + (border || (this.path && column === this.last - 1) ? 64 : GAP_ALONG + Math.min(50, 1.5 * row.length));
     });
     const end = right[right.length - 1] + (this.path ? 0 : MARGIN);
     const bottom = Math.max(0, ...[...this.keys.values()].map((key) => ys.get(key.text)! + this.across(key) / 2)) + MARGIN;

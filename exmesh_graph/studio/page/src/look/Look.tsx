@@ -3,6 +3,7 @@ import { useEffect, useRef, useState } from "react";
 import { artifactOf } from "../state/actions";
 import { set, useStudio, type Looked } from "../state/store";
 import { bytes } from "../text";
+import { alike, beside } from "../panels/Results";
 import type { Artifact, Show } from "../types";
 import { setLook, useLook } from "./options";
 import { LookTools } from "./LookTools";
@@ -29,7 +30,7 @@ const partner = (artifact: Artifact | null, show: Show | null): Show | null =>
 const first = ({ shows }: Artifact): Show | null => (shows[0]?.kind === "figures" ? shows.find((show) => show.kind === "table") : undefined) ?? shows[0] ?? null;
 
 export function Look() {
-  const [one, two] = useStudio((s) => s.looked), mode = useLook((s) => s.mode), wanted = useLook((s) => s.show), cut = useLook((s) => s.cut);
+  const [one, two] = useStudio((s) => s.looked), before = useStudio((s) => s.before), mode = useLook((s) => s.mode), wanted = useLook((s) => s.show), cut = useLook((s) => s.cut);
   const a = useArtifact(one), b = useArtifact(two);
   const show = a.artifact ? a.artifact.shows.find((other) => other.id === wanted) ?? first(a.artifact) : null;
   const other = partner(b.artifact, show);
@@ -49,6 +50,7 @@ export function Look() {
           <button aria-pressed={mode === "beside"} onClick={() => setLook({ mode: "beside" })}>Side by side</button>
           <button aria-pressed={mode === "wipe"} onClick={() => setLook({ mode: "wipe" })}>Wipe</button>
           <button title="swap the sides" aria-label="swap the sides" onClick={() => set((s) => ({ looked: [s.looked[1], s.looked[0]] }))}>⇄</button></span>}
+        {!two && before && before.digest !== one.digest && alike(before.type, one.type) && <button onClick={() => beside(before, one)} title="Both with one camera, side by side or under a wipe">⇆ Beside {before.label}</button>}
         {a.artifact && a.artifact.shows.length > 1 && <span className="group shows" role="tablist" aria-label="what is shown">{a.artifact.shows.map((each) => <button role="tab" key={each.id} aria-selected={each.id === show?.id} onClick={() => setLook({ show: each.id, single: false })}>{each.title || each.kind}</button>)}</span>}
         {show && a.artifact && <LookTools show={show} />}
       </div>

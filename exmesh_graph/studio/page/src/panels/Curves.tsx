@@ -7,16 +7,14 @@ import type { Curve } from "../types";
 import { Charts } from "./Chart";
 
 export function Curves() {
-  const followed = useStudio((s) => s.followed), selected = useStudio((s) => s.selected), tick = useStudio((s) => s.curvesTick);
+  const followed = useStudio((s) => s.followed), selected = useStudio((s) => s.selected), beat = useStudio((s) => Math.floor(s.beat / 2)), state = useStudio((s) => s.details?.state);
   const [curves, setCurves] = useState<Curve[] | null>(null), [axis, setAxis] = useState<"" | "t">(""), [only, setOnly] = useState(false);
-  const [beat, setBeat] = useState(0);
-  useEffect(() => { const timer = setTimeout(() => setBeat((b) => b + 1), 1200); return () => clearTimeout(timer); }, [tick]);
   useEffect(() => {
     if (!followed) return;
     let gone = false;
     get<{ curves: Curve[] }>(`/api/runs/${encodeURIComponent(followed)}/curves`).then((found) => { if (!gone) setCurves(found.curves); }).catch(tell);
     return () => { gone = true; };
-  }, [followed, beat]);
+  }, [followed, beat, state]);
   if (!followed) return <p className="soft pad">Curves of a run stand here. Press <b>Run</b>, or choose a run above.</p>;
   const mine = (curve: Curve) => curve.node.replace(/\[\d+\]/g, "") === selected;
   const shown = only && selected ? (curves ?? []).filter(mine) : curves ?? [];

@@ -2,7 +2,7 @@
 import { useEffect, useState } from "react";
 import { address } from "../api";
 import { artifactOf, tell } from "../state/actions";
-import { now, set, useStudio, type State } from "../state/store";
+import { now, set, useStudio, type Looked, type State } from "../state/store";
 import { bytes } from "../text";
 import type { Artifact, GraphNode, Outputs } from "../types";
 
@@ -19,8 +19,8 @@ export function look(side: 0 | 1, digest: string, node: string, port: string, ty
   set((s) => {
     const looked: State["looked"] = [...s.looked];
     looked[side] = { digest, node, port, run, label, type };
-    if (side === 0 && !looked[1]) looked[1] = null;
-    return { looked, tab: "look", dock: s.dock === "closed" ? "open" : s.dock };
+    const left = side === 0 && !looked[1] && s.looked[0]?.digest !== digest ? s.looked[0] : null;
+    return { looked, ...(left ? { before: left } : {}), tab: "look", dock: s.dock === "closed" ? "open" : s.dock };
   });
 }
 
@@ -50,7 +50,9 @@ export function inOrder(node: GraphNode, outputs: Outputs): [string, Outputs[str
 }
 
 const SURFACES = ["Mesh", "Carrier", "Stage1State", "Asset", "SceneTruth"];
-const alike = (one: string, two: string) => one === two || (SURFACES.includes(one) && SURFACES.includes(two));
+export const alike = (one: string, two: string) => one === two || (SURFACES.includes(one) && SURFACES.includes(two));
+
+export const beside = (one: Looked, two: Looked): void => set((s) => ({ looked: [one, two], tab: "look", dock: s.dock === "closed" ? "open" : s.dock }));
 
 // The first output of the round that is chosen, or of the last one that is there.
 export function lookAtNode(node: GraphNode): void {
@@ -62,7 +64,8 @@ export function lookAtNode(node: GraphNode): void {
 }
 
 function OutputCard({ digest, type, size, name, port }: { digest: string; type: string; size: number; name: string; port: string }) {
-  const [artifact, setArtifact] = useState<Artifact | null>(null), other = useStudio((s) => s.looked[0]);
+  const [artifact, setArtifact] = useState<Artifact | null>(null), here = useStudio((s) => s.looked[0]), before = useStudio((s) => s.before);
+  const other = here && here.digest !== digest ? here : before;
   useEffect(() => {
     let gone = false;
     artifactOf(digest).then((found) => { if (!gone) setArtifact(found); }).catch(tell);
@@ -77,7 +80,7 @@ function OutputCard({ digest, type, size, name, port }: { digest: string; type: 
       {thumb && <button className="thumb" onClick={() => look(0, digest, name, port, type)} aria-label={`look at ${port}`}><img src={thumb} alt="" loading="lazy" /></button>}
       <div className="buttons">
         <button onClick={() => look(0, digest, name, port, type)}>Look</button>
-        {other && other.digest !== digest && alike(other.type, type) && <button onClick={() => look(1, digest, name, port, type)} title={`beside ${other.label}`}>Beside {other.label}</button>}
+        {other && other.digest !== digest && alike(other.type, type) && <button onClick={() => beside(other, { digest, node: name, port, run: "", label: `${name}.${port}`, type })} title="Both with one camera, side by side or under a wipe">Beside {other.label}</button>}
       </div>
     </div>
   );

@@ -3,6 +3,7 @@ import { useState } from "react";
 import { address } from "../api";
 import { follow, resumeRun, stopRun } from "../state/actions";
 import { set, useStudio } from "../state/store";
+import { Busy } from "./Busy";
 import { ago, count, figure, seconds } from "../text";
 import type { Run } from "../types";
 
@@ -33,7 +34,7 @@ function RunLine({ run, followed, close }: { run: Run; followed: boolean; close:
   return (
     <div className={`run-line${followed ? " followed" : ""}`}>
       <button role="menuitem" onClick={() => { void follow(run.id, run.graph !== name || run.sweep); if (run.sweep) set({ tab: "compare", dock: "open" }); close(); }} title={`${run.id}\n${run.file}`}>
-        <span className={`sign is-${run.state}`}>{LIVE.includes(run.state) ? <i className="spin" /> : SIGN[run.state] ?? "?"}</span>
+        <span className={`sign is-${run.state}`}>{LIVE.includes(run.state) ? <Busy /> : SIGN[run.state] ?? "?"}</span>
         <span><b>{run.label || run.graph}</b>{run.variant && <span className="chip">{run.variant}</span>}{run.sweep && <span className="chip">sweep</span>}{!run.ours && <span className="chip" title="started elsewhere">elsewhere</span>}
           <br /><span className="soft">{ago(run.started)} · {run.state} · {seconds(run.seconds)} · {run.ready}/{run.nodes}{first ? ` · ${first[0]} ${figure(first[1].value)}` : ""}</span></span>
       </button>
@@ -48,7 +49,7 @@ export function RunCard({ run }: { run: Run }) {
   const failures = useStudio((s) => s.details?.nodes_detail.filter((node) => node.failure) ?? []);
   return (
     <section className={`card run-card is-${now.state}`}>
-      <h3><span className={`sign is-${now.state}`}>{live ? <i className="spin" /> : SIGN[now.state]}</span> Run {now.label || now.id} <button className="quiet" onClick={() => void follow(null)} aria-label="Put away" title="Show the graph without this run">✕</button></h3>
+      <h3><span className={`sign is-${now.state}`}>{live ? <Busy /> : SIGN[now.state]}</span> Run {now.label || now.id} <button className="quiet" onClick={() => void follow(null)} aria-label="Put away" title="Show the graph without this run">✕</button></h3>
       <p>{now.state}, {now.ready} of {now.nodes} nodes{now.hits ? `, ${now.hits} of them from the store` : ""}, {seconds(now.seconds)}{live && now.left ? `, about ${seconds(now.left)} left` : ""}</p>
       <div className="meter"><i style={{ width: `${(100 * now.ready) / Math.max(1, now.nodes)}%` }} /></div>
       {failures.map((node) => <FailureNote key={node.name} name={node.name} failure={node.failure!} />)}

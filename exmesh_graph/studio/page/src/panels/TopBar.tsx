@@ -58,7 +58,7 @@ function RunButton() {
       <button className="stop" onClick={() => void stopRun(run.id)} disabled={!run.can_stop} title={run.state === "stopping" ? "Stop at once" : "Stop; running nodes write a checkpoint"}>■ {run.state === "stopping" ? "Stopping…" : "Stop"}</button>
     </span>
   );
-  if (awaiting) return <button className="stop" disabled><i className="spin" /> Starting…</button>;
+  if (awaiting) return <button className="stop" disabled><i className="spin turning" /> Starting…</button>;
   return <button className="run" onClick={() => { forgetPreview(); void startRun(); }} disabled={busy || faulty} title={faulty ? "The graph has faults." : "Run (Ctrl+Enter). What is in the store is taken from it."}>▶ Run</button>;
 }
 

@@ -123,7 +123,7 @@ function agrees(): boolean {
 export async function loadDetails(id: string): Promise<void> {
   const details = await get<RunDetail>(`/api/runs/${encodeURIComponent(id)}`);
   if (now().followed !== id || !details.nodes_detail) return; // a run that is starting has no nodes yet
-  set((s) => ({ details, states: new Map<string, NodeState>(details.nodes_detail.map((node) => [node.name, node])), curvesTick: s.curvesTick + 1 }));
+  set((s) => ({ details, states: new Map<string, NodeState>(details.nodes_detail.map((node) => [node.name, node])), beat: s.beat + 1 }));
 }
 
 export async function startRun(nodes: string[] = [], force: string[] = [], start: string[] = []): Promise<void> {

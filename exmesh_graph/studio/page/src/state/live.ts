@@ -23,10 +23,10 @@ export function listen(): () => void {
   });
   on("plan", () => get<{ revision: number; plan: Plan | null }>("/api/plan").then(({ revision, plan }) => set((s) => (s.document && plan && s.document.revision === revision ? { document: { ...s.document, plan, plan_pending: false } } : {}))).catch(tell));
   on<{ id: string }>("runs", ({ id }) => loadRuns().then(() => (id === now().followed ? loadDetails(id) : null)).catch(tell));
-  on<Run>("run", takeRun);
-  on<NodeEvent>("node", (event) => buffered(() => takeNode(event)));
-  on<ProgressEvent>("progress", (event) => buffered(() => takeProgress(event)));
-  on("log", () => buffered(() => set((s) => ({ logTick: s.logTick + 1 }))));
+  on<Run>("run", (run) => { if (news(run)) takeRun(run); else buffered(`run ${run.id}`, () => takeRun(run), CALM); });
+  on<NodeEvent>("node", (event) => buffered(`node ${event.name} ${event.state}`, () => takeNode(event)));
+  on<ProgressEvent>("progress", (event) => buffered(`progress ${event.name}`, () => takeProgress(event), CALM));
+  on("log", () => buffered("log", () => set((s) => ({ logTick: s.logTick + 1 })), CALM));
   source.onerror = () => { if (now().connection !== "denied") set({ connection: "lost" }); };
   const watch = setInterval(() => { if (source.readyState === EventSource.CLOSED) { clearInterval(watch); probe(); } }, 1500);
   return () => { clearInterval(watch); source.close(); };
@@ -67,7 +67,7 @@ function takeNode(event: NodeEvent): void {
     const old = s.states.get(event.name) ?? blank(event.name, event.id);
     const state: NodeState = { ...old, state: event.state, seconds: event.seconds ?? old.seconds, peak_memory: event.peak_memory ?? old.peak_memory,
       outputs: event.outputs ?? old.outputs, began: event.state === "running" ? Date.now() / 1000 : old.began, progress: event.state === "running" ? old.progress : null };
-    return { states: new Map(s.states).set(event.name, state), logTick: s.logTick + 1, curvesTick: s.curvesTick + (event.state === "done" ? 1 : 0) };
+    return { states: new Map(s.states).set(event.name, state), logTick: s.logTick + 1 };
   });
   if (event.state === "failed") loadDetails(event.run).catch(tell);
 }
@@ -77,13 +77,30 @@ function takeProgress(event: ProgressEvent): void {
   set((s) => {
     const old = s.states.get(event.name) ?? blank(event.name, event.id);
     const progress: Progress = { step: event.step, total: event.total, left: event.left, figures: event.figures };
-    return { states: new Map(s.states).set(event.name, { ...old, state: "running", progress }), curvesTick: s.curvesTick + 1 };
+    return { states: new Map(s.states).set(event.name, { ...old, state: "running", progress }) };
   });
 }
 
-// Events come in bursts; the page takes them together, once a frame.
-let waiting: (() => void)[] = [];
-function buffered(act: () => void): void {
-  waiting.push(act);
-  if (waiting.length === 1) setTimeout(() => { const all = waiting; waiting = []; for (const one of all) one(); }, 120);
+// A run that began, or is in another state now.
+const news = (run: Run): boolean => now().runs.find((other) => other.id === run.id)?.state !== run.state;
+
+// What happens is drawn together, of each thing the last: states of nodes at once, progress every two seconds, since a
+// page that is drawn often takes time from the run that it watches.
+const SOON = 120, CALM = 2000;
+const waiting = new Map<string, () => void>();
+let due = Infinity, timer = 0;
+function buffered(what: string, act: () => void, within = SOON): void {
+  waiting.delete(what);
+  waiting.set(what, act);
+  const at = Date.now() + within;
+  if (at >= due) return;
+  due = at;
+  clearTimeout(timer);
+  timer = window.setTimeout(() => {
+    due = Infinity;
+    const all = [...waiting.values()];
+    waiting.clear();
+    for (const one of all) one();
+    set((s) => ({ beat: s.beat + 1 }));
+  }, within);
 }

@@ -27,21 +27,22 @@ export interface State {
   tab: DockTab;
   dock: "open" | "closed" | "full";
   looked: [Looked | null, Looked | null];
+  before: Looked | null; // what was looked at before, to be put beside
   artifacts: Map<string, Artifact>;
   busy: boolean;
   preview: Preview | null;
   toasts: Toast[];
   overlay: null | "add" | "help" | "save" | "open";
   addAt: { node: string; port: string; output: boolean; types: string[] } | null; // an end that the new node is wired to
-  curvesTick: number;
+  beat: number; // grows when what a run does is drawn anew
   logTick: number;
 }
 
 export const useStudio = create<State>(() => ({
   connection: "connecting", document: null, catalog: null, runs: [], awaiting: null, followed: null, details: null, runGraph: null,
   states: new Map(), selected: null, round: null, marked: new Set(), pursue: true, blocks: {}, tab: "look", dock: "closed",
-  looked: [null, null], artifacts: new Map(), busy: false, preview: null, toasts: [], overlay: null, addAt: null,
-  curvesTick: 0, logTick: 0,
+  looked: [null, null], before: null, artifacts: new Map(), busy: false, preview: null, toasts: [], overlay: null, addAt: null,
+  beat: 0, logTick: 0,
 }));
 
 export const set = useStudio.setState;
