@@ -63,7 +63,7 @@ export function Canvas() {
   useFit(drawn, fitView, setCenter);
   const reveal = useCallback((id: string) => {
     const rect = drawn?.layout.boxes.get(id) ?? drawn?.layout.frames.get(id);
-    if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7), duration: still() ? 0 : 200 });
+    if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7 * large()), duration: still() ? 0 : 200 });
   }, [drawn, setCenter, getZoom]);
   useEffect(() => {
     const go = (event: Event) => reveal((event as CustomEvent<string>).detail);
@@ -160,10 +160,10 @@ function useFit(drawn: Picture | null, fitView: ReturnType<typeof useReactFlow>[
     if (!drawn || !width || !height || fitted.current === file) return;
     fitted.current = file;
     const whole = Math.min(width / drawn.layout.width, height / drawn.layout.height), tall = height / drawn.layout.height;
-    if (whole >= 0.5) void fitView({ padding: 0.04, maxZoom: 1.1 });
+    if (whole >= 0.5 * large()) void fitView({ padding: 0.04, maxZoom: 1.1 * large() });
     else {
-      const zoom = Math.min(0.95, Math.max(0.55, 0.96 * tall)), first = drawn.boxes.map((box) => drawn.layout.boxes.get(box.id)!).sort((a, b) => a.x - b.x)[0];
-      void setCenter(width / zoom / 2 - 10, tall > 0.55 ? drawn.layout.height / 2 : first.y + first.height / 2, { zoom });
+      const zoom = large() * Math.min(0.95, Math.max(0.55, (0.96 * tall) / large())), first = drawn.boxes.map((box) => drawn.layout.boxes.get(box.id)!).sort((a, b) => a.x - b.x)[0];
+      void setCenter(width / zoom / 2 - 10, tall > 0.55 * large() ? drawn.layout.height / 2 : first.y + first.height / 2, { zoom });
     }
   }, [drawn, file, width, height, fitView, setCenter]);
 }
@@ -205,4 +205,6 @@ function ChooseEnd() {
   );
 }
 
+// Boxes grow with the screen as the words beside them do.
+const large = () => Math.min(2.2, Math.max(1, window.innerHeight / 1080));
 const still = () => window.matchMedia("(prefers-reduced-motion: reduce)").matches;
