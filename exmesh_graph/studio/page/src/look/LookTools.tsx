@@ -33,7 +33,8 @@ function ModelTools() {
   useEffect(() => { get<{ lights: string[] }>("/api/lights").then((found) => setLights(found.lights)).catch(() => undefined); }, []);
   return (
     <div className="tools">
-      <span className="group" role="group" aria-label="how the surface is shown">{kinds.map((kind) => <button key={kind} aria-pressed={kind === shown} onClick={() => setLook({ shown: kind })}>{kind.replace("_", " ")}</button>)}</span>
+      <select className="narrow-only" aria-label="how the surface is shown" value={shown} onChange={(event) => setLook({ shown: event.target.value })}>{kinds.map((kind) => <option key={kind} value={kind}>{kind.replace("_", " ")}</option>)}</select>
+      <span className="group wide-only" role="group" aria-label="how the surface is shown">{kinds.map((kind) => <button key={kind} aria-pressed={kind === shown} onClick={() => setLook({ shown: kind })}>{kind.replace("_", " ")}</button>)}</span>
       {shown === "shaded" && <>
         <Choice label="Light" value={look.light} values={lights} pick={(light) => setLook({ light })} />
         <Slider label="Turn" min={-180} max={180} step={1} value={look.turn} set={(turn) => setLook({ turn })} unit="°" />

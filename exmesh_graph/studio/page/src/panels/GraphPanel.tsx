@@ -5,7 +5,7 @@ import { ProblemList } from "./Problems";
 import { RunCard } from "./Runs";
 
 export function GraphPanel() {
-  const document = useStudio((s) => s.document)!, runGraph = useStudio((s) => s.runGraph), details = useStudio((s) => s.details);
+  const document = useStudio((s) => s.document)!, runGraph = useStudio((s) => s.runGraph), details = useStudio((s) => s.details), fresh = useStudio((s) => s.runs.length === 0 && s.awaiting === null);
   return (
     <div className="scroll">
       {runGraph && <div className="head"><h2>A run's own graph</h2><p className="doc">This is how that run ran it; it cannot be edited.</p></div>}
@@ -15,6 +15,7 @@ export function GraphPanel() {
           {document.doc && <p className="doc">{document.doc}</p>}
         </div>
       )}
+      {fresh && <p className="comment hint">Press <b>▶ Run</b>: every box runs once and keeps what it made. Then click a box to look at its results or to change it; what would run again is marked at once. <b>?</b> tells all keys and signs.</p>}
       {details && <RunCard run={details} />}
       {!runGraph && document.problems.length > 0 && <ProblemList problems={document.problems} />}
       {!runGraph && (
