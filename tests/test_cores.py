@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import weakref
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -14,7 +15,10 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from exmesh_graph.gpu import cores as cores_module
+from exmesh_graph.gpu import crew
 from exmesh_graph.gpu.cores import available, cores, scratch, share, split, workers
+from exmesh_graph.gpu.crew import together
 from exmesh_graph.gpu.warp_runtime import launch
 
 
@@ -32,6 +36,63 @@ def test_every_item_is_done_once(size, grain, count):
         split(count_items, size, counts, grain=grain)
     assert counts[:size].tolist() == [1] * size
     assert int(counts[size]) == 0
+
+
+@given(st.integers(1, 500), st.integers(1, 17), st.integers(1, 60))
+def test_runs_are_whole_pieces_and_cover_everything_once(size, count, grain):
+    runs = cores_module._runs(size, count, grain)
+    assert [first for first, _ in runs] == [sum(n for _, n in runs[:k]) for k in range(len(runs))]
+    assert sum(n for _, n in runs) == size
+    assert all(first % grain == 0 and n > 0 for first, n in runs)
+    assert len(runs) <= 3 * count
+
+
+def test_a_short_launch_stays_on_its_thread_and_a_long_one_does_not(monkeypatch):
+    helped = []
+    monkeypatch.setattr(cores_module, "together", lambda work, helpers: (helped.append(helpers), work()))
+    counts = torch.zeros(100, dtype=torch.int32)
+    with cores(3):
+        split(count_items, 100, counts, grain=10)
+        monkeypatch.setattr(cores_module, "WORTH", 1e9)
+        split(count_items, 100, counts, grain=10)
+        split(count_items, 100, counts, grain=10)
+        monkeypatch.setattr(cores_module, "WORTH", 0.0)
+        helped.clear()
+        split(count_items, 100, counts, grain=10)
+    assert helped == [2]
+    assert counts.tolist() == [4] * 100
+
+
+def test_whoever_comes_late_does_not_begin(monkeypatch):
+    """One thread holds all helpers; the work of another is done without them."""
+    released, held, begun = threading.Event(), threading.Semaphore(0), []
+
+    def hold():
+        held.release()
+        released.wait(20)
+
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr(crew, "_started", [])  # three new threads, and a queue that no other has
+    monkeypatch.setattr(crew, "_jobs", SimpleQueue())
+    holder = threading.Thread(target=lambda: together(hold, 3))
+    holder.start()
+    assert all(held.acquire(timeout=20) for _ in range(4))
+    together(lambda: begun.append(threading.current_thread()), 2)
+    assert begun == [threading.current_thread()]
+    released.set()
+    holder.join()
+
+
+def test_what_any_thread_raises_is_raised():
+    both = threading.Barrier(2)
+
+    def work():
+        both.wait(10)
+        if threading.current_thread() is not threading.main_thread():
+            raise KeyError("there")
+
+    with pytest.raises(KeyError, match="there"):
+        together(work, 1)
 
 
 def test_cores_are_those_of_the_process_and_end_with_the_block():

@@ -6,26 +6,33 @@ a piece of work is depends on its size alone, and each result has one owner: who
 
 from __future__ import annotations
 
-import os
+import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import torch
 
+from exmesh_graph.gpu.crew import together
 from exmesh_graph.gpu.warp_runtime import convert, launch, launch_converted
 from exmesh_graph.resources import usable_cores
 
 Result = TypeVar("Result")
 
-_LAUNCHES = 4
+WORTH = 60e-6
+"""Seconds that a launch takes on one core from which on it is shared: to share it costs some 30."""
+_LONG = 0.7
+"""Of the work, in the first run of each core."""
 _count: ContextVar[int] = ContextVar("exmesh_cores", default=0)
 _launched: set[Any] = set()
-_pool: ThreadPoolExecutor | None = None
+_seconds: dict[Any, float] = {}
+"""Of each kernel: what an item took, as last seen. Who computes an item changes no byte, so this may be wrong."""
 _own = threading.local()
 
 
@@ -54,7 +61,8 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
 
     The kernel's first parameter is `first: int`, and its item is `first + wp.tid()`; `arguments` are the others, as
     for `launch`. Items must not write what other items read or write; sums belong to an item, or to a piece (number
-    item // grain), and are added up by the caller in their order. On CUDA this is one launch with first = 0.
+    item // grain), and are added up by the caller in their order. On CUDA this is one launch with first = 0. Launches
+    that are too short to be worth it stay on this thread.
     """
     device = next(a.device for a in arguments if isinstance(a, torch.Tensor))
     count = min(workers(), -(-size // grain))
@@ -63,21 +71,35 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
         launch(kernel, size, 0, *arguments)
         _launched.add(kernel)
         return
+    if size * _seconds.get(kernel, math.inf) < WORTH:
+        began = time.perf_counter()
+        launch(kernel, size, 0, *arguments)
+        _seconds[kernel] = (time.perf_counter() - began) / size
+        return
     converted = convert(kernel, (0, *arguments))[1:]
-    # a launch costs some 20 us of the interpreter's lock: a few for each core are enough to even out their ends
-    run = grain * max(1, size // (grain * count * _LAUNCHES))
-    pieces = iter(range(0, size, run))  # shared: taking the next one is atomic
+    runs = iter(_runs(size, count, grain))  # shared: taking the next one is atomic
 
     def work() -> None:
-        for first in pieces:
-            launch_converted(kernel, min(run, size - first), [first, *converted])
+        for first, items in runs:
+            began = time.perf_counter()
+            launch_converted(kernel, items, [first, *converted])
+            _seconds[kernel] = (time.perf_counter() - began) / items
 
-    others = [_threads().submit(work) for _ in range(count - 1)]
-    try:
-        work()
-    finally:
-        for other in others:
-            other.result()
+    together(work, count - 1)
+
+
+def _runs(size: int, count: int, grain: int) -> list[tuple[int, int]]:
+    """[0, size) in runs (first, items) of whole pieces: a long one for each core, then a short one for even ends.
+
+    More of them cost more: a launch takes the interpreter's lock for some microseconds.
+    """
+    pieces = -(-size // grain)
+    long = max(1, int(_LONG * pieces / count))
+    short = max(1, -(-(pieces - long * count) // count))
+    ends = [min(long * k, pieces) for k in range(count + 1)]
+    ends += range(ends[-1] + short, pieces, short)
+    ends = list(dict.fromkeys([*ends, pieces]))
+    return [(grain * a, min(grain * b, size) - grain * a) for a, b in pairwise(ends)]
 
 
 def share(function: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
@@ -115,21 +137,3 @@ def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.T
     if name not in kept or len(kept[name]) < size or kept[name].dtype != dtype:
         kept[name] = torch.empty(size, dtype=dtype)
     return kept[name]
-
-
-def _threads() -> ThreadPoolExecutor:
-    """Threads wait without spinning, so several solvers of a process may share them."""
-    global _pool
-    if _pool is None:
-        most = len(os.sched_getaffinity(0))
-        _pool = ThreadPoolExecutor(max(most - 1, 3), thread_name_prefix="exmesh-core")
-    return _pool
-
-
-def _forget_threads() -> None:
-    """A forked child has none of its parent's threads."""
-    global _pool
-    _pool = None
-
-
-os.register_at_fork(after_in_child=_forget_threads)
