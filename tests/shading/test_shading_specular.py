@@ -241,3 +241,22 @@ def test_no_texels_sun_gains_or_loses_by_the_grid(height):
         for (rows, columns), level in zip(sizes, stack.build(sky).split([h * w for h, w in sizes]), strict=True):
             angle = torch.from_numpy(envmap.solid_angles(rows, columns))[:, None]
             assert float((level[:, 0].double().reshape(rows, columns) * angle).sum()) == pytest.approx(flux, rel=2e-4)
+
+
+@pytest.mark.parametrize("height", [64, 128])
+def test_blocks_are_means_by_solid_angle_and_spread_is_their_adjoint(height):
+    draw = torch.Generator().manual_seed(0)
+    sky = torch.rand(height, 2 * height, 3, generator=draw, dtype=torch.float64)
+    angle = torch.from_numpy(envmap.solid_angles(height, 2 * height))
+    factors = []
+    for group in PrefilteredStack(height, 2 * height).groups:
+        f = group.factor
+        factors.append(f)
+        pooled = group.pool(sky)
+        for i, j in ((0, 0), (height // f // 2, 3), (height // f - 1, 2 * height // f - 1)):
+            rows = angle[f * i : f * (i + 1), None, None]
+            block = sky[f * i : f * (i + 1), f * j : f * (j + 1)]
+            assert torch.allclose(pooled[i, j], (rows * block).sum((0, 1)) / (f * rows.sum()), rtol=1e-6)
+        given = torch.rand(pooled.shape, generator=draw, dtype=torch.float64)
+        assert float((given * pooled).sum()) == pytest.approx(float((group.spread(given) * sky).sum()), rel=1e-12)
+    assert max(factors) >= 4
