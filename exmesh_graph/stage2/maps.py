@@ -74,6 +74,7 @@ class MaterialMaps:
 
     texels     int64 [T], ascending: flat positions in the size x size maps; all others stay out of the fit
     spare      memory [T, C] of a gradient that is no longer wanted, for the next one (None: none)
+    extreme    address, version and largest |value| of a gradient that was just computed, where known (fused.maps)
     parameter  [T, C] leaf; columns: base colour 3, roughness, (metallic), each the logit of its map; (the normal map's
                two slopes over `SLOPE`)
     """
@@ -99,6 +100,7 @@ class MaterialMaps:
             columns.append(texels_of(flat if start.normal is None else slopes_of(start.normal)) / SLOPE)
         self.parameter = torch.cat(columns, dim=1).requires_grad_()
         self.spare: torch.Tensor | None = None
+        self.extreme: tuple[int, int, float] | None = None
 
     def values(self) -> torch.Tensor:
         """Base colour, roughness (metallic, slopes) of the texels, [T, 4 to 7]; differentiable in `parameter`."""

@@ -219,3 +219,18 @@ def test_a_views_terms_may_be_differentiated_again_until_the_next_view(carrier, 
     weighted_terms(model, model.buffers[3], STEP)
     with pytest.raises(RuntimeError, match="differentiated again"):
         terms["image"].backward()
+
+
+def test_the_pass_that_writes_a_gradient_tells_its_largest_value(carrier, train_views, transport):
+    model = _stir(_model(carrier, train_views, transport))
+    terms, _ = weighted_terms(model, model.buffers[0], 3)
+    loss = torch.stack(list(terms.values())).sum()
+    for factor in (1.0, float("inf")):
+        model.maps.parameter.grad = None
+        (factor * loss).backward(retain_graph=True)
+        gradient = model.maps.parameter.grad
+        address, version, largest = model.maps.extreme
+        assert (address, version) == (gradient.data_ptr(), gradient._version)
+        assert largest == float(gradient.abs().max()) if factor == 1 else not np.isfinite(largest)
+    gradient += 1  # another term's share of it
+    assert version != gradient._version

@@ -143,6 +143,7 @@ SCATTER = (
     // through the values: s (1 - s) of a logit; the cut of roughness at 1 lets the gradient pass
     const int width = C == 4 ? 8 : C;
     vd to_gain = 0.0;
+    vf most = 0.f, apart = 0.f;                                // apart: not a number once a value is not finite
     for (long i = (long)a * C; i < (long)b * C; i += width) {
         const int lanes = (long)b * C - i < width ? 4 : width;
         float p[8] = {0.f}, q[8] = {0.f};
@@ -152,9 +153,15 @@ SCATTER = (
         for (int j = 0; j < lanes; ++j) { p[j] = parameter.data[i + j]; q[j] = G[i + j]; }
         const vf s = sigmoid(LOAD(p)), d = LOAD(q) * factor;
         to_gain += __builtin_convertvector(d * s, vd);
-        STORE(q, is_logit ? d * s * (1.f - s) : d);
+        const vf found = is_logit ? d * s * (1.f - s) : d, size = __builtin_elementwise_abs(found);
+        most = size > most ? size : most;
+        apart += found - found;
+        STORE(q, found);
         for (int j = 0; j < lanes; ++j) G[i + j] = q[j];
     }
+    extreme.data[piece] = 0.f;
+    for (int j = 0; j < 8; ++j)
+        extreme.data[piece] = (most[j] > extreme.data[piece] ? most[j] : extreme.data[piece]) + apart[j];
     for (int c = 0; c < 3; ++c)
         gain_gradient.data[3 * piece + c] = -(to_gain[c] + (C == 4 ? to_gain[c + 4] : 0.0)) / gain.data[c];
 """
@@ -185,6 +192,7 @@ def _scatter(
     gradient2: wp.array(dtype=float),
     out: wp.array(dtype=float),
     gain_gradient: wp.array(dtype=wp.float64),
+    extreme: wp.array(dtype=float),
 ): ...
 
 
@@ -212,9 +220,11 @@ def scatter_maps(
     gradient2: wp.array(dtype=float),
     out: wp.array(dtype=float),
     gain_gradient: wp.array(dtype=wp.float64),
+    extreme: wp.array(dtype=float),
 ):
-    """The adjoint of two `read_maps`: gradient of the parameters [T, C], `grain` rows an item, and per item of gain."""
+    """The adjoint of two `read_maps`: gradient of the parameters [T, C], `grain` rows an item; per item that of gain,
+    and the largest |value| (not a number where one is not finite)."""
     _scatter(
         first + wp.tid(), grain, rows, channels, logits, low, span, slope, gain, parameter, count, order, texel, weight,
-        gradient, count2, order2, texel2, weight2, gradient2, out, gain_gradient,
+        gradient, count2, order2, texel2, weight2, gradient2, out, gain_gradient, extreme,
     )  # fmt: skip

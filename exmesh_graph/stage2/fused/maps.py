@@ -73,9 +73,10 @@ class _ReadMaps(torch.autograd.Function):
         spare, ctx.maps.spare = ctx.maps.spare, None
         out = torch.empty_like(parameter) if spare is None or spare.shape != parameter.shape else spare
         del spare  # nobody else may hold what becomes the parameter's gradient: it would be copied
-        to_gain = torch.empty(items, 3, dtype=torch.float64)
+        to_gain, extreme = torch.empty(items, 3, dtype=torch.float64), torch.empty(items)
         split(
             _kernels().scatter_maps, items, ROWS, rows, channels, logits, low, span, SLOPE, gain, parameter, *lists,
-            out, to_gain, grain=1,
+            out, to_gain, extreme, grain=1,
         )  # fmt: skip
+        ctx.maps.extreme = out.data_ptr(), out._version, float(extreme.max()) if items else 0.0
         return out, to_gain.sum(0).to(gain), None, None, None, None, None
