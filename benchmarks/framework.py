@@ -28,9 +28,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.framework_peers import PEERS, TOY, engine
+from exmesh_graph.files import sha256_file
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs, load_packs
-from exmesh_graph.graph.files import sha256_file
 from exmesh_graph.graph.language.check import check_file
 from exmesh_graph.graph.run.plan import plan
 from exmesh_graph.graph.run.rundir import RunFolder

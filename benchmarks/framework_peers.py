@@ -83,7 +83,7 @@ def value_of(name: str, first: int) -> int:
 
 def ours_unsynced(folder: Path, width: int, first: int) -> dict[str, Any]:
     """The same with `fsync` switched off, as in the peers; not something the command line offers."""
-    from exmesh_graph.graph import files
+    from exmesh_graph import files
 
     files.sync = lambda path: None  # type: ignore[assignment]
     return ours(folder, width, first)

@@ -26,9 +26,9 @@ from typing import Any
 from exmesh_graph.api.arguments import file_of, path_of, wrong
 from exmesh_graph.api.scope import NodeScope, map_or_empty
 from exmesh_graph.api.values import Node, Parameter, Wire, here, plain
+from exmesh_graph.files import writing
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.declare.ports import Signature, signature, type_name
-from exmesh_graph.graph.files import writing
 from exmesh_graph.graph.language.extends import over_base
 from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.yamlfile import Map, load_yaml

@@ -22,9 +22,9 @@ from exmesh_graph.api.opening import Folder, open_store, packs
 from exmesh_graph.api.unseen import outside_imports, unseen
 from exmesh_graph.api.upkeep import shown_bytes
 from exmesh_graph.errors import ExmeshError
+from exmesh_graph.files import lock, sync
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.files import lock, sync
 from exmesh_graph.graph.problems import in_short
 from exmesh_graph.resources import machine_facts
 

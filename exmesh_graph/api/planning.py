@@ -13,7 +13,7 @@ from exmesh_graph.api.opening import Folder, Names, Settings, Source, checked_gr
 from exmesh_graph.api.selecting import matching, selected
 from exmesh_graph.api.unseen import undeclared, unseen
 from exmesh_graph.graph.cache.fingerprint import fingerprint
-from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN
+from exmesh_graph.graph.run.plan import HIT, IDLE, RUN, UNKNOWN
 from exmesh_graph.graph.run.plan import plan as steps_of
 from exmesh_graph.report.differences import named_in_short
 from exmesh_graph.report.reasons import differences, explain, explained, record_time
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Plan(list["Step"]):
-    """The steps of a run in order, each with name, state (hit, run, unknown), reason and key; as text, a table."""
+    """The steps of a run in order, each with name, state, reason and key; as text, a table."""
 
     def __init__(self, graph: Checked, store: Store, steps: Iterable[Step]) -> None:
         super().__init__(steps)
@@ -75,14 +75,15 @@ def idle_line(graph: Checked) -> str:
 
 
 def counts_of(states: Iterable[str]) -> dict[str, int]:
-    """{hit, run, unknown: how many}"""
+    """{hit, run, unknown, idle: how many}"""
     counts = Counter(states)
-    return {state: counts[state] for state in (HIT, RUN, UNKNOWN)}
+    return {state: counts[state] for state in (HIT, RUN, UNKNOWN, IDLE)}
 
 
 def counted(counts: Mapping[str, int]) -> str:
     """`3 hit, 2 to run, 1 unknown`."""
-    return f"{counts[HIT]} hit, {counts[RUN]} to run, {counts[UNKNOWN]} unknown"
+    idle = f", {counts[IDLE]} not needed" if counts[IDLE] else ""
+    return f"{counts[HIT]} hit, {counts[RUN]} to run, {counts[UNKNOWN]} unknown{idle}"
 
 
 def plan(
@@ -141,7 +142,8 @@ def why_of(checked: Checked, node: str, opened: Store) -> Why:
     steps = {step.name: step for step in steps_of(checked, opened, checked.needed_for([name]))}
     step, bound = steps[name], checked.nodes[name]
     if step.preimage is None:
-        return Why(name, step.state, None, step.reason, waits_for=step.reason.removeprefix("waits for ").split(",")[0])
+        waits = step.reason.removeprefix("waits for ").split(",")[0] if step.state == UNKNOWN else ""
+        return Why(name, step.state, None, step.reason, waits_for=waits)
     with checked.packs:
         outside = tuple(unseen(bound.definitions()))
         libraries = tuple(sorted({library for one in bound.definitions() for library in undeclared(one)}))

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from exmesh_graph.api.board import clock
 from exmesh_graph.api.values import Node, here
 from exmesh_graph.errors import ExmeshError, StoreError
-from exmesh_graph.graph.files import copy_files, writing
+from exmesh_graph.files import copy_files, writing
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.run.rundir import failure_file
 from exmesh_graph.graph.session import current_session

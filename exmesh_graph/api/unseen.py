@@ -18,12 +18,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from exmesh_graph.errors import ExmeshError
+from exmesh_graph.files import sha256_file
 from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.cache.moduletext import OWN, ModuleText
 from exmesh_graph.graph.cache.syntax import LOADERS, imports_in, last_of, text_of
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.files import sha256_file
 
 _ENVIRONMENT = re.compile(r"(?:os\.)?(?:environb?(?:\.get)?|getenvb?)\Z")
 _OF_ENVIRONMENT = ("environ", "environb", "get", "getenv", "getenvb")  # what such a name ends in: asked first

@@ -15,9 +15,9 @@ from exmesh_graph.api.board import RunningNode, board_of
 from exmesh_graph.api.opening import Folder
 from exmesh_graph.api.results import read_run
 from exmesh_graph.errors import ExmeshError
+from exmesh_graph.files import Tail
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.files import Tail
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.run.execute import execute
 from exmesh_graph.graph.run.job import BROKEN, Job, Outcome, rekeyed
@@ -84,7 +84,7 @@ def _status(run: Path) -> RunStatus:
         str(run),
         state,
         len(states),
-        sum(each in ("hit", "done") for each in states.values()),
+        sum(each in ("hit", "done", "idle") for each in states.values()),
         sum(each == "hit" for each in states.values()),
         record["seconds"] if "seconds" in record else max(0.0, now - record["started"]),
         board.left(now) if board is not None and state == "running" else None,

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Self
 from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs, current
-from exmesh_graph.graph.files import Memo
 from exmesh_graph.graph.language import check, yamlfile
+from exmesh_graph.graph.sealed import Memo
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef

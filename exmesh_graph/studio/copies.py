@@ -8,7 +8,7 @@ from pathlib import Path
 
 from exmesh_graph.api.builder import Graph
 from exmesh_graph.api.writing import yaml_text
-from exmesh_graph.graph.files import writing
+from exmesh_graph.files import writing
 from exmesh_graph.graph.language.yamlfile import Map
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, GraphError, StoreError
-from exmesh_graph.graph.files import writing
+from exmesh_graph.files import writing
 from exmesh_graph.studio.runner import write
 
 MOST = 4

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.files import writing
+from exmesh_graph.files import writing
 from exmesh_graph.studio.listing import graph_file_facts
 
 

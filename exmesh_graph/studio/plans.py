@@ -9,11 +9,10 @@ from typing import Any
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Checked
 from exmesh_graph.graph.problems import without_rounds
-from exmesh_graph.graph.run.plan import HIT, RUN, UNKNOWN, Step
+from exmesh_graph.graph.run.plan import HIT, IDLE, RUN, UNKNOWN, Step
 from exmesh_graph.report.reasons import explained as steps_of
 
-IDLE = "idle"
-_ORDER = (RUN, UNKNOWN, HIT)  # what a folded node is called by
+_ORDER = (RUN, UNKNOWN, HIT, IDLE)  # what a folded node is called by
 
 
 def plan_facts(checked: Checked, store: Store, targets: set[str] | None = None) -> dict[str, Any]:
@@ -24,9 +23,10 @@ def plan_facts(checked: Checked, store: Store, targets: set[str] | None = None) 
     nodes: dict[str, dict[str, Any]] = {}
     total, complete = 0.0, True
     for step in steps:
-        counts[step.state] += 1
+        counts[step.state] = counts.get(step.state, 0) + 1
         seconds = _spent(step) if step.state == HIT else expected.of(step.name, checked.node(step.name).definition.type)
-        if step.state != HIT:
+        seconds = None if step.state == IDLE else seconds
+        if step.state not in (HIT, IDLE):
             total += seconds or 0.0
             complete = complete and seconds is not None
         row: dict[str, Any] = {

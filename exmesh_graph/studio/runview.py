@@ -12,8 +12,9 @@ from typing import Any
 from exmesh_graph.api.board import Board, event_of
 from exmesh_graph.api.results import read_run
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph.files import Tail
+from exmesh_graph.files import Tail
 from exmesh_graph.graph.problems import without_rounds
+from exmesh_graph.graph.run.plan import IDLE
 from exmesh_graph.graph.run.rundir import failure_file, is_alive
 
 _PLAIN = ("time", "event", "node", "step", "total", "message")
@@ -100,7 +101,7 @@ class RunView:
             "variant": str((record.get("resolved") or {}).get("variant") or ""), "state": state,
             "reason": self.reason, "started": started, "seconds": float(seconds),
             "left": self.board.left(now) if live else None, "nodes": len(states),
-            "ready": sum(each in ("hit", "done") for each in states.values()),
+            "ready": sum(each in ("hit", "done", IDLE) for each in states.values()),
             "hits": sum(each == "hit" for each in states.values()),
             "running": list(self.board.running) if live else [],
             "at": [n for n, each in states.items() if each in ("running", "failed", "interrupted")] if not live else [],

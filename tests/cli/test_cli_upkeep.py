@@ -13,7 +13,7 @@ import pytest
 from exmesh_graph.graph.cache import fingerprint as fp
 from exmesh_graph.graph.cache.keys import digest_of
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.files import seal_text
+from exmesh_graph.graph.sealed import seal_text
 
 Exmesh = Callable[..., Any]
 GRAPH = 'nodes: {a: {type: toy.const}, s: {type: toy.sign, number: "@a.number"}}\noutputs: {s: "@s.number"}\n'

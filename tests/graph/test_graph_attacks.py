@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph import files
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache.keys import key_of, preimage_of
 from exmesh_graph.graph.declare.packs import declare
 from exmesh_graph.graph.declare.ports import artifact_types
@@ -191,11 +192,11 @@ def test_an_object_whose_table_was_made_to_fit_other_bytes(bench: Any) -> None:
         stored = store.put(Metrics({"x": 1.0}), attempt)
     (file,) = (path for _, path in files.walk_files(store.data(stored.digest)))
     note = store.data(stored.digest).parent / "artifact.json"
-    head = files.read_sealed(note)
+    head = sealed.read_sealed(note)
     file.chmod(0o644)
     file.write_text(file.read_text().replace("1.0", "2.0"))
     head["files"][file.name] = [file.stat().st_size, files.sha256_file(file)]
-    note.write_text(files.seal_text(head))
+    note.write_text(sealed.seal_text(head))
     assert store.load(Metrics, stored.digest) is None
     assert "does not belong to this object" in store.notes[-1]
 
@@ -206,9 +207,9 @@ def test_a_record_whose_preimage_is_that_of_another_key(bench: Any) -> None:
         stored = store.put(Metrics({"x": 1.0}), attempt)
     key = store.record({"type": "t", "params": {"x": 1}}, {"m": stored}, {})
     path = store.root / "actions" / key[:2] / f"{key}.json"
-    record = files.read_sealed(path)
+    record = sealed.read_sealed(path)
     record["preimage"]["params"]["x"] = 2
-    path.write_text(files.seal_text(record))
+    path.write_text(sealed.seal_text(record))
     assert store.look_up(key) is None
     assert "does not belong to the pre-image" in store.notes[-1]
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph import files
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.keys import Stored
 from exmesh_graph.graph.cache.lease import Lease, Leases
 from exmesh_graph.graph.cache.store import Store, writable
@@ -58,7 +58,7 @@ def test_a_write_that_fails_leaves_nothing(
 ) -> None:
     store = Store(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(f"exmesh_graph.graph.files.{where}", failing(code))
+        patch.setattr(f"exmesh_graph.files.{where}", failing(code))
         with pytest.raises(StoreError, match="cannot be written") as caught:
             keep(store)
     assert os.strerror(code) in str(caught.value)

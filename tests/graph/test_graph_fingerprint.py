@@ -15,7 +15,7 @@ from exmesh_graph.graph.cache import fingerprint as fp
 from exmesh_graph.graph.cache.moduletext import is_ignored
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.files import Memo
+from exmesh_graph.graph.sealed import Memo
 
 FILES = {
     "__init__.py": "",

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.api import watch
-from exmesh_graph.graph.files import Tail, allocated
+from exmesh_graph.files import Tail, allocated
 from exmesh_graph.graph.language.yamlfile import Limits
 from exmesh_graph.graph.problems import GraphErrors
 from exmesh_graph.graph.run.backends import worker

@@ -12,7 +12,7 @@ import pytest
 from exmesh_graph import Session
 from exmesh_graph.api import described
 from exmesh_graph.errors import ExmeshError
-from exmesh_graph.graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache import keys
 from exmesh_graph.graph.run.plan import HIT, RUN
 from exmesh_graph.graph.run.runner import NodeFailed
@@ -137,7 +137,7 @@ def test_what_another_version_wrote_stays(bench: Any) -> None:
     action = bench.root / "store" / "actions" / key[:2] / f"{key}.json"
     for moved, path in enumerate((note, action)):  # the object is put aside when its node writes it again
         path.chmod(0o644)
-        path.write_text(files.seal_text({**files.read_sealed(path), "format": keys.FORMAT + 1}))
+        path.write_text(sealed.seal_text({**sealed.read_sealed(path), "format": keys.FORMAT + 1}))
         store = bench.store
         (step,) = plan(bench.check(text), store)
         assert step.state == RUN

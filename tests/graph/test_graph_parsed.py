@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.files import Memo
 from exmesh_graph.graph.language import yamlfile
 from exmesh_graph.graph.language.yamlfile import Map, Reader, load_yaml, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors
+from exmesh_graph.graph.sealed import Memo
 
 TEXT = """
 name: x   # a comment

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
-from exmesh_graph.graph import files
+from exmesh_graph import files
 from exmesh_graph.graph.cache.keys import canonical, key_of, preimage_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.node import NodeDef

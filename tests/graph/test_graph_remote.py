@@ -16,9 +16,9 @@ from exmesh_graph.errors import MissingLibraryError, StoreError
 from exmesh_graph.graph.cache.keys import NOTHING, Stored
 from exmesh_graph.graph.cache.remote import Remote
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import seal_text, unseal
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import Runner
+from exmesh_graph.graph.sealed import seal_text, unseal
 from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Metrics
 

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from exmesh_graph.files import own_folder, sweep_abandoned
 from exmesh_graph.graph.cache.keys import Stored
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import SourceDigests, own_folder, seal_text, sweep_abandoned, unseal
+from exmesh_graph.graph.sealed import SourceDigests, seal_text, unseal
 from exmesh_graph.types import Files, Metrics
 
 PREIMAGE = {"type": "t", "params": {}}
@@ -202,15 +203,15 @@ def test_source_digests_follow_the_contents(tmp_path: Path) -> None:
 
 
 def test_sources_are_hashed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from exmesh_graph.graph import files
+    from exmesh_graph.graph import sealed
 
     file, memo = tmp_path / "f", tmp_path / "memo.json"
     file.write_text("one")
-    monkeypatch.setattr(files, "_RACY", -1)
+    monkeypatch.setattr(sealed, "_RACY", -1)
     digests = SourceDigests(memo, tmp_path)
     one = digests.digest(file)
     digests.save()
-    monkeypatch.setattr(files, "sha256_file", lambda path: pytest.fail("hashed again"))
+    monkeypatch.setattr(sealed, "sha256_file", lambda path: pytest.fail("hashed again"))
     assert SourceDigests(memo, tmp_path).digest(file) == one
 
 
@@ -228,7 +229,7 @@ def test_sweep_spares_the_living(tmp_path: Path) -> None:
 
 def test_a_folder_swept_between_open_and_lock_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The sweep may come between opening the lock and locking it: the lock of a removed file protects nothing."""
-    from exmesh_graph.graph import files
+    from exmesh_graph import files
 
     work, real = tmp_path / "work", files.fcntl.flock
     swept = []

@@ -39,7 +39,7 @@ from exmesh_graph.graph.cache.moduletext import (
 from exmesh_graph.graph.cache.syntax import Import
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.files import Memo
+from exmesh_graph.graph.sealed import Memo
 
 ABSENT = "absent"  # the digest of a module of the pack that is not there
 

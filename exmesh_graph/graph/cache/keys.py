@@ -20,7 +20,7 @@ from pathlib import PurePath
 from typing import Any
 
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.components import BoundComponent
 from exmesh_graph.graph.declare.node import NodeDef
@@ -170,7 +170,7 @@ class Action:
 def sound_action(key: str, text: str) -> Action | None:
     """The action in the text of a record, None when it is not sound."""
     try:
-        return action_of(key, files.unseal(text))
+        return action_of(key, sealed.unseal(text))
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from exmesh_graph.graph import files
+from exmesh_graph import files
 
 LIMIT = 900.0  # seconds; native code may hold up the heartbeat for long
 BEAT = 5.0

@@ -16,8 +16,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from exmesh_graph import files
 from exmesh_graph.errors import MissingLibraryError, StoreError
-from exmesh_graph.graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache.keys import Action, sound_action
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ class Remote:
         place = f"objects/{digest[:2]}/{digest}"
         with contextlib.suppress(ValueError, KeyError, TypeError, FileNotFoundError):
             note = self._read(f"{place}/artifact.json")
-            for name in files.unseal(note)["files"]:
+            for name in sealed.unseal(note)["files"]:
                 if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
                     raise ValueError("it names files outside itself")
                 target = draft / "data" / name

@@ -22,8 +22,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from exmesh_graph import files
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache.keys import FORMAT, Action, Stored, action_of, artifact_digest, digest_of, key_of
 from exmesh_graph.types import Artifact
 
@@ -48,8 +49,8 @@ class Store:
         self.below: Path | None = None  # a store that may only be read, see `writable`
         with contextlib.suppress(OSError):
             self.below = Path((self.root / "below").read_text(encoding="utf-8"))
-        self.sources = files.SourceDigests(self.root / "sources.json", self.work)
-        self.code = files.Memo(self.root / "code.json", self.work)
+        self.sources = sealed.SourceDigests(self.root / "sources.json", self.work)
+        self.code = sealed.Memo(self.root / "code.json", self.work)
         self._records: dict[str, list[Action]] | None = None
         self.remote: Remote | None = None
         if shared:
@@ -75,12 +76,12 @@ class Store:
         path = self.root / "roots" / digest_of(facts)[:16]
         if self.folder_of_runs(path) is None:
             with contextlib.suppress(OSError):  # a store that may only be read; hits do not fail for want of a note
-                files.write_durably(path, files.seal_text(facts), self.work)
+                files.write_durably(path, sealed.seal_text(facts), self.work)
 
     def folder_of_runs(self, path: Path) -> tuple[str, Path] | None:
         """(host, folder) in a note of `note_runs`, None (and quarantine) when it is not sound."""
         try:
-            facts = files.read_sealed(path)
+            facts = sealed.read_sealed(path)
             if digest_of(facts)[:16] != path.name:
                 raise ValueError("its name does not belong to its contents")
             return facts["host"], Path(facts["path"])
@@ -126,7 +127,7 @@ class Store:
         digest = artifact_digest(value.type_name, table)
         head = {"format": FORMAT, "type": value.type_name, "digest": digest, "files": table}
         note = draft / "artifact.json"
-        note.write_text(files.seal_text(head), encoding="utf-8")
+        note.write_text(sealed.seal_text(head), encoding="utf-8")
         files.sync(note)
         stored = Stored(value.type_name, digest, sum(size for size, _ in table.values()))
         self._publish(draft, digest)
@@ -193,7 +194,7 @@ class Store:
     def _head(self, digest: str, place: Path | None = None) -> dict[str, Any] | None:
         folder = place or self._place(f"objects/{digest[:2]}/{digest}")
         try:
-            head = files.read_sealed(f"{folder}/artifact.json")
+            head = sealed.read_sealed(f"{folder}/artifact.json")
             if head["digest"] != digest or head["format"] != FORMAT:
                 return None
             sizes = files.sizes(f"{folder}/data")
@@ -207,7 +208,7 @@ class Store:
         table = {port: asdict(stored) for port, stored in outputs.items()}
         record = {"format": FORMAT, "key": key, "preimage": dict(preimage), "outputs": table, **info}
         with files.writing("the store", self.root, "--store"):
-            files.write_durably(self.root / "actions" / key[:2] / f"{key}.json", files.seal_text(record), self.work)
+            files.write_durably(self.root / "actions" / key[:2] / f"{key}.json", sealed.seal_text(record), self.work)
         return key
 
     def look_up(self, key: str, use: bool = True) -> Action | None:
@@ -238,7 +239,7 @@ class Store:
     def read(self, path: Path, use: bool = False) -> Action | None:
         """The record in a file below actions/, None (and quarantine) when it is not sound."""
         try:
-            return action_of(path.stem, files.read_sealed(path, use=use))
+            return action_of(path.stem, sealed.read_sealed(path, use=use))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -293,7 +294,7 @@ class Store:
         if not path.exists():
             return
         with contextlib.suppress(OSError, ValueError):
-            found = files.read_sealed(path / "artifact.json" if path.is_dir() else path).get("format", FORMAT)
+            found = sealed.read_sealed(path / "artifact.json" if path.is_dir() else path).get("format", FORMAT)
             if found != FORMAT and not whatever:
                 own = f"another version of exmesh-graph wrote it (format {found}, here {FORMAT})"
                 self.notes.append(f"{path.name} is not used and left alone: {own}")

@@ -12,7 +12,8 @@ model:
         \"\"\"One line for `exmesh nodes`.\"\"\"
 
 Input ports are the positional parameters after `ctx` (a default of None makes one optional); output ports are the
-fields of the NamedTuple that the function returns. Heavy imports belong inside the function.
+fields of the NamedTuple that the function returns (`Mesh | None` may be absent, and then what needs it is not run).
+Heavy imports belong inside the function.
 
 A component is a small spec that plugs into a node, such as a loss: a class whose fields are parameters.
 

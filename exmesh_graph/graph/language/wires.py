@@ -113,8 +113,6 @@ class Wiring:
             again = name in [kind.__name__ for kind in port.types]
             fix = f"{name} was defined again: also run again what declares the two nodes" if again else ""
             refuse("wrong-type", what, found=str(source), nearest=self.suitable(port, user), fix=fix)
-        elif port is not None and source.optional and not port.optional:
-            refuse("maybe-absent", f"{link} may be absent, but {end} needs it", found=f"{source} or nothing")
         elif port is not None:
             for facet, (wanted, promised) in port.clashes(source).items():
                 what = f"{link} has {facet}={promised!r}, but {end} takes {facet}={wanted!r}"

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from exmesh_graph.files import sha256_file
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.files import Memo, sha256_file
 from exmesh_graph.graph.problems import Where, fail, nearest
+from exmesh_graph.graph.sealed import Memo
 
 MAX_DEPTH = 64
 SHORT, MOST = 4096, 8  # shorter texts are always parsed; so many parsed ones are kept

@@ -15,7 +15,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.graph import files
+from exmesh_graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.types.state import load_state, save_state
 
 FORMAT = 1
@@ -39,7 +40,7 @@ class Checkpoints:
             written = files.walk_files(draft)
             table = {name: files.sha256_file(path) for name, path in written}
             record = {"format": FORMAT, "key": self.key, "step": step, "files": table}
-            (draft / "checkpoint.json").write_text(files.seal_text(record), encoding="utf-8")
+            (draft / "checkpoint.json").write_text(sealed.seal_text(record), encoding="utf-8")
             for path in draft.iterdir():
                 files.sync(path)
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -76,7 +77,7 @@ class Checkpoints:
 
 def checked_step(folder: Path, key: str) -> int:
     """The step of a checkpoint whose bytes are all as they were written. Raises ValueError or OSError otherwise."""
-    record = files.unseal((folder / "checkpoint.json").read_text(encoding="utf-8"))
+    record = sealed.unseal((folder / "checkpoint.json").read_text(encoding="utf-8"))
     if record["key"] != key or record["format"] != FORMAT:
         raise ValueError("it belongs to another key")
     for name, digest in record["files"].items():

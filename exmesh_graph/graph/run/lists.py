@@ -40,6 +40,16 @@ def fed(bound: Bound, outputs: Outputs) -> dict[str, tuple[Link, Stored]]:
     return table
 
 
+def lacking(bound: Bound, outputs: Outputs) -> str:
+    """The wire that switches a node off: an input that it cannot do without carries nothing; empty where none does."""
+    for name, port in bound.signature.inputs.items():
+        wired = [key for key in bound.inputs if base_name(key) == name]
+        there = [outputs[bound.inputs[key].node].get(bound.inputs[key].port) != NOTHING for key in wired]
+        if wired and not any(there) and (not port.optional or name in bound.each):
+            return bound.wire(wired[0])
+    return ""
+
+
 def mapped(bound: Bound, outputs: Outputs) -> list[Bound]:
     """The nodes that one with `each` stands for, in order. Raises GraphError where its lists differ in length."""
     lists = {port: elements(outputs[bound.inputs[port].node], bound.inputs[port].port) for port in bound.each}

@@ -12,7 +12,7 @@ from functools import cached_property
 from inspect import getattr_static
 from typing import Any
 
-from exmesh_graph.graph.files import walk_files
+from exmesh_graph.files import walk_files
 from exmesh_graph.types import Artifact, Files
 
 _SAMPLES = 4096

@@ -1,4 +1,6 @@
-"""What a run would do with each node, and why: hit, run, or unknown below a node that must run first."""
+"""What a run would do with each node, and why: hit, run, unknown below a node that must run first, or nothing (idle)
+where something that the node needs turned out to be absent.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +14,9 @@ from exmesh_graph.graph.cache.keys import NOTHING, Action, Stored, key_of, preim
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.problems import in_short
-from exmesh_graph.graph.run.lists import Outputs, fed, gathered, mapped, whole
+from exmesh_graph.graph.run.lists import Outputs, fed, gathered, lacking, mapped, whole
 
-HIT, RUN, UNKNOWN = "hit", "run", "unknown"
+HIT, RUN, UNKNOWN, IDLE = "hit", "run", "unknown", "idle"
 Reasons = Callable[[Bound, Mapping[str, Any], Store], list[str]]
 """(a node, the pre-image of its key, a store) -> why it is no hit, in words (see `report.reasons`)"""
 
@@ -48,6 +50,10 @@ def _steps(graph: Checked, store: Store, targets: set[str] | None, reasons: Reas
         waits = sorted({link.node for link in bound.inputs.values() if link.node not in outputs})
         if waits:
             steps.append(Step(name, UNKNOWN, f"waits for {', '.join(waits)}"))
+            continue
+        if wire := lacking(bound, outputs):
+            steps.append(Step(name, IDLE, f"not needed: {wire} carries nothing"))
+            outputs[name] = dict.fromkeys(bound.signature.outputs, NOTHING)
             continue
         try:
             nodes = mapped(bound, outputs) if bound.each else [bound]

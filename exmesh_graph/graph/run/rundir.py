@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import StoreError
+from exmesh_graph.files import copy_files, is_locked, writing
 from exmesh_graph.graph.cache.keys import NOTHING, Stored, elements
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import copy_files, is_locked, writing
 from exmesh_graph.graph.language.check import OWN_FOLDERS, Bound, Checked
 from exmesh_graph.graph.run.job import Job, Outcome
 from exmesh_graph.resources import machine_facts

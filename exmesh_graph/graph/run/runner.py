@@ -1,8 +1,9 @@
 """Running a graph: hits from the store, the rest as jobs on a backend, every result stored at once.
 
 The key of each node is taken from the recorded digests of its inputs as soon as these are known, so that equal outputs
-stop a cascade. A job starts when its tokens are free, the one with the longest path behind it first. Nodes that share
-a key run once: the second waits and finds the record of the first.
+stop a cascade. A node that needs what turned out to be absent does not run, nor does what needs it. A job starts when
+its tokens are free, the one with the longest path behind it first. Nodes that share a key run once: the second waits
+and finds the record of the first.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.run.backends import Backend, Inline
 from exmesh_graph.graph.run.job import BROKEN, DONE, FAILED, FIGURES, STOPPED, Job, Outcome, failure, job_of
-from exmesh_graph.graph.run.lists import fed, gathered, mapped, whole
-from exmesh_graph.graph.run.plan import preimage_for
+from exmesh_graph.graph.run.lists import fed, gathered, lacking, mapped, whole
+from exmesh_graph.graph.run.plan import IDLE, preimage_for
 from exmesh_graph.graph.run.rundir import BLOCKED, HIT, INTERRUPTED, RUNNING, WAITING, Listener, RunFolder, RunRecord
 from exmesh_graph.graph.run.schedule import Dataflow, KeyLeases, Pool, remaining_seconds
 
@@ -106,7 +107,7 @@ class Runner:
             self._loop()
             if self.failures:
                 raise NodeFailed(self.failures, self.cause) from self.cause
-            missing = [name for name in self.nodes if self.rows[name]["state"] not in (DONE, HIT)]
+            missing = [name for name in self.nodes if self.rows[name]["state"] not in (DONE, HIT, IDLE)]
             if missing:
                 raise ExmeshError(
                     f"the run ended without {', '.join(missing)}", fix="a fault of the framework: tell us"
@@ -185,6 +186,10 @@ class Runner:
         bound = self.nodes[name]
         if self.flow.waits(name) or self.rows[name]["state"] != WAITING or name in self.planned:
             return  # an input is being made again, or it was offered twice
+        if wire := lacking(bound, self.flow.outputs):
+            self.log.emit("log", node=name, message=f"not needed: {wire} carries nothing")
+            self._settle(name, IDLE, dict.fromkeys(bound.signature.outputs, NOTHING), {}, 0.0)
+            return
         if bound.each:
             self._map(bound)
             return

@@ -15,14 +15,15 @@ import contextlib
 import json
 import os
 import platform
+import subprocess
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from exmesh_graph import files
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.lease import Leases
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.run.checkpoint import checked_step
@@ -30,6 +31,7 @@ from exmesh_graph.graph.upkeep.pins import pins, read_pin
 
 HOUR, DAY = 3600.0, 86400.0
 CHECKPOINT_AGE, QUARANTINE_AGE = 30 * DAY, 7 * DAY
+PATIENCE = 1.0  # seconds to wait until what was removed is off the disk
 SETTLE = 0.2  # seconds for a look-up under way to note its use
 
 
@@ -140,7 +142,11 @@ def _shown(store: Store, runs: Iterable[Path], survey: Survey) -> set[str]:
 
 
 def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
-    """Remove what a survey lists; returns (removed, left or put back since it is in use again)."""
+    """Remove what a survey lists; returns (removed, left or put back since it is in use again).
+
+    All of it is out of the store then. Taking it off the disk, which waits for each folder, is left to a process of
+    its own where it takes long; a note says so, and what such a process leaves, the next `delete` removes.
+    """
     files.sweep_abandoned(store.root / "trash")
     Leases(store.root).sweep()
     removed: list[tuple[Item, Path]] = []
@@ -158,8 +164,15 @@ def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
             used = item.kind in ("result", "object") and _used(aside) != item.used
             if (used or item.path in back) and _rename(aside, item.path):
                 spared.append(item)
-    gone = {item.path for item in spared}
-    return [item for item, _ in removed if item.path not in gone], spared
+        gone = trash.with_name(f"gone-{time.time_ns()}")
+        os.rename(trash, gone)
+        sweeper = subprocess.Popen(["rm", "-rf", str(gone)], start_new_session=True, stderr=subprocess.DEVNULL)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            sweeper.wait(PATIENCE)
+        if sweeper.returncode is None:
+            survey.notes.append(f"the process {sweeper.pid} is still taking what was removed off the disk")
+    stayed = {item.path for item in spared}
+    return [item for item, _ in removed if item.path not in stayed], spared
 
 
 def _needed_again(store: Store, records: list[tuple[Item, Path]]) -> set[Path]:

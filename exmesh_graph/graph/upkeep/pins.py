@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph import files
 from exmesh_graph.errors import StoreError
-from exmesh_graph.graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.resources import user_and_host
 
@@ -46,7 +47,7 @@ def pin(store: Store, name: str, of: str, keys: Iterable[str]) -> Pin:
         raise StoreError(f"{of} has no results in this store", where=str(store.root))
     entry = Pin(name, of, present, user_and_host(), time.time())
     with files.writing("the store", store.root, "--store"):
-        files.write_durably(_path(store, name), files.seal_text({**vars(entry), "keys": list(present)}), store.work)
+        files.write_durably(_path(store, name), sealed.seal_text({**vars(entry), "keys": list(present)}), store.work)
     return entry
 
 
@@ -75,7 +76,7 @@ def pins(store: Store) -> list[Pin]:
 def read_pin(path: Path) -> Pin:
     """A pin's file. Raises StoreError when it is not as it was written."""
     try:
-        raw: dict[str, Any] = files.read_sealed(path)
+        raw: dict[str, Any] = sealed.read_sealed(path)
         entry = Pin(raw["name"], raw["of"], tuple(raw["keys"]), raw["who"], raw["when"])
         if entry.name != path.stem:
             raise ValueError(f"it says that its name is {entry.name}")

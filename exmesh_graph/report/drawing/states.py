@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.language.check import Bound, Checked
 
 _ORDER = ("failed", "interrupted", "running", "blocked", "waiting", "removed", "added", "changed", "rerun", "run",
-          "done", "unknown", "hit")  # fmt: skip
+          "done", "unknown", "hit", "idle")  # fmt: skip
 
 
 def picture_of_graph(graph: Checked, store: Store, rounds: bool = False) -> GraphPicture:

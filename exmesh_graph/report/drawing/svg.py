@@ -20,6 +20,7 @@ _NAMED = 100  # ends that a piece of a wire names; a wire into all of 1000 round
 _MOST = 300  # boxes in the picture of a report; 1000 take seconds to arrange
 _STATES = {"done": "ran", "hit": "from the store", "run": "would run", "unknown": "unknown", "failed": "failed",
            "running": "running", "blocked": "blocked", "waiting": "waiting", "interrupted": "interrupted",
+           "idle": "not needed",
            "added": "added", "removed": "removed", "changed": "changed", "rerun": "would run again"}  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from exmesh_graph.report.text import number
 
 SCHEMA = "exmesh.sweep.v1"
 BASE = "base"
-_READY = ("hit", "done")
+_READY = ("hit", "done", "idle")
 
 
 def sweep_table(

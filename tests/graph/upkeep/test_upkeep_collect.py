@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import StoreError
+from exmesh_graph.files import own_folder
 from exmesh_graph.graph.cache import store as store_module
 from exmesh_graph.graph.cache.keys import Stored
 from exmesh_graph.graph.cache.lease import Lease, Leases
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.files import own_folder
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.upkeep import collect
 from exmesh_graph.graph.upkeep import pins as pins_module
@@ -79,6 +79,26 @@ def test_only_what_nothing_shows_goes(store: Store, tmp_path: Path) -> None:
     assert not store.holds(loose[1])
     assert list((store.root / "trash").iterdir()) == []
     assert store.notes == []
+
+
+def test_many_are_taken_off_the_disk_by_a_process_of_their_own(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Removing 10 000 objects waits 7 s for their folders; out of the store they are at once."""
+    monkeypatch.setattr(collect, "PATIENCE", 0.0)
+    digests = [result(store, n)[1] for n in range(50)]
+    surveyed = survey(store)
+    removed, _ = delete(store, surveyed)
+    assert len(removed) == 100
+    assert not any(store.holds(digest) for digest in digests)
+    assert "is still taking what was removed off the disk" in surveyed.notes[-1]
+    end = time.monotonic() + 20
+    while list((store.root / "trash").iterdir()) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert list((store.root / "trash").iterdir()) == []
+    left = store.root / "trash" / "gone-1"  # such a process was killed
+    (left / "things").mkdir(parents=True)
+    age(left, 1)
+    delete(store, survey(store))
+    assert not left.exists()
 
 
 def test_an_object_of_two_records_stays_with_either(store: Store, tmp_path: Path) -> None:

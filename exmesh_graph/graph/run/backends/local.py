@@ -21,8 +21,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph import files
 from exmesh_graph.errors import LimitError
-from exmesh_graph.graph import files
 from exmesh_graph.graph.run.backends import Backend
 from exmesh_graph.graph.run.job import FAILED, Emit, Job, Outcome, failure
 from exmesh_graph.resources import confine, machine_tokens, memory_of, was_overdrawn

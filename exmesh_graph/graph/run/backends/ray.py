@@ -20,8 +20,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph import files
 from exmesh_graph.errors import ExmeshError, GraphError, MissingLibraryError
-from exmesh_graph.graph import files
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.node import wanted_of
 from exmesh_graph.graph.declare.packs import current

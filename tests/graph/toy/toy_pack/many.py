@@ -40,6 +40,21 @@ def cut(ctx: Context, number: Number, *, p: CutParams) -> PartsOut:
     return PartsOut([Number(float(n)) for n in range(1, count + 1)], Number(float(count)))
 
 
+class MaybeOut(NamedTuple):
+    above: Number | None
+    below: Number | None
+
+
+class MaybeParams(Params):
+    limit: float = param(0.0, doc="Above it, or not.")
+
+
+@node("toy.maybe", version="1")
+def maybe(ctx: Context, number: Number, *, p: MaybeParams) -> MaybeOut:
+    """The number, at the one output or at the other."""
+    return MaybeOut(number, None) if number.value > p.limit else MaybeOut(None, number)
+
+
 @node("toy.wrong_list", version="1")
 def wrong_list(ctx: Context, *, p: NoParams) -> PiecesOut:
     """A list that holds something else."""
