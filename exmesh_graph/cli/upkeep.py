@@ -1,8 +1,9 @@
-"""`exmesh verify`, `pin`, `gc`, `doctor`: looking after a store and after the machine."""
+"""`exmesh verify`, `pin`, `gc`, `push`, `pull`, `doctor`: looking after stores and after the machine."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -87,6 +88,45 @@ def gc(
     typer.echo(f"{kinds or 'nothing'} {words}, {shown_bytes(size)}; {shown_bytes(survey.kept_bytes)} stay, "
                f"needed by {survey.runs} runs and {survey.pinned} pinned results")  # fmt: skip
     show_notes(opened)
+
+
+def push(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="The run: its folder or id.")] = "latest",
+    shared: SharedUrl = None,
+    store: StoreFolder = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Send a run to the shared store: its results, and its folder."""
+    from exmesh_graph.api import sharing
+
+    told = sharing.push(run, shared=shared, store=store, runs=runs)
+    typer.echo(f"sent {told.run}: {told.results} results and its folder; elsewhere: exmesh pull {told.run}")
+    _missing(told.missing, "are in the store no more: run the graph again, and push again")
+
+
+def pull(
+    run: Annotated[str | None, typer.Argument(metavar="RUN", help="Its id; left out: lists what is there.")] = None,
+    shared: SharedUrl = None,
+    store: StoreFolder = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Bring a run from the shared store: its results, and its folder. Without a run: list what is there."""
+    from exmesh_graph.api import sharing
+
+    if run is None:
+        for row in sharing.shared_runs(shared, store):
+            typer.echo(f"{row['state']:<12}{row['id']}  {row['graph']}, {len(row['keys'])} results")
+        return
+    told = sharing.pull(run, shared=shared, store=store, runs=runs)
+    typer.echo(f"brought {told.run} into {told.folder}: {told.results} results")
+    _missing(told.missing, "could not be had: a run of the graph makes them again")
+
+
+def _missing(names: Sequence[str], why: str) -> None:
+    if names:
+        shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+        typer.echo(f"the results of {shown} {why}", err=True)
+        raise typer.Exit(1)
 
 
 def doctor(

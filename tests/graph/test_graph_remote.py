@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
+import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +37,34 @@ outputs: {sum: "@sum.number"}
 """
 
 
-@pytest.fixture(params=["folder", "memory"])
+@pytest.fixture(scope="session")
+def s3() -> Iterator[str]:
+    """The address of a server that speaks S3, in this process."""
+    pytest.importorskip("s3fs", reason="s3fs is not installed (pip install 'exmesh-graph[s3]')")
+    server = pytest.importorskip("moto.server", reason="moto is not installed (pip install 'moto[server]')")
+    own = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_DEFAULT_REGION": "us-east-1"}
+    running = server.ThreadedMotoServer(port=0, verbose=False)
+    running.start()
+    own["AWS_ENDPOINT_URL"] = "http://{}:{}".format(*running.get_host_and_port())
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in own.items():
+            patch.setenv(name, value)
+        yield own["AWS_ENDPOINT_URL"]
+    running.stop()
+
+
+def bucket(name: str) -> str:
+    fsspec.filesystem("s3").mkdir(name)
+    return f"s3://{name}/results"
+
+
+@pytest.fixture(params=["folder", "memory", "s3"])
 def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "folder":
         return str(tmp_path / "shared")
+    if request.param == "s3":
+        request.getfixturevalue("s3")
+        return bucket(f"bucket-{time.monotonic_ns()}")
     fsspec.filesystem("memory").store.clear()
     return f"memory://shared-{tmp_path.name}"
 
@@ -146,7 +175,7 @@ def test_a_store_of_lies_writes_nothing_outside(tmp_path: Path) -> None:
 
 def test_the_record_comes_last(tmp_path: Path, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cut off after any number of files: nothing is visible until all is there."""
-    real = Remote._send
+    real = Remote.send_file
     for limit in range(3):
         sent: list[str] = []
 
@@ -156,12 +185,12 @@ def test_the_record_comes_last(tmp_path: Path, url: str, monkeypatch: pytest.Mon
             sent.append(name)
             real(self, path, name)
 
-        monkeypatch.setattr(Remote, "_send", send)
+        monkeypatch.setattr(Remote, "send_file", send)
         store = opened(tmp_path, f"a{limit}", url)
         made(store)
         assert "going on without it (ConnectionError: cut off)" in store.notes[0]
         assert opened(tmp_path, f"b{limit}", url).find(PREIMAGE) is None
-    monkeypatch.setattr(Remote, "_send", real)
+    monkeypatch.setattr(Remote, "send_file", real)
     made(opened(tmp_path, "a9", url))
     assert opened(tmp_path, "b9", url).find(PREIMAGE) is not None
 
@@ -194,7 +223,7 @@ def test_secrets_in_addresses_are_not_told(tmp_path: Path, monkeypatch: pytest.M
     def refuse(name: str) -> str:
         raise ConnectionError("no route to sftp://me:secret@host")
 
-    monkeypatch.setattr(store.remote, "_read", refuse)
+    monkeypatch.setattr(store.remote, "read", refuse)
     assert store.find(PREIMAGE) is None
     assert store.find(PREIMAGE) is None
     (note,) = store.notes
@@ -261,3 +290,137 @@ def test_a_hostile_record_cannot_name_a_folder_as_its_object(tmp_path: Path, kin
     assert store.find(PREIMAGE) is None
     assert store.find(PREIMAGE, fetch=False) is None
     assert (sorted(target.rglob("*")) if target.exists() else []) == before
+
+
+# --- limits, mirrors, several machines
+
+
+class Hanging:
+    """A file system whose files never come."""
+
+    def __init__(self, fs: Any) -> None:
+        self.fs = fs
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.fs, name)
+
+    def cat_file(self, name: str) -> bytes:
+        time.sleep(60)
+        return b""
+
+
+@pytest.mark.reliability("a shared store that hangs, or offers more than may be taken", "left alone, with a note")
+def test_a_tier_that_hangs_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EXMESH_SHARED_LIMITS", "seconds=0.3")
+    store = opened(tmp_path, "a", f"memory://{tmp_path.name}")
+    assert store.remote is not None
+    store.remote.fs = Hanging(store.remote.fs)
+    began = time.monotonic()
+    assert store.find(PREIMAGE) is None
+    assert store.find(PREIMAGE) is None
+    assert time.monotonic() - began < 5
+    (note,) = store.notes
+    assert "going on without it (TimeoutError: no answer within 0.3 s)" in note
+
+
+def test_more_than_the_limit_is_left_there(tmp_path: Path, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    made(opened(tmp_path, "a", url))
+    monkeypatch.setenv("EXMESH_SHARED_LIMITS", "gb=0.000000001")
+    store = opened(tmp_path, "b", url)
+    assert store.find(PREIMAGE) is None
+    assert "EXMESH_SHARED_LIMITS=gb=NUMBER takes it" in store.notes[0]
+    monkeypatch.setenv("EXMESH_SHARED_LIMITS", "gb=1 seconds=30")
+    assert opened(tmp_path, "c", url).find(PREIMAGE) is not None
+    monkeypatch.setenv("EXMESH_SHARED_LIMITS", "1GB")
+    with pytest.raises(StoreError, match=r"cannot read EXMESH_SHARED_LIMITS"):
+        opened(tmp_path, "d", url)
+
+
+def test_a_file_longer_than_its_note_says_is_not_read_to_its_end(tmp_path: Path, url: str) -> None:
+    """What a server sends beyond the size in the note would fill the disk."""
+    made(opened(tmp_path, "a", url))
+    spoil(url, "metrics.json", lambda data: data + bytes(30 << 20))
+    store = opened(tmp_path, "b", url)
+    assert store.remote is not None
+    written: list[int] = []
+    real = store.remote._bring
+
+    def watched(name: str, target: Path, size: int) -> None:
+        real(name, target, size)
+        written.append(target.stat().st_size - size)
+
+    store.remote._bring = watched  # type: ignore[method-assign]
+    assert store.find(PREIMAGE) is None
+    assert written == [1]
+
+
+@pytest.fixture
+def mirror(tmp_path: Path) -> Iterator[str]:
+    """The address of a web server that shows a folder and takes nothing."""
+    pytest.importorskip("aiohttp", reason="aiohttp is not installed (pip install aiohttp)")
+
+    class Quiet(SimpleHTTPRequestHandler):
+        def log_message(self, *words: Any) -> None:
+            return
+
+    (tmp_path / "shared").mkdir()
+    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(tmp_path / "shared")))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_address[1]}"
+    server.shutdown()
+    server.server_close()
+
+
+def test_a_mirror_that_may_only_be_read_serves_and_is_told_once(tmp_path: Path, mirror: str) -> None:
+    key, _ = made(opened(tmp_path, "a", str(tmp_path / "shared")))
+    store = opened(tmp_path, "b", mirror)
+    assert store.find(PREIMAGE) is not None
+    own = [made(store, number, {**PREIMAGE, "code": str(number)})[0] for number in (5, 6)]
+    (note,) = store.notes
+    assert "cannot be written; its results are used, none are sent" in note
+    assert [path.stem for path in (tmp_path / "shared" / "actions").glob("*/*.json")] == [key]
+    assert all(store.look_up(one) is not None for one in own)
+    shutil.rmtree(tmp_path / "b")
+    assert opened(tmp_path, "b", mirror).find(PREIMAGE) is not None  # still serves
+
+
+MACHINE = """
+import sys
+sys.path.insert(0, {toy!r})
+import exmesh_graph as ex
+done = ex.run({graph!r}, store={store!r}, shared={url!r}, runs={runs!r}, workers=0, progress=False, report=False)
+print(*(f"{{name}}={{row['state']}}" for name, row in done.rows.items()), *done.store.notes)
+"""
+TRACED = """
+run: all
+nodes:
+  a: {type: toy.const, value: 1}
+  b: {type: toy.count, number: "@a.number", steps: 3, trace: "%s"}
+"""
+
+
+@pytest.mark.parametrize("kind", ["folder", "s3"])
+def test_two_machines_never_compute_what_the_other_has(bench: Any, request: Any, kind: str) -> None:
+    """Two processes with stores of their own and one shared store, in turn: each result is made once."""
+    url = str(bench.root / "shared")
+    if kind == "s3":
+        request.getfixturevalue("s3")
+        url = bucket(f"machines-{time.monotonic_ns()}")
+    trace = bench.root / "trace"
+    toy = str(Path(__file__).parent / "toy")
+
+    def machine(name: str, more: str) -> dict[str, str]:
+        graph = bench.write(TRACED % trace + more, f"{name}.yaml")
+        places = {word: str(bench.root / f"{word}-{name}") for word in ("store", "runs")}
+        code = MACHINE.format(toy=toy, graph=str(graph), url=url, **places)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return dict(word.partition("=")[::2] for word in done.stdout.split())
+
+    more = '  c: {type: toy.sign, number: "@a.number"}\n'
+    last = '  d: {type: toy.add, a: "@c.number", b: "@a.number"}\n'
+    assert set(machine("one", "").values()) == {"done"}
+    assert machine("two", more) == {"a": "hit", "b": "hit", "c": "done"}
+    assert machine("one", more + last) == {"a": "hit", "b": "hit", "c": "hit", "d": "done"}
+    assert machine("two", more + last) == {"a": "hit", "b": "hit", "c": "hit", "d": "hit"}
+    assert len(trace.read_text().splitlines()) == 3  # the steps of one execution

@@ -246,15 +246,15 @@ class Store:
             self.quarantine(path, str(error))
             return None
 
-    def take_in(self, action: Action, text: str, drafts: Mapping[str, Path]) -> Action | None:
-        """Keep a record from elsewhere and objects whose bytes were checked ({digest: folder below work/})."""
+    def take_in(self, action: Action | None, text: str, drafts: Mapping[str, Path]) -> Action | None:
+        """Keep a record from elsewhere, if any, and objects whose bytes were checked ({digest: folder below work/})."""
         with files.writing("the store", self.root, "--store"):
             for digest, draft in drafts.items():
                 for _, path in files.walk_files(draft):
                     path.chmod(0o444)
                     files.sync(path)
                 self._publish(draft, digest)
-            if not all(map(self.holds, action.digests)):
+            if action is None or not all(map(self.holds, action.digests)):
                 return None
             path = self.root / "actions" / action.key[:2] / f"{action.key}.json"
             files.write_durably(path, text, self.work)
