@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.api.values import Plug
 from exmesh_graph.graph.declare.components import Component
-from exmesh_graph.graph.language.check import check_part
 from exmesh_graph.graph.language.expand import NodeSpec, Unrolled
 from exmesh_graph.graph.language.links import Broken, Link
+from exmesh_graph.graph.language.nodecheck import NodeCheck
 from exmesh_graph.graph.language.spec import Value
+from exmesh_graph.graph.language.wires import Wiring
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import Problems, Where, fail, nearest
 
@@ -18,7 +19,16 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.declare.node import NodeDef
     from exmesh_graph.graph.declare.packs import Packs
 
-_OWN = ("type", "every", "at", "each", "limits", "doc", "seed")  # of a node's entry, what is neither port nor parameter
+_OWN = (
+    "type",
+    "every",
+    "at",
+    "each",
+    "limits",
+    "bypass",
+    "doc",
+    "seed",
+)  # of a node's entry, what is neither port nor parameter
 
 
 def judge(scope: NodeScope, name: str) -> Problems:
@@ -48,7 +58,19 @@ def judge(scope: NodeScope, name: str) -> Problems:
             continue
         fields[key] = Value(judged, entry.lines[key], entry.lines[key].base)
     specs[name] = NodeSpec(name, kind, fields, entry.where, 0, each=_each(entry))
-    return check_part(Unrolled(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)
+    return _check_part(Unrolled(scope.graph.name, scope.graph.file, specs, {}, {}), name, scope.graph.packs)
+
+
+def _check_part(graph: Unrolled, name: str, packs: Packs) -> Problems:
+    """What is wrong with the type, wires and values of one node of a graph still being written; what it lacks is not.
+
+    Wires may only lead to nodes of `graph`; what is wired elsewhere is Broken.
+    """
+    problems = Problems()
+    wiring = Wiring(graph, packs, problems)
+    if name in wiring.signatures:
+        NodeCheck(name, wiring, whole=False).params({})
+    return problems
 
 
 def declared(kind: Any, packs: Packs, where: Where) -> NodeDef:

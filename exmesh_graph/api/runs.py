@@ -233,8 +233,6 @@ def backend_of(workers: int | None, store: Store, kind: str = "local", address: 
 
 def tokens_of(tokens: Mapping[str, float] | str | None) -> Mapping[str, float]:
     """Tokens as a mapping; a text is what --tokens takes."""
-    from exmesh_graph.graph.run.schedule import parse_tokens
-
     return parse_tokens(tokens) if isinstance(tokens, str) else dict(tokens or {})
 
 
@@ -243,3 +241,17 @@ def command_words(sets: Iterable[str], options: Mapping[str, Any], flags: Iterab
     words = [word for text in sets for word in ("--set", text)]
     words += [str(word) for option, value in options.items() if value is not None for word in (option, value)]
     return [*words, *flags]
+
+
+def parse_tokens(text: str) -> dict[str, float]:
+    """`cpu=4,gpu=1` of the command line. Raises GraphError."""
+    tokens: dict[str, float] = {}
+    for part in filter(None, text.split(",")):
+        name, equals, value = part.partition("=")
+        try:
+            tokens[name.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not name.strip() or not 0 <= tokens[name.strip()] < float("inf"):
+            raise GraphError(f"cannot read --tokens {text!r}", where="command line", expected="cpu=4,gpu=1,ram_gb=16")
+    return tokens

@@ -43,7 +43,7 @@ def _node(definition: NodeDef) -> dict[str, Any]:
     plain = kind.params.model_json_schema(ref_template="#/definitions/{model}").get("properties", {})
     properties |= {name: _param(kind, name, plain[name]) for name in own}
     if kind.component is None:
-        properties |= {name: _ref(name) for name in ("seed", "every", "at", "limits")}
+        properties |= {name: _ref(name) for name in ("seed", "every", "at", "limits", "bypass")}
         if single := [port.name for port in kind.inputs.values() if not (port.many or port.plugged)]:
             one: dict[str, Any] = {"enum": single}
             words = "Inputs that are lists: a node for each element."

@@ -11,7 +11,7 @@ from pydantic import ByteSize, TypeAdapter, ValidationError
 
 from exmesh_graph.api.opening import Folder, open_store
 from exmesh_graph.api.results import read_run
-from exmesh_graph.errors import ExmeshError
+from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.upkeep import collect, pins
 from exmesh_graph.graph.upkeep.collect import verify as faults_of
 
@@ -37,12 +37,22 @@ def verify(store: Folder = None) -> Iterator[tuple[str, str]]:
 def pin(what: str, name: str, *, store: Folder = None, runs: Folder = "runs") -> pins.Pin:
     """Keep the results of a run (its folder or id) or of one key, whatever `gc` removes."""
     opened = existing(store)
-    key = pins.key_of_prefix(opened, what)
+    key = key_of_prefix(opened, what)
     if key is not None:
         return pins.pin(opened, name, f"key {key[:12]}", [key])
     folder = Path(what) if (Path(what) / "run.json").is_file() else Path(runs or "runs") / what
     record = read_run(folder)
     return pins.pin(opened, name, "run " + record["id"], [row["key"] for row in record["nodes"] if row["key"]])
+
+
+def key_of_prefix(store: Store, prefix: str) -> str | None:
+    """The one key of a record that begins with `prefix`; None when there is none. Raises StoreError for several."""
+    if not re.match(r"[0-9a-f]{6,64}\Z", prefix):
+        return None
+    keys = [path.stem for path in (store.root / "actions" / prefix[:2]).glob(f"{prefix}*.json")]
+    if len(keys) > 1:
+        raise StoreError(f"{prefix} begins {len(keys)} keys", fix="give more of it")
+    return keys[0] if keys else None
 
 
 def pinned(store: Folder = None) -> list[pins.Pin]:

@@ -7,7 +7,7 @@ import faulthandler
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,14 @@ from exmesh_graph.api.opening import Folder
 from exmesh_graph.api.results import read_run
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.files import Tail
+from exmesh_graph.graph.cache.keys import ABSENT, Stored
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.packs import Packs
 from exmesh_graph.graph.problems import nearest
 from exmesh_graph.graph.run.execute import execute
-from exmesh_graph.graph.run.job import BROKEN, Job, Outcome, rekeyed
+from exmesh_graph.graph.run.job import BROKEN, Job, Outcome
 from exmesh_graph.graph.run.memory import Memory
+from exmesh_graph.graph.run.plan import preimage_for
 from exmesh_graph.graph.run.rundir import is_alive, log_file
 
 SCHEMA = "exmesh.status.v1"
@@ -125,7 +127,7 @@ def replay(file: Path, store: Folder = None, view: Callable[[Job], Callable[[Any
     opened = Store(Path(store or job.store))
     packs = Packs(job.packs or None).load()
     with packs:
-        job = rekeyed(job, opened)
+        job = _rekeyed(job, opened)
     listen = view(job) if view else lambda event: None
 
     def emit(event: Mapping[str, Any]) -> None:
@@ -153,3 +155,14 @@ def _job_in(file: Path) -> Mapping[str, Any]:
     if not isinstance(job, dict):
         raise ExmeshError(f"{record['node']} failed before it could start", where=str(file), fix=record["run_again"])
     return job
+
+
+def _rekeyed(job: Job, store: Store) -> Job:
+    """The job with the key that it has now, on `store`: code, libraries or source files may have changed since."""
+    bound = job.bound()
+    known: dict[str, dict[str, Stored]] = {}
+    for port, link in bound.inputs.items():
+        kind, digest = job.inputs.get(port, ABSENT)
+        known.setdefault(link.node, {})[link.port] = Stored(kind, digest, 0)
+    preimage = preimage_for(bound, store, known)
+    return replace(job, preimage=preimage, store=str(store.root))

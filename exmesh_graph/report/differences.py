@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from exmesh_graph.graph.problems import in_short, without_rounds
-from exmesh_graph.graph.variants.compare import unlike
+from exmesh_graph.report.reasons import unlike
 
 Resolved = Mapping[str, Any]
 ADDED, REMOVED, CHANGED = "added", "removed", "changed"

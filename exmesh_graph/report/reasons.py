@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.problems import in_short
 from exmesh_graph.graph.run.plan import Step, plan
-from exmesh_graph.graph.variants.compare import unlike
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.cache.keys import Action
@@ -111,3 +110,10 @@ def _shown(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_shown(item) for item in value) + "]"
     return "nothing" if value is None else str(value)
+
+
+def unlike(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """(key, before, after) of what two mappings do not hold alike."""
+    for key in dict.fromkeys([*old, *new]):
+        if old.get(key) != new.get(key) or (key in old) != (key in new):
+            yield key, old.get(key), new.get(key)

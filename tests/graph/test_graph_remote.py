@@ -41,7 +41,9 @@ outputs: {sum: "@sum.number"}
 def s3() -> Iterator[str]:
     """The address of a server that speaks S3, in this process."""
     pytest.importorskip("s3fs", reason="s3fs is not installed (pip install 'exmesh-graph[s3]')")
-    server = pytest.importorskip("moto.server", reason="moto is not installed (pip install 'moto[s3]' flask flask-cors)")
+    server = pytest.importorskip(
+        "moto.server", reason="moto is not installed (pip install 'moto[s3]' flask flask-cors)"
+    )
     own = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_DEFAULT_REGION": "us-east-1"}
     running = server.ThreadedMotoServer(port=0, verbose=False)
     running.start()

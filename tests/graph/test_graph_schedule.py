@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from exmesh_graph.api.runs import parse_tokens
 from exmesh_graph.errors import GraphError
-from exmesh_graph.graph.run.schedule import Pool, parse_tokens, remaining_seconds
+from exmesh_graph.graph.run.schedule import Pool, remaining_seconds
 from exmesh_graph.resources import machine_tokens
 
 CHAIN = """

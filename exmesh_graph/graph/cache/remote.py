@@ -13,12 +13,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
+import multiprocessing
 import os
 import re
-import threading
 import uuid
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.pool import ThreadPool
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -55,6 +56,7 @@ class Remote:
         self.renames = "file" in (self.fs.protocol if isinstance(self.fs.protocol, tuple) else (self.fs.protocol,))
         self.broken: set[str] = set()
         self.pool: ThreadPoolExecutor | None = None
+        self.calls = ThreadPool(2)  # of daemon threads, for the run and for what is sent beside it
 
     def peek(self, key: str) -> Action | None:
         """The sound record of `key` there, without its objects."""
@@ -203,20 +205,9 @@ class Remote:
 
     def _in_time(self, work: Callable[[], T]) -> T:
         """What `work` gives. Raises TimeoutError where it takes too long: the thread of a call that hangs is left."""
-        done: Future[T] = Future()
-
-        def run() -> None:
-            try:
-                done.set_result(work())
-            except BaseException as error:
-                done.set_exception(error)
-
-        threading.Thread(target=run, daemon=True).start()
         try:
-            return done.result(self.limits["seconds"])
-        except TimeoutError:
-            if done.done():
-                raise
+            return self.calls.apply_async(work).get(self.limits["seconds"])
+        except multiprocessing.TimeoutError:
             raise TimeoutError(f"no answer within {self.limits['seconds']:g} s") from None
 
 

@@ -284,11 +284,6 @@ class Store:
             if self.folder_of_runs(path) is None:
                 yield f"note of runs {path.name}", self.notes[-1]
 
-    def count(self) -> tuple[int, int]:
-        """(objects, actions) in the store."""
-        objects = sum(1 for _ in (self.root / "objects").glob("*/*"))
-        return objects, sum(1 for _ in (self.root / "actions").glob("*/*.json"))
-
     def quarantine(self, path: Path, reason: str, whatever: bool = False) -> None:
         """Move away what is in doubt, and note why; what another version wrote in its own format is left to it."""
         if not path.exists():

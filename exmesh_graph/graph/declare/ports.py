@@ -19,7 +19,8 @@ from exmesh_graph.params import Auto, Params
 from exmesh_graph.types import Artifact
 
 B = TypeVar("B")
-RESERVED = ("type", "graph", "seed", "doc", "every", "at", "each", "limits", "repeat", "carry", "next", "nodes")
+RESERVED = ("type", "graph", "seed", "doc", "every", "at", "each", "limits", "bypass",
+            "repeat", "carry", "next", "nodes")  # fmt: skip
 _LISTS = (list, tuple, Sequence)
 
 

@@ -172,18 +172,6 @@ def check(graph: Unrolled, packs: Packs, problems: Problems | None = None) -> Ch
     return whole if graph.run_all else whole.without_idle()
 
 
-def check_part(graph: Unrolled, name: str, packs: Packs) -> Problems:
-    """What is wrong with the type, wires and values of one node of a graph still being written; what it lacks is not.
-
-    Wires may only lead to nodes of `graph`; what is wired elsewhere is Broken.
-    """
-    problems = Problems()
-    wiring = Wiring(graph, packs, problems)
-    if name in wiring.signatures:
-        NodeCheck(name, wiring, whole=False).params({})
-    return problems
-
-
 def _bound(node: NodeCheck, components: Mapping[str, BoundComponent]) -> Bound | BoundComponent | None:
     """The node or component with validated parameters; None after a problem was noted."""
     spec, where = node.spec, node.spec.where

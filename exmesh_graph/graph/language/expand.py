@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Port, link_form
-from exmesh_graph.graph.language.links import ABSENT, Block, Link, Links, Part, Scope
+from exmesh_graph.graph.language.links import ABSENT, Block, Link, Links, Part, Passed, Scope
 from exmesh_graph.graph.language.params import Declared
 from exmesh_graph.graph.language.parts import PartFiles, input_ports
 from exmesh_graph.graph.language.spec import BLOCK_KEYS, Tree, Value, check_keys, mapping_in, substitute, tree_of
@@ -92,6 +92,8 @@ class _Expansion:
                 self.problems.add("graph", where, f"node {name} must be a mapping", expected="{type: ..., ...}")
             elif "repeat" in entry:
                 self._declare_block(name, entry, scope)
+            elif passed := self._bypassed(scope.prefix + name, entry, scope):
+                scope.nodes[name] = self.links.passed[passed.name] = passed
             elif "graph" in entry:
                 scope.nodes[name] = self._declare_part(scope.prefix + name, entry, scope)
             else:
@@ -101,6 +103,20 @@ class _Expansion:
                 scope.nodes[name] = scope.prefix + name
                 self.links.names.add(scope.prefix + name)
                 self.pending.append((scope.prefix + name, entry, scope))
+
+    def _bypassed(self, full: str, entry: Map, scope: Scope) -> Passed | None:
+        """What stands for a node that is left out, in this round at least: `bypass: {output: input}`."""
+        if not entry.keys() & {"bypass", "every", "at"}:
+            return None
+        written = self._written(full, entry, scope)
+        through, where, _ = written.get("bypass", (None, entry.where, 0))
+        if through is None:
+            return None
+        if not isinstance(through, Map) or any(str(port) not in written for port in through.values()):
+            what = f"{full}: bypass maps outputs to inputs that are linked, not {through!r}"
+            self.problems.add("bypass", where, what, expected="bypass: {state: state}, or null")
+            through = Map(where)
+        return Passed(full, {str(out): written[str(port)][:2] for out, port in through.items()}, scope, self.links)
 
     def _declare_block(self, name: str, entry: Map, scope: Scope) -> None:
         full = scope.prefix + name
@@ -133,10 +149,14 @@ class _Expansion:
         self.links.names.add(full)
         written = self._written(full, entry, scope)
         source, place, _ = written.pop("graph")
-        path = self.files.path(substitute(source, scope.params, place, self.problems), place, scope.files)
-        if path is None:
-            return None
-        merged = self.files.merged(path, where, written.pop("nodes", (None,))[0])
+        patches, _ = written.pop("nodes", (None,))[0], written.pop("bypass", None)
+        if isinstance(source, Map):  # a copy of a file that patches changed
+            path, merged = source.where.file or self.tree.file, source
+        else:
+            found = self.files.path(substitute(source, scope.params, place, self.problems), place, scope.files)
+            if found is None:
+                return None
+            path, merged = found, self.files.merged(found, where, patches)
         inputs, known = mapping_in(merged, "inputs", self.problems), mapping_in(merged, "params", self.problems)
         links: dict[str, tuple[Any, Where]] = {}
         given: dict[str, Value] = {}
@@ -208,6 +228,7 @@ class _Expansion:
 
     def _node(self, full: str, entry: Map, scope: Scope) -> None:
         written = self._written(full, entry, scope)
+        written.pop("bypass", None)  # null, in this round
         text, where, replaced = written.pop("type", (None, entry.where, 0))
         kind = substitute(text, scope.params, where, self.problems)
         fields = {}
@@ -226,8 +247,7 @@ class _Expansion:
             text = ":".join(map(str, (seed, *rounds)))
             seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
         limits = (shared, own) if own else (shared,)
-        place = seeded.where if seeded else None
-        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, place, each, limits)
+        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, seeded and seeded.where, each, limits)
 
     def _written(self, full: str, entry: Map, scope: Scope) -> Written:
         """What an entry says in a round, and `--set` of it."""

@@ -49,7 +49,7 @@ class Scope:
     prefix: str = ""
     parent: Scope | None = None
     rounds: tuple[int, ...] = ()
-    nodes: dict[str, str | Block | Part | None] = field(default_factory=dict)
+    nodes: dict[str, str | Block | Part | Passed | None] = field(default_factory=dict)
     block: Block | None = None
     part: Part | None = None
     root: str = ""
@@ -59,11 +59,12 @@ class Scope:
 
 @dataclass
 class Links:
-    """Reads the links of a graph; `names` are the full names of its nodes and sub-graphs."""
+    """Reads the links of a graph; `names`: its nodes and sub-graphs by full names; `passed`: the bypassed ones."""
 
     tree: Tree
     problems: Problems
     names: set[str] = field(default_factory=set)
+    passed: dict[str, Passed] = field(default_factory=dict)
 
     def value(self, value: Any, scope: Scope, where: Where) -> Value:
         """Substitute parameters; a string that begins with one @ becomes a Link (`@@` is a literal @).
@@ -140,6 +141,8 @@ class Links:
                 self.problems.add("link", where, f"{text}: {lacks[node]}")
             return None
         node = scope.root + node
+        if node in self.passed:
+            return self.passed[node].value(port, where)
         full = f"{node}.{port}"
         return Link(full, "") if full in self.names else Link(node, port)  # a component by its full name
 
@@ -232,3 +235,19 @@ class Part(_Named):
             self.problems.add("unknown-port", where, what, nearest=names)
             return None
         return self.resolved(port, port, outputs[port], outputs.lines[port], self.scope, where)
+
+
+class Passed(_Named):
+    """A node or sub-graph that is bypassed: a link to an output means what the input in its place is linked to."""
+
+    def __init__(self, name: str, through: Mapping[str, tuple[Any, Where]], outer: Scope, links: Links) -> None:
+        super().__init__(name, links)
+        self.through, self.outer = through, outer
+
+    def value(self, port: str, where: Where) -> Link | None:
+        """What stands for an output."""
+        if port not in self.through:
+            what, fix = f"{self.name} is bypassed without its output {port!r}", f"bypass: {{{port}: INPUT}}"
+            self.problems.add("bypass", where, what, nearest=closest(port, self.through), fix=fix)
+            return None
+        return self.resolved(port, port, *self.through[port], self.outer, where)

@@ -24,13 +24,15 @@ KINDS: dict[str, Any] = {
 }  # fmt: skip
 NUMBERS = ("int", "float", "number")
 SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
-KEYS = ("type", "default", *SIGNS, "choices", "unit", "doc")
+KEYS = ("type", "default", *SIGNS, "choices", "env", "unit", "doc")
+ENV = "EXMESH_PARAM_"  # of other variables a graph file, which may be a stranger's, is told nothing
 
 
 @dataclass(frozen=True)
 class Declared:
     """What is known of a graph parameter; `default` stands at `where`, or there is none (`required`).
 
+    env       an environment variable that counts more than the default and choices, less than --set
     choices   what it may be; where they are a mapping, {value: {other parameter: its default with this value}}
     """
 
@@ -43,6 +45,7 @@ class Declared:
     choices: Collection[Any] = ()
     unit: str = ""
     doc: str = ""
+    env: str = ""
     inferred: bool = False
     declared_at: Where | None = None
 
@@ -132,6 +135,8 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
         elif key == "choices" and isinstance(value, Map):
             if wrong := [choice for choice, settings in value.items() if not isinstance(settings, Map)]:
                 refuse(key, f"the choice {wrong[0]} is no mapping of parameters", expected="{small: {faces: 500}, ...}")
+        elif key == "env" and not str(value).startswith(ENV):
+            refuse(key, f"{value!r} is not a variable that a graph may ask for", expected=f"{ENV}NAME")
         elif key not in KEYS:
             refuse(key, f"a parameter has no key {key!r}", nearest=closest(key, KEYS))
     choices = raw.get("choices")
@@ -139,6 +144,7 @@ def _long_form(name: str, raw: Map, problems: Problems) -> Declared:
     return Declared(
         name, kind, where, raw.get("default"), "default" not in raw, limits,
         choices if isinstance(choices, list | Map) else (), str(raw.get("unit", "")), str(raw.get("doc", "")),
+        str(raw.get("env", "")),
         declared_at=raw.where,
     )  # fmt: skip
 

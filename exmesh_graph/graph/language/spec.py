@@ -5,6 +5,7 @@ Pipeline of a graph: `load_tree` (here) -> `expand` (unroll repeats, resolve lin
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.language.extends import load_merged
-from exmesh_graph.graph.language.params import Declared, declare
+from exmesh_graph.graph.language.params import ENV, Declared, declare
 from exmesh_graph.graph.language.yamlfile import Map, every, is_whole, parse_yaml
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest, fail, nearest
 
@@ -87,6 +88,10 @@ def tree_of(
     sets = [_override(text) for text in overrides]
     declared, here = declare(mapping_in(merged, "params", problems), problems), Where(None)
     seed, seeded, said = merged.get("seed", 0), merged.lines.get("seed", root), dict[str, Value]()
+    for name, param in declared.items():
+        if param.env.startswith(ENV) and (text := os.environ.get(param.env)) is not None:
+            text = text if param.kind in ("str", "path") else parse_yaml(text, None)
+            said[name] = Value(text, param.declared_at or here, here.base)
     for override in sets:
         target, override.used = override.target, "." not in override.target
         if target in declared:

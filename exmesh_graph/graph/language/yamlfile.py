@@ -54,12 +54,8 @@ class Limits:
         given = os.environ.get("EXMESH_LIMITS", "")
         words = re.findall(r"(\w+)=(\d+)", given)
         if len(words) != len(given.split()) or {name for name, _ in words} - vars(cls()).keys():
-            fail(
-                "limits",
-                Where(None),
-                f"cannot read EXMESH_LIMITS={given!r}",
-                expected=f"{' '.join(f'{name}=NUMBER' for name in vars(cls()))}",
-            )
+            expected = " ".join(f"{name}=NUMBER" for name in vars(cls()))
+            fail("limits", Where(None), f"cannot read EXMESH_LIMITS={given!r}", expected=expected)
         return cls(**{name: int(number) for name, number in words})
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import contextlib
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from exmesh_graph.errors import ExmeshError, GraphError, may_pass
-from exmesh_graph.graph.cache.keys import ABSENT, Stored, key_of
+from exmesh_graph.graph.cache.keys import Stored, key_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.components import rebuild, validated_again
 from exmesh_graph.graph.declare.packs import current
@@ -22,7 +22,6 @@ from exmesh_graph.graph.declare.ports import artifact_types, base_name, signatur
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.language.links import Link
 from exmesh_graph.graph.problems import Where
-from exmesh_graph.graph.run.plan import preimage_for
 
 Emit = Callable[[Mapping[str, Any]], None]
 DONE, FAILED, BROKEN, STOPPED = "done", "failed", "broken", "stopped"
@@ -112,17 +111,6 @@ def job_of(
         components={port: plug.describe() for port, plug in bound.components.items()}, limits=bound.limits,
         **more,
     )  # fmt: skip
-
-
-def rekeyed(job: Job, store: Store) -> Job:
-    """The job with the key that it has now, on `store`: code, libraries or source files may have changed since."""
-    bound = job.bound()
-    known: dict[str, dict[str, Stored]] = {}
-    for port, link in bound.inputs.items():
-        kind, digest = job.inputs.get(port, ABSENT)
-        known.setdefault(link.node, {})[link.port] = Stored(kind, digest, 0)
-    preimage = preimage_for(bound, store, known)
-    return replace(job, preimage=preimage, store=str(store.root))
 
 
 @dataclass(frozen=True)

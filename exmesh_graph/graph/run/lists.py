@@ -33,10 +33,8 @@ def fed(bound: Bound, outputs: Outputs) -> dict[str, tuple[Link, Stored]]:
             if many and stored == NOTHING:
                 continue
             counts[name] += 1
-            table[f"{name}[{counts[name]}]" if many or source != link.port else port] = (
-                replace(link, port=source),
-                stored,
-            )
+            key = f"{name}[{counts[name]}]" if many or source != link.port else port
+            table[key] = replace(link, port=source), stored
     return table
 
 

@@ -24,20 +24,6 @@ _FEWEST = 4  # cores with which a node that takes any number begins beside other
 _UNKNOWN_PEAK, _MEMORY_SHARE = 4.0, 0.8
 
 
-def parse_tokens(text: str) -> dict[str, float]:
-    """`cpu=4,gpu=1` of the command line. Raises GraphError."""
-    tokens: dict[str, float] = {}
-    for part in filter(None, text.split(",")):
-        name, equals, value = part.partition("=")
-        try:
-            tokens[name.strip()] = float(value)
-        except ValueError:
-            equals = ""
-        if not equals or not name.strip() or not 0 <= tokens[name.strip()] < float("inf"):
-            raise GraphError(f"cannot read --tokens {text!r}", where="command line", expected="cpu=4,gpu=1,ram_gb=16")
-    return tokens
-
-
 class Pool:
     """Tokens in use and free. `cpu: 0` asks for every cpu of a machine; a request for cpus is cut to what one has.
 

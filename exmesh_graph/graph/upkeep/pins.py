@@ -86,15 +86,5 @@ def read_pin(path: Path) -> Pin:
         raise StoreError(what, where=str(path), fix="remove it and pin again") from error
 
 
-def key_of_prefix(store: Store, prefix: str) -> str | None:
-    """The one key of a record that begins with `prefix`; None when there is none. Raises StoreError for several."""
-    if not re.match(r"[0-9a-f]{6,64}\Z", prefix):
-        return None
-    keys = [path.stem for path in (store.root / "actions" / prefix[:2]).glob(f"{prefix}*.json")]
-    if len(keys) > 1:
-        raise StoreError(f"{prefix} begins {len(keys)} keys", fix="give more of it")
-    return keys[0] if keys else None
-
-
 def _path(store: Store, name: str) -> Path:
     return store.root / "pins" / f"{name}.json"

@@ -6,21 +6,13 @@ equal whatever their code and their files hold, and in a graph merged out of man
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from exmesh_graph.graph.cache.keys import key_of, preimage_of
 from exmesh_graph.graph.declare.components import BoundComponent
 from exmesh_graph.graph.language.check import Bound, Checked
 from exmesh_graph.graph.language.links import Link
-
-
-def unlike(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    """(key, before, after) of what two mappings do not hold alike."""
-    for key in dict.fromkeys([*old, *new]):
-        if old.get(key) != new.get(key) or (key in old) != (key in new):
-            yield key, old.get(key), new.get(key)
 
 
 @dataclass(frozen=True)

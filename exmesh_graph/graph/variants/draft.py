@@ -169,7 +169,7 @@ class Draft:
                 what = f"{text!r} is a node, not a key of one"
             fix = "name a node of a block with its block: rounds.merge"
             if self.part_around(path):
-                fix = "only set and connect reach into sub-graphs; put other patches into a file that extends it"
+                fix = "put this patch into a file that extends the sub-graph's"
             refuse(where, what, near=nearest(path, entries) or list(entries)[:5], fix=fix)
         number = re.search(r"\[(\d+)\]\.[^.\[]*\Z", node)
         if node.count("[") > bool(number):
@@ -179,7 +179,8 @@ class Draft:
     def part_around(self, text: str) -> str:
         """The path of the sub-graph that something lies in; none where it lies in no one."""
         plain, entries = without_rounds(text), self.entries.items()
-        return next((path for path, entry in entries if is_part(entry) and path != plain and within(plain, path)), "")
+        parts = (path for path, entry in entries if is_part(entry) and path != plain and within(plain, path))
+        return next((path for path in parts if within(text, path)), "")  # not where a round of it is meant
 
     def _keys_like(self, key: str) -> list[str]:
         kinds = {path: kind for path, entry in self.entries.items() if (kind := self.kind(entry)) is not None}

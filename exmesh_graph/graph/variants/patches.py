@@ -9,7 +9,8 @@
     {connect: pbr.transport, to: "@light.transport"}
     {disconnect: pbr.transport}                   an optional input, or a published output
 
-`set` and `connect` without a round hold in every round, as `--set` does; `rounds[3].merge.views` is round 3 alone.
+Without a round an operation holds in every round, as `--set` does; `rounds[3].merge.views` is round 3 alone (`set`,
+`connect`, `replace`, `insert`, `bypass`). `p.refine` lies in the sub-graph `p`, which is a node itself for these.
 Repeated, `set`, `connect` and `replace` (without ports) change nothing more; the other five are refused the second
 time. Operations on different nodes commute unless one makes, removes or rewires what the other needs.
 """
@@ -37,7 +38,8 @@ def apply_patches(top: Map, patches: Iterable[Any], packs: Packs) -> Map:
         if extra:
             refuse(patch.lines[extra[0]], f"{name} has no {extra[0]!r}", near=closest(extra[0], keys or ()))
         needed, expected = NEEDED.get(name, (name, ""))
-        if needed not in patch and not (name == "set" and isinstance(patch[name], Map)):
+        instead = (name == "set" and isinstance(patch[name], Map)) or (name == "replace" and "graph" in patch)
+        if needed not in patch and not instead:
             refuse(patch.where, f"{name} needs {needed}:", expected=f"{needed}: {expected}")
         OPERATIONS[name][0](draft, patch)
     return draft.top
@@ -69,7 +71,7 @@ OPERATIONS: Mapping[str, tuple[Callable[[Draft, Map], None], tuple[str, ...] | N
 
 NEEDED = {
     "set": ("to", "a value"),
-    "replace": ("type", "a node type"),
+    "replace": ("type", "a node type, or graph: a file"),
     "insert": ("on", 'a port "pbr.carrier" or a link "@settle.state"'),
     "connect": ("to", 'a link "@node.port"'),
 }

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Port, Signature, type_name
 from exmesh_graph.graph.language.yamlfile import Map, copied
 from exmesh_graph.graph.problems import Where, closest, in_short, nearest
-from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace, is_block, is_link, is_part, layers_of, refuse
-from exmesh_graph.graph.variants.values import Target, fixed_place, target_of
+from exmesh_graph.graph.variants.draft import Draft, LinkPlace, is_block, is_link, is_part, layers_of, refuse
+from exmesh_graph.graph.variants.values import fixed_place, kind_of, node_of, taken_apart, target_of
 
 
 def replace(draft: Draft, patch: Map) -> None:
-    where, there = patch.lines["replace"], patch.lines["type"]
-    address, entry = _node(draft, patch["replace"], where)
+    where, word = patch.lines["replace"], "type" if "type" in patch else "graph"
+    there = patch.lines[word]
+    draft, named = taken_apart(draft, patch["replace"], key=False)
+    node = node_of(draft, named, where)
+    address, entry = node.address, node.entry
     if is_block(entry):
         refuse(where, f"{address.path} is a repeat block", fix="replace the nodes in it")
-    new, old = draft.known_type(patch["type"], there), draft.kind(entry)
+    new, old = _new_kind(draft, patch, there), kind_of(draft, entry)
     renamed = _renames(patch, old, new)
     given = {key: value for key, value in patch.items() if key not in ("replace", "ports")}
     if address.round is not None:
         if renamed:
             refuse(patch.lines["ports"], "ports cannot be renamed in a single round", fix="replace it in every round")
-        kept = Target(draft, address, entry, entry, False).round_settings(where)
+        kept = node.round_settings(where)
     else:
         used = draft.users(address.path)
         for place, source in used:
@@ -32,7 +36,7 @@ def replace(draft: Draft, patch: Map) -> None:
                 what = f"{patch['type']} is a node, but {address.path} is a component"
                 refuse(there, what, fix="replace it by a component")
             if target and target not in new.outputs:
-                what = f"{patch['type']} has no output {target!r}, which {place.label} ({place.where}) uses"
+                what = f"{patch[word]} has no output {target!r}, which {place.label} ({place.where}) uses"
                 fix = f"ports: {{{source.port}: {next(iter(new.outputs), '...')}}}"
                 refuse(where, what, expected=_ports(new.outputs), fix=fix)
         for place, source in used:
@@ -50,9 +54,11 @@ def replace(draft: Draft, patch: Map) -> None:
 
 def insert(draft: Draft, patch: Map) -> None:
     where, there, new, on = patch.lines["insert"], patch.lines["on"], patch["insert"], patch["on"]
-    if not isinstance(new, Map) or not {"name", "type"} <= set(new):
+    if not isinstance(new, Map) or "name" not in new or not {"type", "graph"} & set(new):
         refuse(where, "insert needs the new node", expected='{insert: {name: ..., type: ..., ...}, on: "pbr.carrier"}')
-    kind = draft.known_type(new["type"], new.lines["type"])
+    draft, on = taken_apart(draft, on)
+    kind = _new_kind(draft, new, there)
+    single = re.search(r"\[(\d+)\]\.[^.\[]+\.[^.\[]+\Z", str(on))  # the round of the innermost block
     if is_link(on):
         meant = draft.source(on, "")
         if meant is None or not meant.path:
@@ -73,17 +79,23 @@ def insert(draft: Draft, patch: Map) -> None:
     for place, read in places:
         block, dot, _ = ("", "", "") if place.scope == scope else read.rpartition(".")[0].rpartition(".")
         place.put(f"{block}{dot or '@'}{name}.{output}", there)
-    _put_new(draft, scope, name, new, where).put(source_port, text, there)
+    entry = _put_new(draft, scope, name, new, where)
+    entry.put(source_port, text, there)
+    if single:
+        entry.inner("bypass", there).put(output, source_port, there)
+        entry.inner("at", there).inner(int(single[1]), there).put("bypass", None, there)
 
 
 def bypass(draft: Draft, patch: Map) -> None:
     where = patch.lines["bypass"]
-    address, entry = _node(draft, patch["bypass"], where, "bypass")
-    name, kind = address.path, draft.kind(entry)
+    target = node_of(draft, patch["bypass"], where)
+    draft, address, entry = target.draft, target.address, target.entry
+    name, kind = address.path, kind_of(draft, entry)
     if is_block(entry):
         refuse(where, f"{name} is a repeat block", fix=f"{{set: {name}.repeat, to: 0}}")
-    if is_part(entry):
-        refuse(where, f"{name} is a sub-graph", fix=f"connect what uses {name} to something else and remove it")
+    holder = target.holder if address.round is None else target.round_settings(where)
+    if holder.get("bypass") is not None:
+        refuse(where, f"{name} is bypassed already")
     if kind is None:
         refuse(where, f"the type of {name} is unknown: {entry.get('type')!r}")
     if kind.component is not None:
@@ -93,6 +105,10 @@ def bypass(draft: Draft, patch: Map) -> None:
     wired = {port: kind.inputs[port] for port in kind.inputs if is_link(entry.get(port))}
     wired = {port: end for port, end in wired.items() if not end.plugged}
     through = {port: _way_through(patch, name, kind, wired, port) for port in dict.fromkeys(s.port for _, s in used)}
+    if address.round is not None or target.holder is not entry or is_part(entry):
+        for output, port in through.items():
+            holder.inner("bypass", where).put(output, port, where)
+        return
     for port in through.values():
         for layer, word, number in layers_of(entry):
             if port in layer:
@@ -107,7 +123,10 @@ def bypass(draft: Draft, patch: Map) -> None:
 def remove(draft: Draft, patch: Map) -> None:
     where, value = patch.lines["remove"], patch["remove"]
     listed = value if isinstance(value, list) else [value]
-    gone = [_node(draft, name, where, "remove")[0] for name in listed]
+    gone = [draft.address(name, where, key=False) for name in listed]
+    for address in [one for one in gone if one.round is not None]:
+        refuse(where, f"remove works on all rounds at once, not on {address.round} of {address.path}",
+               fix=f"{{bypass: '{address.scope}[{address.round}].{address.name}'}}")  # fmt: skip
     names = ", ".join(address.path for address in gone)
     left = [place for place, _ in draft.users(*(address.path for address in gone))]
     if left:
@@ -147,13 +166,11 @@ def _put_new(draft: Draft, scope: str, name: str, new: Map, where: Where) -> Map
     return entry
 
 
-def _node(draft: Draft, text: Any, where: Where, operation: str = "") -> tuple[Address, Map]:
-    """The node that a patch names, and its entry; an `operation` that works on all rounds at once is not for one."""
-    address = draft.address(text, where, key=False)
-    if operation and address.round is not None:
-        what = f"{operation} works on all rounds at once, not on {text}"
-        refuse(where, what, fix=f"{operation}: {address.path}")
-    return address, draft.entries[address.path]
+def _new_kind(draft: Draft, new: Map, where: Where) -> Signature:
+    """What a patch puts in."""
+    if "type" in new:
+        return draft.known_type(new["type"], new.lines["type"])
+    return kind_of(draft, new) or refuse(where, f"no such graph file: {new['graph']!r}", fix="name one that is there")
 
 
 def _wire_into(draft: Draft, target: Any, where: Where) -> LinkPlace:
@@ -164,8 +181,6 @@ def _wire_into(draft: Draft, target: Any, where: Where) -> LinkPlace:
     goal = target_of(draft, target, where, link=True)
     assert goal is not None
     entry, key = goal.entry, goal.address.key
-    if goal.address.round is not None:
-        refuse(where, f"a node cannot be inserted in a single round: {target}", fix="insert it in every round")
     if not is_link(entry.get(key)):
         refuse(where, f"{target} is not connected", fix="add the node and connect both of its ends")
     if any(kind.inputs[key].plugged for kind in goal.kinds if key in kind.inputs):
@@ -197,7 +212,7 @@ def _pick(patch: Map, key: str, ports: Mapping[str, Port], wire: Port | None, ne
     side = "input" if key == "in" else "output"
     if key in patch:
         if patch[key] not in ports:
-            what = f"{new['type']} has no free {side} {patch[key]!r}"
+            what = f"{new['name']} has no free {side} {patch[key]!r}"
             refuse(patch.lines[key], what, near=closest(patch[key], ports))
         return str(patch[key])
     fits = {name: port for name, port in ports.items() if wire is None or _fits(port, wire, side)}
@@ -205,7 +220,7 @@ def _pick(patch: Map, key: str, ports: Mapping[str, Port], wire: Port | None, ne
     if len(fits) != 1:
         found = _ports(fits) or "none"
         carried = f" that carries {wire}" if wire else ""
-        refuse(where, f"{new['type']} has {len(fits) or 'no'} {side}s{carried}", found=found,
+        refuse(where, f"{new.get('type', new['name'])} has {len(fits) or 'no'} {side}s{carried}", found=found,
                expected=f"one, or {key}: NAME", near=list(fits or ports))  # fmt: skip
     return next(iter(fits))
 

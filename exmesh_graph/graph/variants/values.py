@@ -1,24 +1,28 @@
 """Operations that change one value or one wire: `set`, `connect`, `disconnect`; see `patches`.
 
-`set` and `connect` reach into sub-graphs: to their parameters and inputs, and to single nodes inside. What a patch says
-of a node inside goes into the `nodes:` of the entry that uses the file, so that the file itself and its other uses stay
-as they are. The other operations act on the graph that holds the node: put variants of a sub-graph into a file that
-extends it.
+Patches reach into sub-graphs: to their parameters and inputs, and to single nodes inside. What `set`, `connect` and
+`bypass` say of a node inside goes into the `nodes:` of the entry that uses the file; for `replace` and `insert`, which
+change what others are wired to, the entry gets a changed copy of the file (`taken_apart`). So the file itself and its
+other uses stay as they are.
 """
 
 from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from pydantic import create_model
+
 from exmesh_graph.graph.declare.ports import Signature
-from exmesh_graph.graph.language.params import forget, given
-from exmesh_graph.graph.language.parts import PartFiles
-from exmesh_graph.graph.language.spec import Value
+from exmesh_graph.graph.language.params import forget, given, is_declaration
+from exmesh_graph.graph.language.parts import PartFiles, input_ports
+from exmesh_graph.graph.language.spec import Value, tree_of
 from exmesh_graph.graph.language.yamlfile import Map, copied
 from exmesh_graph.graph.problems import GraphErrors, Problems, Where, closest, nearest
 from exmesh_graph.graph.variants.draft import Address, Draft, LinkPlace, is_block, is_link, is_part, layers_of, refuse
+from exmesh_graph.params import Params
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ def set_values(draft: Draft, patch: Map) -> None:
 def _set_one(draft: Draft, text: Any, value: Any, where: Where, there: Where) -> None:
     params = draft.top.get("params")
     if not isinstance(text, str) or "." in text:
-        target = target_of(draft, text, where, link=False, inside=True)
+        target = target_of(draft, text, where, link=False)
         if target is not None:
             target.put(value, there)
     elif text == "seed":
@@ -99,6 +103,8 @@ def _set_one(draft: Draft, text: Any, value: Any, where: Where, there: Where) ->
     elif isinstance(params, Map) and text in params:
         forget(params, {text: value})
         params.put(text, given(params[text], value, there), there)
+        if is_declaration(params[text]):  # a private copy; the patch counts more than the environment
+            params[text].pop("env", None)
     else:
         names = [*(params or ()), "seed"]
         fix = f"a node's parameter is set with {{set: {text}.PARAMETER, to: ...}}" if text in draft.entries else ""
@@ -115,7 +121,7 @@ def connect(draft: Draft, patch: Map) -> None:
         _check_source(draft, link, place.scope, there)
         place.holder.put(place.key, link, there)
         return
-    target = target_of(draft, text, where, link=True, inside=True)
+    target = target_of(draft, text, where, link=True)
     if target is not None:
         if target.draft is draft:
             _check_source(draft, link, target.address.scope, there)
@@ -130,6 +136,7 @@ def disconnect(draft: Draft, patch: Map) -> None:
             refuse(where, f"there is no {text}", near=[f"outputs.{name}" for name in place.holder])
         del place.holder[place.key]
         return
+    draft, text = taken_apart(draft, text)
     target = target_of(draft, text, where, link=True)
     assert target is not None
     entry, node, names = target.entry, target.address.path, target.names
@@ -163,35 +170,84 @@ def fixed_place(draft: Draft, target: Any) -> LinkPlace | None:
     return None
 
 
-def target_of(draft: Draft, text: Any, where: Where, *, link: bool, inside: bool = False) -> Target | None:
+def taken_apart(draft: Draft, text: Any, *, key: bool = True) -> tuple[Draft, Any]:
+    """The draft that holds what a patch names (a `key` of a node), and its name there; a sub-graph around it becomes a
+    copy of its file.
+    """
+    plain = text.removeprefix("@") if isinstance(text, str) else ""
+    user = draft.part_around(plain)
+    if not user or (key and "." not in _below(plain, user)):
+        return draft, text
+    entry = draft.entries[user]
+    part = file_of(draft, entry)
+    if part is None or "[" in text[: len(text) - len(_below(plain, user))]:
+        return draft, text  # refused where it is looked up
+    entry.put("graph", part, entry.lines["graph"])
+    entry.pop("nodes", None)
+    return taken_apart(Draft(part, draft.packs), "@" * text.startswith("@") + _below(plain, user), key=key)
+
+
+def _below(text: str, user: str) -> str:
+    """What a path says behind the sub-graph that it leads into."""
+    return text.split(".", user.count(".") + 1)[-1]
+
+
+def kind_of(draft: Draft, entry: Map) -> Signature | None:
+    """What an entry looks like from outside; the parameters of a sub-graph take anything. None where it is unknown."""
+    part = file_of(draft, entry) if is_part(entry) else None
+    if part is None:
+        return draft.kind(entry)
+    tree, inner = tree_of(part, draft.top.where.file or Path(), (), Problems()), Draft(part, draft.packs)
+    ends = {str(name): inner.port_of(str(link), "") for name, link in tree.outputs.items()}
+    taken: dict[str, Any] = dict.fromkeys(tree.params, (Any, None))
+    params = create_model("Part", __base__=Params, **taken)
+    return Signature(input_ports(tree, Problems()), {n: end for n, end in ends.items() if end}, params, None, "")
+
+
+def node_of(draft: Draft, text: Any, where: Where) -> Target:
+    """The node that a patch names."""
+    target = _reached(draft, text, where, key=False)
+    return target or Target(draft, draft.address(text, where, key=False), Map(where), Map(where), False)
+
+
+def target_of(draft: Draft, text: Any, where: Where, *, link: bool) -> Target | None:
     """The parameter or input port (`link`) that a patch names, refused where its node or block has none such.
 
-    `inside` lets it lie in a sub-graph; None where the file of that one cannot be read: `check` says why.
+    None where it lies in a sub-graph whose file cannot be read: `check` says why.
     """
-    holder, key = None, text
-    user = draft.part_around(text) if inside and isinstance(text, str) else ""
-    if user:
+    user = draft.part_around(text) if isinstance(text, str) else ""
+    if user and "." not in (key := _below(text, user)):
         holder = draft.entries[user]
-        part, key = _file_of(draft, holder), text.split(".", user.count(".") + 1)[-1]
+        part = file_of(draft, holder)
+        own = {} if part is None else part.get("inputs" if link else "params") or ()
+        if part is not None and key not in own and (link or key != "seed"):
+            near = [f"{user}.{other}" for other in closest(key, own)]
+            refuse(where, f"the sub-graph {user} has no {'input' if link else 'parameter'} {key!r}", near=near)
+        return None if part is None else Target(draft, Address(user, None, key), holder, holder, link)
+    target = _reached(draft, text, where, key=True, link=link)
+    if target is not None:
+        _check_key(target, text, where)
+    return target
+
+
+def _reached(draft: Draft, text: Any, where: Where, *, key: bool, link: bool = False) -> Target | None:
+    """What a patch names, in this file or in that of a sub-graph; None where that cannot be read."""
+    user, holder = draft.part_around(text) if isinstance(text, str) else "", None
+    if user:
+        holder, text = draft.entries[user], _below(text, user)
+        part = file_of(draft, holder)
         if part is None:
             return None
-        if "." not in key:
-            own = part.get("inputs" if link else "params") or ()
-            if key not in own and (link or key != "seed"):
-                near = [f"{user}.{other}" for other in closest(key, own)]
-                refuse(where, f"the sub-graph {user} has no {'input' if link else 'parameter'} {key!r}", near=near)
-            return Target(draft, Address(user, None, key), holder, holder, link)
         draft = Draft(part, draft.packs)
-    address = draft.address(key, where, key=True)
+    address = draft.address(text, where, key=key)
     entry = draft.entries[address.path]
-    if holder is not None:
-        if is_part(entry):
-            refuse(where, f"{text} lies in a sub-graph of a sub-graph", fix="patch the file that uses it")
-        for name in address.path.split("."):
-            holder = holder.inner("nodes", where).inner(name, where)
-    target = Target(draft, address, entry, entry if holder is None else holder, link)
-    _check_key(target, text, where)
-    return target
+    if holder is None or isinstance(holder["graph"], Map):
+        return Target(draft, address, entry, entry, link)
+    if is_part(entry) and key:
+        refuse(where, f"{text} lies in a sub-graph of a sub-graph", fix="patch the file that uses it")
+    for name in address.path.split("."):
+        holder = holder.inner("nodes", where).inner(name, where)
+    return Target(draft, address, entry, holder, link)
 
 
 def _check_key(target: Target, text: str, where: Where) -> None:
@@ -214,8 +270,10 @@ def _check_key(target: Target, text: str, where: Where) -> None:
         refuse(where, f"{entry.get('type')} has no {word} {key!r}", near=near, fix=fix if names & others else "")
 
 
-def _file_of(draft: Draft, entry: Map) -> Map | None:
+def file_of(draft: Draft, entry: Map) -> Map | None:
     """The merged file of a sub-graph with the patches of its use; None where it cannot be read."""
+    if isinstance(entry["graph"], Map):  # a patch took it apart
+        return entry["graph"]
     where, files = entry.lines["graph"], PartFiles(Problems())
     with contextlib.suppress(GraphErrors):
         path = files.path(Value(draft.read(entry, "graph"), where, where.base), where, ())

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from exmesh_graph.api.upkeep import key_of_prefix
 from exmesh_graph.errors import StoreError
 from exmesh_graph.files import own_folder
 from exmesh_graph.graph.cache import store as store_module
@@ -22,7 +23,7 @@ from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.upkeep import collect
 from exmesh_graph.graph.upkeep import pins as pins_module
 from exmesh_graph.graph.upkeep.collect import DAY, Survey, delete, survey
-from exmesh_graph.graph.upkeep.pins import key_of_prefix, pin, pins, unpin
+from exmesh_graph.graph.upkeep.pins import pin, pins, unpin
 from exmesh_graph.types import Metrics
 
 
