@@ -1,11 +1,14 @@
 """Where a run comes from: commits of the project and of this package, libraries, machine, command.
 
-Recorded with the run and never part of a key: what changes a result is keyed, what might explain one is told here.
+Recorded with the run and never part of a key: what changes a result is keyed, what might explain one is told here. Who
+ran it is told only where `EXMESH_AUTHOR` says so.
 """
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 import subprocess
 from collections.abc import Iterator, Mapping
 from importlib import metadata
@@ -14,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import exmesh_graph
 from exmesh_graph.report.collect import library_versions
-from exmesh_graph.resources import machine_facts, user_and_host
+from exmesh_graph.resources import machine_facts
 
 if TYPE_CHECKING:
     from exmesh_graph.graph.language.check import Checked
@@ -38,9 +41,35 @@ def provenance(graph: Checked, command: str) -> dict[str, Any]:
         "libraries": {**library_versions(), **{name: _version(name) for name in sorted(declared)}},
         "machine": machine_facts(),
         "gpus": [_model(path) for path in sorted(_GPUS.glob("*/information"))],
-        "by": user_and_host(),
+        "by": os.environ.get("EXMESH_AUTHOR", ""),
         "command": command,
     }
+
+
+def public(told: Mapping[str, Any]) -> dict[str, Any]:
+    """What may leave the machine beside an asset, and in it: no folder's name, since those name people and machines."""
+    words = [_last_of(word) for word in shlex.split(str(told["command"]))]
+    return {**told, "command": shlex.join(words)}
+
+
+def sign_assets(folder: Path, record: Mapping[str, Any]) -> None:
+    """Write where a run comes from beside what it publishes, and into the USD files among it."""
+    facts = public(record["provenance"])
+    (folder / "provenance.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    for path in record["published"].values():
+        home = folder / path if (folder / path).is_dir() else (folder / path).parent
+        if any(home.glob("*.usda")):
+            from exmesh_graph.export.usd.stamp import stamp_usd
+
+            machine = {"processor": str(facts["machine"]["processor"]), "gpus": ", ".join(facts["gpus"])}
+            own = {name: facts[name] for name in ("project", "libraries", "command")}
+            stamp_usd(home, {**own, "software": facts["exmesh_graph"], "machine": machine, "run": record["id"]})
+
+
+def _last_of(word: str) -> str:
+    """`--store=/home/anna/store` -> `--store=store`: of a path, its last name."""
+    head, sign, path = word.rpartition("=")
+    return f"{head}{sign}{Path(path).name}" if path.startswith(("/", "~", "..")) else word
 
 
 def commit_of(folder: Path) -> dict[str, Any]:

@@ -25,10 +25,11 @@ from exmesh_graph.api.opening import (
     using,
 )
 from exmesh_graph.api.progress import Progress, finished, listening
-from exmesh_graph.api.provenance import provenance
+from exmesh_graph.api.provenance import provenance, sign_assets
 from exmesh_graph.api.results import Run, read_failures, read_run
 from exmesh_graph.api.selecting import matching, selected
 from exmesh_graph.errors import GraphError
+from exmesh_graph.files import writing
 from exmesh_graph.graph.run.runner import Listener, NodeFailed
 
 if TYPE_CHECKING:
@@ -165,7 +166,6 @@ def run_checked(
             work = Runner(checked, opened, folder, listen, backend=backend, command=shlex.join([*command, *only]),
                           alone=shlex.join(command), tokens=at.tokens, **options)  # fmt: skip
             work.record["provenance"] = provenance(checked, work.record["command"])
-            folder.write("provenance.json", work.record["provenance"])  # beside the asset, which goes its own way
             result = Run(folder.path, work.record, opened)
             if opened is not store:  # a temporary one, needed as long as the handle
                 result.keep(layer.pop_all().close)
@@ -179,6 +179,9 @@ def run_checked(
             except KeyboardInterrupt as interrupt:
                 interrupt.run = result  # type: ignore[attr-defined]
                 raise
+            finally:
+                with writing("the run folder", folder.path, "--runs"):
+                    sign_assets(folder.path, work.record)  # a published copy goes its own way
     if report:
         try:
             result.make_report()

@@ -26,7 +26,7 @@ class NodeSpec:
     fields: Mapping[str, Value]
     where: Where
     seed: int
-    seeded: Where | None = None
+    seeded: Value | None = None
     each: Value | None = None
     limits: tuple[Value, ...] = ()  # those of the graph, its own
 
@@ -247,7 +247,7 @@ class _Expansion:
             text = ":".join(map(str, (seed, *rounds)))
             seed = int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") >> 1
         limits = (shared, own) if own else (shared,)
-        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, seeded and seeded.where, each, limits)
+        self.nodes[full] = NodeSpec(full, kind.value, fields, entry.where, seed, seeded, each, limits)
 
     def _written(self, full: str, entry: Map, scope: Scope) -> Written:
         """What an entry says in a round, and `--set` of it."""

@@ -38,7 +38,7 @@ class NodeCheck:
         self.fields = self._in_present_names()
         self.each = self._each()
         if self.kind.component is not None and self.spec.seeded is not None:
-            wiring.problems.add("seed", self.spec.seeded, f"{name} is a component, which has no seed")
+            wiring.problems.add("seed", self.spec.seeded.where, f"{name} is a component, which has no seed")
         for key, value in self.fields.items():
             if key in self.kind.inputs:
                 self._connect(self.kind.inputs[key], value)
