@@ -1,5 +1,5 @@
-"""Where a USD asset comes from, written into its root layers (`customLayerData`): of a published copy, never of a result in
-a store, since equal results have equal bytes.
+"""Where a USD asset comes from, written into its root layers (`customLayerData`): of a published copy, never of a result
+in a store, since equal results have equal bytes.
 """
 
 from __future__ import annotations
@@ -18,19 +18,18 @@ _HEAD = "#usda 1.0\n(\n"
 
 
 def stamp_usd(folder: Path, facts: Mapping[str, Any]) -> list[str]:
-    """Write `facts` (texts, truth values and mappings of them) into the root layers of an exported asset in `folder`, and
+    """Write `facts` (texts, truth values, mappings of them) into the root layers of an exported asset in `folder`, and
     pack its package anew; the names of the files that were changed.
 
-    Layers are `.usda` with metadata and none of ours yet. `asset_ar.usdz` holds a single binary layer and stays as it is.
+    Layers are `.usda` with metadata and none of ours yet. `asset_ar.usdz` holds one binary layer and stays as it is.
     """
     data = f"    customLayerData = {{\n{_dictionary(KEY, facts, 8)}    }}\n"
     changed = []
     for path in sorted(folder.glob("*.usda")):
         text = path.read_text(encoding="utf-8")
         if text.startswith(_HEAD) and "customLayerData" not in text.partition("\n)")[0]:
-            _replace(
-                path, lambda draft, text=text: draft.write_text(_HEAD + data + text[len(_HEAD) :], encoding="utf-8")
-            )
+            whole = _HEAD + data + text[len(_HEAD) :]
+            _replace(path, lambda draft, whole=whole: draft.write_text(whole, encoding="utf-8"))
             changed.append(path.name)
     for path in sorted(folder.glob("*.usdz")):
         with zipfile.ZipFile(path) as archive:
@@ -51,7 +50,7 @@ def _dictionary(name: str, facts: Mapping[str, Any], indent: int) -> str:
         elif isinstance(value, bool):
             lines.append(f'{" " * (indent + 4)}bool "{key}" = {int(value)}\n')
         else:
-            lines.append(f'{" " * (indent + 4)}string "{key}" = {json.dumps(str(value))}\n')
+            lines.append(f'{" " * (indent + 4)}string "{key}" = {json.dumps(str(value), ensure_ascii=False)}\n')
     return f'{" " * indent}dictionary "{name}" = {{\n{"".join(lines)}{" " * indent}}}\n'
 
 
