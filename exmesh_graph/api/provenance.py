@@ -59,7 +59,7 @@ def sign_assets(folder: Path, record: Mapping[str, Any]) -> None:
     for path in record["published"].values():
         home = folder / path if (folder / path).is_dir() else (folder / path).parent
         if any(home.glob("*.usda")):
-            from exmesh_graph.export.usd.stamp import stamp_usd
+            from exmesh_graph.export.stamp import stamp_usd
 
             machine = {"processor": str(facts["machine"]["processor"]), "gpus": ", ".join(facts["gpus"])}
             own = {name: facts[name] for name in ("project", "libraries", "command")}

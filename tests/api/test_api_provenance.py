@@ -12,8 +12,9 @@ import pytest
 
 import exmesh_graph as ex
 from exmesh_graph.api.provenance import commit_of, differences, sign_assets
-from exmesh_graph.export.usd.package import package_rules, write_usdz
-from exmesh_graph.export.usd.stamp import stamp_usd
+from exmesh_graph.export.packing import write_usdz
+from exmesh_graph.export.stamp import stamp_usd
+from exmesh_graph.export.usd.package import package_rules
 
 GRAPH = "nodes: {one: {type: toy.const}}\n"
 

@@ -1,4 +1,4 @@
-"""Packing a USD layer and its files into a `.usdz` with bytes that depend on the contents alone, and judging one."""
+"""Judging a `.usdz` package."""
 
 from __future__ import annotations
 
@@ -8,26 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from exmesh_graph.export.packing import ALIGNMENT, HEADER_SIZE
 from exmesh_graph.export.usd.rules import Problem
-
-_ALIGNMENT = 64  # bytes; usdz specification, "Layout"
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
-_PADDING_ID = 0x1986  # the header id that OpenUSD gives its own padding
-_HEADER_SIZE = 30  # a local file header without name and extra field
-
-
-def write_usdz(path: Path, members: list[tuple[str, Path]]) -> None:
-    """Write the (name in the package, file) pairs in order; the first one is the package's root layer.
-
-    Stored, not compressed, and every file's data starts at a multiple of 64 bytes, so that readers can map it.
-    """
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
-        for name, file in members:
-            info = zipfile.ZipInfo(name, _EPOCH)
-            info.create_system = 3
-            info.external_attr = 0o644 << 16
-            info.extra = _padding(archive.fp.tell() + _HEADER_SIZE + len(name.encode()))  # type: ignore[union-attr]
-            archive.writestr(info, file.read_bytes())
 
 
 def package_rules(path: Path) -> Iterator[Problem]:
@@ -48,8 +30,8 @@ def package_rules(path: Path) -> Iterator[Problem]:
                 yield Problem("package", path.name, "the archive's beginning is missing")
             elif member.compress_type != zipfile.ZIP_STORED:
                 yield Problem("package", f"{path.name}[{member.filename}]", "the member is compressed")
-            elif _data_offset(file, member) % _ALIGNMENT:
-                what = f"the member's data does not start at a multiple of {_ALIGNMENT} bytes"
+            elif _data_offset(file, member) % ALIGNMENT:
+                what = f"the member's data does not start at a multiple of {ALIGNMENT} bytes"
                 yield Problem("package", f"{path.name}[{member.filename}]", what)
 
 
@@ -57,14 +39,4 @@ def _data_offset(file: BinaryIO, member: zipfile.ZipInfo) -> int:
     """Where in the opened package the data of `member` starts."""
     file.seek(member.header_offset + 26)
     name, extra = struct.unpack("<HH", file.read(4))
-    return member.header_offset + _HEADER_SIZE + name + extra
-
-
-def _padding(offset: int) -> bytes:
-    """A zip extra field that moves data from `offset` to the next multiple of 64; its head alone takes 4 bytes."""
-    missing = -offset % _ALIGNMENT
-    if missing == 0:
-        return b""
-    if missing < 4:
-        missing += _ALIGNMENT
-    return struct.pack("<HH", _PADDING_ID, missing - 4) + bytes(missing - 4)
+    return member.header_offset + HEADER_SIZE + name + extra

@@ -25,10 +25,10 @@ from exmesh_graph.export.content import LODS, AssetContent, camera_contents, mes
 from exmesh_graph.export.folder import new_folder
 from exmesh_graph.export.inputs import check_asset, check_name, check_views, clipped, without_vanished
 from exmesh_graph.export.maps import prepare_maps, to_codes, write_environment, write_map
+from exmesh_graph.export.packing import write_usdz
 from exmesh_graph.export.settings import ExportSettings
 from exmesh_graph.export.usd import layers
 from exmesh_graph.export.usd.gate import validate_usd
-from exmesh_graph.export.usd.package import write_usdz
 from exmesh_graph.export.usd.rules import Pictures
 from exmesh_graph.types import Asset, Frame, Views
 from exmesh_graph.version import __version__

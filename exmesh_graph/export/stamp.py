@@ -1,4 +1,4 @@
-"""Where a USD asset comes from, written into its root layers (`customLayerData`): of a published copy, never of a result
+"""Where a USD asset comes from, written into its root layers (`customLayerData`): of a published copy, not of a result
 in a store, since equal results have equal bytes.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from exmesh_graph.export.usd.package import write_usdz
+from exmesh_graph.export.packing import write_usdz
 
 KEY = "exmesh_graph"
 _HEAD = "#usda 1.0\n(\n"
