@@ -110,6 +110,39 @@ nodes:
 """
 
 
+LISTS = """
+nodes:
+  a: {type: toy.const, value: 4}
+  cut: {type: toy.cut, number: "@a.number"}
+  each: {type: toy.step, each: state, state: "@cut.parts", amount: 1}
+  all: {type: toy.gather, numbers: "@each.state"}
+  m: {type: toy.maybe, number: "@all.number"}
+  off: {type: toy.sign, number: "@m.below"}
+  on: {type: toy.sign, number: "@m.above"}
+"""
+
+
+def test_lists_are_mapped_and_gathered_and_what_is_absent_switches_off(bench: Any, states: Any, run_on: Any) -> None:
+    record = run_on(LISTS)
+    assert bench.value(record, "all") == 23449  # 2, 3, 4, 5 in order, and -1 for `more`
+    assert {name for name, state in states(record).items() if state == "idle"} == {"off"}
+    assert {f"each[{n}]" for n in (1, 2, 3, 4)} <= states(record).keys()
+    longer = states(run_on(LISTS.replace("value: 4", "value: 5")))
+    assert {name for name, state in longer.items() if state == "hit"} == {f"each[{n}]" for n in (1, 2, 3, 4)}
+
+
+def test_a_limit_is_one_failed_node_and_a_passing_cause_is_tried_again(
+    bench: Any, states: Any, run_on: Any, kind: str, tmp_path: Path
+) -> None:
+    (tmp_path / "tries").mkdir()
+    flaky = 'nodes: {a: {type: toy.const}, f: {type: toy.flaky, number: "@a.number", folder: %s, until: 2, limits: %s}}'
+    assert states(run_on(flaky % (tmp_path / "tries", "{retries: 1}")))["f"] == "done"
+    if kind != "inline":
+        slow = "{type: toy.greedy, number: '@a.number', seconds: 60, limits: {seconds: 1}}"
+        with pytest.raises(NodeFailed, match="past its limit of 1"):
+            run_on(f"nodes: {{a: {{type: toy.const}}, g: {slow}}}")
+
+
 def test_named_tokens_keep_nodes_apart(states: Any, run_on: Any, tmp_path: Path) -> None:
     (tmp_path / "meet").mkdir()
     record = run_on(NAMED.replace("KIND", "alone"), f"folder={tmp_path}/meet", tokens={"licence": 1})
