@@ -504,6 +504,37 @@ def test_a_sub_graph_in_a_sub_graph(bench: Any, patched: Patched) -> None:
     assert wires(patched("{bypass: o.inner}", text=text))["end.state"] == "one.number"
 
 
+@pytest.mark.usefixtures("part")
+def test_one_round_of_a_block_around_a_sub_graph_is_refused_not_taken_for_all(refusal: Refusal) -> None:
+    text = """
+name: g
+nodes:
+  one: {type: toy.const}
+  rounds:
+    repeat: 2
+    carry: {state: "@one.number"}
+    nodes: {p: {graph: part.yaml, start: "@carry.state"}}
+    next: {state: "@p.end"}
+"""
+    for patch in ("{bypass: 'rounds[2].p.first'}", "{set: 'rounds[2].p.first.amount', to: 5}",
+                  "{insert: {name: mid, type: toy.step}, on: '@rounds[2].p.first.state'}"):  # fmt: skip
+        assert (
+            "there is no node" in refusal(patch, text=text).what
+            or "is the output of no node" in refusal(patch, text=text).what
+        )
+
+
+@pytest.mark.parametrize(("first", "second"), [("b", "a"), ("a", "b")])
+def test_nodes_that_are_bypassed_in_a_circle_are_a_cycle(bench: Any, first: str, second: str) -> None:
+    text = """
+nodes:
+  a: {type: toy.step, state: "@%s.state", bypass: {state: state}}
+  b: {type: toy.step, state: "@%s.state", bypass: {state: state}}
+  end: {type: toy.step, state: "@a.state"}
+"""
+    assert {problem.code for problem in bench.problems(text % (first, second))} == {"cycle"}
+
+
 def test_bypass_is_a_word_of_graph_files(bench: Any) -> None:
     text = """
 nodes:
