@@ -76,6 +76,10 @@ def test_a_note_that_was_changed_brings_nothing(sent: Any, tmp_path: Path) -> No
     note.write_text(note.read_text().replace("done", "dine"))
     with pytest.raises(ExmeshError, match="checksum"):
         sharing.pull(run.id, shared=shared, **there)
+    sharing.push(str(run.folder), shared=shared, store=run.record["store"])
+    note.with_name("another.json").write_text(note.read_text())
+    with pytest.raises(ExmeshError, match="it is that of another run"):
+        sharing.pull("another", shared=shared, **there)
     assert not there["runs"].exists()
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from exmesh_graph.errors import LimitError, PassingError, may_pass
+from exmesh_graph.graph.run.backends import local
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.runner import NodeFailed
 
@@ -59,11 +60,23 @@ def test_memory_is_measured_where_no_control_group_can_be_made(bench: Any, monke
     assert "past its limit of 0.3" in past_its_limit(bench, words)  # the child's: the node itself takes less
 
 
-def test_a_node_within_its_limits_runs_and_the_next_one_is_not_bound_by_them(bench: Any, states: Any) -> None:
+def test_a_node_within_its_limits_runs_and_the_next_one_is_not_bound_by_them(
+    bench: Any, states: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A limit of memory is that of a process of its own: what other nodes left in a warm one does not count."""
+    begun: list[str] = []
+    real = local._Worker.__init__
+
+    def counted(worker: Any, job: Any, budget: int) -> None:
+        begun.append(job.name)
+        real(worker, job, budget)
+
+    monkeypatch.setattr(local._Worker, "__init__", counted)
     text = GREEDY % "megabytes: 100, limits: {ram_gb: 0.7, seconds: 60, disk_gb: 1, retries: 1}"
     text += '  h: {type: toy.greedy, number: "@g.number", megabytes: 900}\n'
     record = bench.run(text, backend=Local(1))
     assert set(states(record).values()) == {"done"}
+    assert begun == ["a", "g", "h"]
     assert record["resolved"]["nodes"]["g"]["limits"] == {"ram_gb": 0.7, "seconds": 60, "disk_gb": 1, "retries": 1}
     tight = text.replace("ram_gb: 0.7", "ram_gb: 4")
     assert set(states(bench.run(tight, backend=Local(1))).values()) == {"hit"}  # limits are in no key
