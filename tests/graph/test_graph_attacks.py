@@ -221,7 +221,7 @@ def test_a_source_that_keeps_inode_size_and_time(bench: Any, monkeypatch: pytest
     store = bench.store
     first = store.sources.digest(path)
     assert store.sources.known == {}
-    monkeypatch.setattr(files, "_RACY", 0)
+    monkeypatch.setattr(sealed, "_RACY", 0)
     assert store.sources.digest(path) == first
     assert len(store.sources.known) == 1
     times = path.stat().st_mtime_ns
