@@ -817,7 +817,7 @@ class _Transport(Family):
         directions: Equal-area directions traced from every surface point. [>= 16, <= 8192]
         points: Least number of surface points, spread over the mesh by the size of its faces. [>= 1, <= 2000000]
         """
-    def monte_carlo(self, name: str = "", *, technique: Literal["environment", "brdf", "mis", "cosine"] | Literal["auto"] | Parameter = "environment", samples: int | Parameter = 8, bounces: Literal[0, 1] | Parameter = 1, secondary_rays: int | Parameter = 16, secondary_samples: int | Parameter = 4, half_resolution: bool | Parameter = True, secondary_material: bool | Parameter = True, kept: int | Parameter = 0, independent_gradient: bool | Parameter = True) -> Node:
+    def monte_carlo(self, name: str = "", *, technique: Literal["environment", "brdf", "mis", "cosine"] | Literal["auto"] | Parameter = "environment", samples: int | Parameter = 8, bounces: Literal[0, 1] | Parameter = 1, secondary_rays: int | Parameter = 16, secondary_samples: int | Parameter = 4, half_resolution: bool | Parameter = True, secondary_material: bool | Parameter = True, secondary_lobes: bool | Parameter = False, kept: int | Parameter = 0, independent_gradient: bool | Parameter = True) -> Node:
         """The paper's Monte Carlo light, drawn in every step; the defaults are its sample counts.
 
         technique: Where direct samples go; mis = half to the environment, half to the lobes. [or auto, by needs]
@@ -827,6 +827,7 @@ class _Transport(Family):
         secondary_samples: N_s, light samples at each secondary hit. [rays, >= 1, <= 4096]
         half_resolution: Secondary rays for one pixel of each 2 x 2 block, then upsampled.
         secondary_material: Secondary hits read the maps; else the primary point's material stands in (an ablation).
+        secondary_lobes: Hits also send what their lobes reflect, as precomputed light has it; the paper's do not.
         kept: Estimates per view whose rays are kept between corrections; 0: none. [estimates, >= 0, <= 64]
         independent_gradient: Draw the gradient's samples by a seed of their own, or from the next kept ones: a fit with less bias.
         """

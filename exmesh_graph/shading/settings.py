@@ -43,6 +43,9 @@ class MonteCarloSettings(Params):
     secondary_material: bool = param(
         True, doc="Secondary hits read the maps; else the primary point's material stands in (an ablation)."
     )
+    secondary_lobes: bool = param(
+        False, doc="Hits also send what their lobes reflect, as precomputed light has it; the paper's do not."
+    )
     kept: int = param(
         0, ge=0, le=64, unit="estimates", doc="Estimates per view whose rays are kept between corrections; 0: none."
     )

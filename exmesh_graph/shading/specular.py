@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch.autograd.function import once_differentiable
 
-from exmesh_graph.shading import envmap
+from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.brdf import ALPHA_MIN
 from exmesh_graph.shading.products import mix_frequencies
 
@@ -261,6 +261,36 @@ def directional_albedo(
     if isinstance(f0, torch.Tensor) and f0.dim() > a.dim():
         a, b = a[..., None], b[..., None]
     return a * f0 + b
+
+
+@cache
+def _mean_table() -> torch.Tensor:
+    """A and B of `reflectance_table` averaged over all directions of view, cosine-weighted: float32 [64, 2]."""
+    n_v = (np.arange(_TABLE) + 0.5) / _TABLE
+    weight = torch.from_numpy((n_v / n_v.sum()).astype(np.float32))
+    return (reflectance_table() * weight[:, None, None]).sum(0)
+
+
+def mean_albedo(roughness: torch.Tensor, f0: torch.Tensor) -> torch.Tensor:
+    """A(r) F0 + B(r) [N, 3]: the part of even light that the lobes of N points send back, to all sides together.
+
+    roughness [N], f0 [N, 3]; differentiable in both.
+    """
+    table = _mean_table().to(roughness)
+    y = (roughness * _TABLE - 0.5).clamp(0, _TABLE - 1.001)
+    row = y.detach().floor().long()
+    a, b = torch.lerp(table[row], table[row + 1], (y - row)[:, None]).unbind(-1)
+    return a[:, None] * f0 + b[:, None]
+
+
+def scattered(base_color: torch.Tensor, roughness: torch.Tensor, metallic: torch.Tensor | None = None) -> torch.Tensor:
+    """f [N, 3] of a surface that light meets on its way to another: all it sends, to all sides alike.
+
+    base_color [N, 3], roughness [N], metallic [N] or None. The coat of a dielectric sends 0.03 to 0.08 of the light on,
+    a tenth of what a surface of middling colour does and more; a metal has no other light to send.
+    """
+    lobes = mean_albedo(roughness, brdf.base_reflectance(base_color, metallic))
+    return brdf.diffuse(base_color, metallic) + lobes / math.pi
 
 
 def mean_visibility(

@@ -17,6 +17,7 @@ from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.operators import LightTransport, VectorTransport
+from exmesh_graph.shading.specular import scattered
 from exmesh_graph.shading.suns import find_suns, sun_transfer
 from exmesh_graph.shading.transport import check_fits, lattice_origins
 from exmesh_graph.stage2.light.fused_lobes import trace_lobes
@@ -100,6 +101,10 @@ class Body:
         """Diffuse reflectance [N, 3] of materials [N, C]."""
         return brdf.diffuse(material[:, :3], material[:, 4] if self.metallic else None)
 
+    def sends(self, material: torch.Tensor) -> torch.Tensor:
+        """What materials [N, C] send on to other parts of the body, f [N, 3] (shading.specular.scattered)."""
+        return scattered(material[:, :3], material[:, 3], material[:, 4] if self.metallic else None)
+
     def under(self, lightings: Sequence[Lighting]) -> list[Scene]:
         """The body under each of the lightings; one environment is prepared once."""
         skies: dict[int, Environment] = {}
@@ -141,7 +146,7 @@ class Scene:
             scaled = body.asset.base_color * lighting.scale.astype(np.float32)
             base = torch.from_numpy(np.clip(scaled, 0.0, 1.0)).reshape(-1, 3).to(body.device)
             self.maps = torch.cat([base, body.maps[:, 3:]], dim=1)
-        f_d = body.f_d(gather_rows(self.maps, *body.lattice_texels))
+        f_d = body.sends(gather_rows(self.maps, *body.lattice_texels))
         operators = body.operators
         if not lighting.bounces:
             operators = copy.copy(operators)
@@ -157,8 +162,8 @@ class Scene:
             self.vector = body.vectors.vector(sky.binned, f_d * self.irradiance if lighting.bounces else None)
 
     def sent(self, texels: Footprint, points: Footprint) -> torch.Tensor:
-        """Diffuse radiance [N, 3] that surface positions send out, of their footprints on maps and lattice."""
-        return self.body.f_d(gather_rows(self.maps, *texels)) * gather_rows(self.irradiance, *points)
+        """Radiance [N, 3] that surface positions send to others, of their footprints on maps and lattice."""
+        return self.body.sends(gather_rows(self.maps, *texels)) * gather_rows(self.irradiance, *points)
 
 
 @torch.no_grad()

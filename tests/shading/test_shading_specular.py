@@ -19,6 +19,7 @@ from exmesh_graph.shading.specular import (
     directional_albedo,
     mean_visibility,
     reflectance_table,
+    scattered,
 )
 
 
@@ -116,6 +117,34 @@ def test_table_equals_the_integral_of_the_brdf():
         expected = float((value * d[:, 2].clamp_min(0)).sum() * 4 * math.pi / len(d))
         found = float(directional_albedo(table, torch.tensor([n_v]), torch.tensor([roughness]), f0))
         assert found == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("roughness", [0.3, 0.5, 0.9])
+@pytest.mark.parametrize("metallic", [None, 0.7])
+def test_what_a_hit_sends_on_equals_the_double_integral_of_the_brdf(roughness, metallic):
+    """1 / pi of the share of even light that leaves again: by quadrature over both hemispheres, in float64."""
+    u = torch.rand(2, 400_000, 2, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    light, view = (_cosine_weighted(part) for part in u)
+    one = torch.ones(len(light), dtype=torch.float64)
+    base = torch.tensor([0.6, 0.3, 0.1], dtype=torch.float64)
+    metal = None if metallic is None else metallic * one
+    normal = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64).expand_as(light)
+    f = brdf.evaluate(normal, view, light, base.expand_as(light), roughness * one, metal)
+    expected = f.mean(dim=0)  # cosine-weighted on both sides: the mean of f is rho / pi
+    found = scattered(base[None], roughness * one[:1], None if metal is None else metal[:1])[0]
+    torch.testing.assert_close(found, expected, rtol=0.02, atol=2e-4)
+
+
+def test_what_a_hit_sends_on_has_the_gradient_of_differences():
+    generator = torch.Generator().manual_seed(0)
+    base, rough, metal = (torch.rand(6, *shape, generator=generator, dtype=torch.float64) for shape in ((3,), (), ()))
+    inputs = [value.mul(0.8).add(0.1).requires_grad_() for value in (base, rough, metal)]
+    assert torch.autograd.gradcheck(scattered, inputs, eps=1e-7, atol=1e-5)
+
+
+def _cosine_weighted(u):
+    radius, angle = u[:, 0].sqrt(), 2 * math.pi * u[:, 1]
+    return torch.stack([radius * angle.cos(), radius * angle.sin(), (1 - u[:, 0]).sqrt()], dim=1)
 
 
 @pytest.mark.parametrize(("roughness", "n_v"), [(0.3, 0.95), (0.5, 0.5), (0.8, 0.2)])

@@ -9,6 +9,7 @@ import torch
 
 from exmesh_graph.shading.lattice import face_starts
 from exmesh_graph.shading.operators import at_surface
+from exmesh_graph.shading.specular import scattered
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.light.precomputed import initial_specular_scale
 from exmesh_graph.stage2.settings import DecompositionSettings
@@ -63,8 +64,8 @@ def test_the_fused_start_equals_the_plain_one(model, roughness, every, monkeypat
         torch.testing.assert_close(initial_specular_scale(model.light, buffer, roughness), plain, rtol=1e-4, atol=1e-5)
 
 
-def test_hits_send_diffuse_times_irradiance(model):
-    """At a lattice point: f_d of the maps there times its irradiance; between points, linear."""
+def test_hits_send_what_they_scatter_of_their_irradiance(model):
+    """At a lattice point: what the maps there scatter, of its irradiance; between points, linear."""
     values = model.maps.values().detach().clone()
     values[:, :3] = torch.rand(values[:, :3].shape, generator=torch.Generator().manual_seed(0))
     if model.settings.metallic:
@@ -72,7 +73,7 @@ def test_hits_send_diffuse_times_irradiance(model):
     transport = model.light.operators.light
     count = len(transport.points)
     irradiance = torch.rand(count, 3, generator=torch.Generator().manual_seed(1))
-    sent = model.light.lattice_diffuse(model.maps, values) * irradiance
+    sent = model.light.lattice_sends(model.maps, values) * irradiance
 
     def radiance(face, bary):
         return at_surface(transport, sent, face, bary)
@@ -83,8 +84,8 @@ def test_hits_send_diffuse_times_irradiance(model):
     whole = torch.full((model.maps.size**2, values.shape[1]), torch.nan)
     whole[model.maps.texels] = values
     material = (whole[index] * weight[..., None]).sum(1)
-    scattered = material[:, :3] * ((1 - material[:, 4:5]) if model.settings.metallic else 1)
-    leaving = scattered / math.pi * irradiance
+    metallic = material[:, 4] if model.settings.metallic else None
+    leaving = scattered(material[:, :3], material[:, 3], metallic) * irradiance
     starts = face_starts(transport.steps)
     for face in range(0, len(transport.steps), 29):
         last = int(transport.steps[face])

@@ -40,14 +40,17 @@ def _model(carrier, views, light, **changes):
 
 
 @pytest.mark.parametrize("strength", [0.0, 1.0])
-def test_many_samples_converge_to_the_precomputed_light(carrier, train_views, transport, strength):
-    """Two ways to the same integral: 1024 + 256 x 16 samples, and K directions with measured specular. (The latter
-    also mirrors the mesh in itself, a hundredth of the light here.)"""
+def test_many_samples_converge_to_the_precomputed_light(carrier, train_views, transport, strength, monkeypatch):
+    """Two ways to the same integral: 1024 + 256 x 16 samples, and K directions with measured specular, which here finds
+    a black mesh where its rays meet it, as the samples do."""
     many = MonteCarloSettings(
-        technique="mis", samples=1024, bounces=1, secondary_rays=256, secondary_samples=16, half_resolution=False
-    )
+        technique="mis", samples=1024, bounces=1, secondary_rays=256, secondary_samples=16, half_resolution=False,
+        secondary_lobes=True,
+    )  # fmt: skip
     one, other = (_model(carrier, train_views, light) for light in (many, transport))
-    other.measure(strength, torch.Generator().manual_seed(0))
+    with monkeypatch.context() as black:
+        black.setattr(other.light, "lattice_sends", lambda maps, values: torch.zeros(1, 3))
+        other.measure(strength, torch.Generator().manual_seed(0))
     with torch.no_grad():
         found, expected = (m.shade(m.buffers[1], m.prepare(strength, 0))[0] for m in (one, other))
     error = (found - expected).abs()

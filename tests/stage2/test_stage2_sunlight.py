@@ -58,7 +58,9 @@ def _reference(body, surface, environment):
         read = _read(body, uv)
         return normal, monte_carlo.Material(read[:, :3], read[:, 3])
 
-    settings = MonteCarloSettings(technique="mis", samples=1024, secondary_rays=64, secondary_samples=64)
+    settings = MonteCarloSettings(
+        technique="mis", samples=1024, secondary_rays=64, secondary_samples=64, secondary_lobes=True
+    )
     light = monte_carlo.MonteCarloLight(body.geometry, body.tracer, settings)
     points = monte_carlo.Points(surface.position, surface.flat, surface.normal, surface.view)
     read = _read(body, surface.uv)
@@ -126,7 +128,13 @@ def test_the_fit_sees_a_sun_of_its_environment_where_it_is(true_asset, carrier, 
             carrier,
             train_views,
             MonteCarloSettings(
-                technique="mis", samples=1024, bounces=1, secondary_rays=64, secondary_samples=64, half_resolution=False
+                technique="mis",
+                samples=1024,
+                bounces=1,
+                secondary_rays=64,
+                secondary_samples=64,
+                half_resolution=False,
+                secondary_lobes=True,
             ),
         )
     )

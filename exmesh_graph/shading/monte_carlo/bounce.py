@@ -95,8 +95,9 @@ def secondary_radiance(
     environment: torch.Tensor,
     stand_in: Material | None = None,
     reference: bool = False,
+    lobes: bool = False,
 ) -> torch.Tensor:
-    """L_sec [M, 3]: the diffuse light that the hits send back along their rays. Arguments as of `bounce_irradiance`.
+    """L_sec [M, 3]: the light that the hits send back along their rays. Arguments as of `bounce_irradiance`.
 
     Equation: 18.
     """
@@ -105,7 +106,7 @@ def secondary_radiance(
         material = stand_in[hits.row]
     white = Material(torch.ones_like(material.base_color))
     arrived = (shade_reference if reference else shade)(hits.light, normal, -hits.direction, white, environment)
-    return material.diffuse() * arrived
+    return (material.sent() if lobes else material.diffuse()) * arrived
 
 
 def bounce_irradiance(
@@ -115,15 +116,17 @@ def bounce_irradiance(
     environment: torch.Tensor,
     stand_in: Material | None = None,
     reference: bool = False,
+    lobes: bool = False,
 ) -> torch.Tensor:
     """I(x) [N, 3], the indirect light that meets `points`; times f_d(x) it is L_ind.
 
     stand_in  the primary points' material, used at the hits in place of the query ("no secondary material")
     reference the plain torch sum instead of the fused kernels
+    lobes     what the hits' lobes send is added, spread to all sides alike; the paper has diffuse light alone
 
     Equation: 19.
     """
-    radiance = secondary_radiance(hits, query, environment, stand_in, reference)
+    radiance = secondary_radiance(hits, query, environment, stand_in, reference, lobes)
     cosine = (points.normal[hits.row] * hits.direction).sum(-1).clamp_min(0)
     carried = radiance * (cosine * hits.weight)[:, None]
     return torch.zeros_like(points.position).to(carried).index_add(0, hits.row, carried)

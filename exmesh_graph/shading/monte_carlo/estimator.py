@@ -107,7 +107,7 @@ class MonteCarloLight:
         stand_in = None
         if not self.settings.secondary_material:
             stand_in = material if coarse is None else material[coarse.rows]
-        arrived = bounce_irradiance(drawn.hits, here, query, environment, stand_in)
+        arrived = bounce_irradiance(drawn.hits, here, query, environment, stand_in, lobes=self.settings.secondary_lobes)
         if coarse is not None:
             arrived = coarse.spread(arrived)
         return radiance + (strength / torch.pi) * material.diffuse() * arrived

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,6 +12,7 @@ import torch
 
 from exmesh_graph.geometry.adjacency import face_normals
 from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.specular import scattered
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,12 @@ class Material:
     def diffuse(self) -> torch.Tensor:
         """pi f_d = (1 - m) a, [N, 3]."""
         return self.base_color if self.metallic is None else self.base_color * (1 - self.metallic[:, None])
+
+    def sent(self) -> torch.Tensor:
+        """pi f [N, 3] of what a hit sends on, to all sides alike: diffuse, and lobes where there is a roughness."""
+        if self.roughness is None:
+            return self.diffuse()
+        return math.pi * scattered(self.base_color, self.roughness, self.metallic)
 
 
 #: (face int64 [M], bary [M, 3]) -> the shading normal [M, 3] and the material there: the paper's attribute query.

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import torch
 
-from exmesh_graph.shading import brdf, envmap
+from exmesh_graph.shading import envmap
+from exmesh_graph.shading.specular import scattered
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fused.maps import read_maps
 from exmesh_graph.stage2.fused.view import SeenView, image_terms
@@ -48,7 +49,7 @@ def view_terms(model: Decomposition, buffer: ViewBuffer, strength: float) -> Vie
     bounced = light.operators.bounces > 0 and strength > 0
     points = light.footprint(model.maps) if bounced else _NOWHERE
     material, sent = read_maps(model.maps, gain, buffer.footprint, points)
-    diffuse = brdf.diffuse(sent[:, :3], sent[:, 4] if settings.metallic else None) if bounced else None
+    diffuse = scattered(sent[:, :3], sent[:, 3], sent[:, 4] if settings.metallic else None) if bounced else None
     arriving = light.arriving(radiance * gain, diffuse, strength)
     flux, transfer = arriving.irradiance[:0], arriving.irradiance[:0]
     if light.suns is not None and arriving.flux is not None:

@@ -33,6 +33,7 @@ from exmesh_graph.shading.specular import (
     mean_visibility,
     reflectance_table,
     resolved_alpha,
+    scattered,
 )
 from exmesh_graph.stage2.fused.view import SpecularTables
 from exmesh_graph.stage2.gbuffer import ViewBuffer
@@ -132,11 +133,12 @@ class PrecomputedLight:
     def prepare(self, appearance: Appearance) -> PreparedTransport:
         diffuse = None
         if self.operators.bounces and appearance.strength > 0:
-            diffuse = self.lattice_diffuse(appearance.maps, appearance.values)
+            diffuse = self.lattice_sends(appearance.maps, appearance.values)
         return self.arriving(appearance.environment, diffuse, appearance.strength)
 
     def arriving(self, environment: torch.Tensor, diffuse: torch.Tensor | None, strength: float) -> PreparedTransport:
-        """The light of a step from the sky and f_d [P, 3] at the points of the transport (None: no interreflection)."""
+        """The light of a step from the sky and what the points of the transport send on, f [P, 3] (None: no
+        interreflection)."""
         rest = environment if self.suns is None else self.suns.suns.without(environment)
         binned = self.binning(rest)
         if self.suns is None:
@@ -195,11 +197,15 @@ class PrecomputedLight:
         albedo = directional_albedo(self.table, n_v, roughness, brdf.DIELECTRIC_F0)
         return albedo[:, None] * prefiltered
 
-    def lattice_diffuse(self, maps: MaterialMaps, values: torch.Tensor) -> torch.Tensor:
-        """f_d [P, 3] at the points of the transport."""
+    def lattice_material(self, maps: MaterialMaps, values: torch.Tensor) -> Material:
+        """The material at the points of the transport."""
         where = self.footprint(maps)
-        at_points = maps.read(values, where.rows, where.weight)
-        return brdf.diffuse(at_points.base_color, at_points.metallic)
+        return maps.read(values, where.rows, where.weight)
+
+    def lattice_sends(self, maps: MaterialMaps, values: torch.Tensor) -> torch.Tensor:
+        """What the points of the transport send on of their irradiance, f [P, 3] (shading.specular.scattered)."""
+        there = self.lattice_material(maps, values)
+        return scattered(there.base_color, there.roughness, there.metallic)
 
     def footprint(self, maps: MaterialMaps) -> Footprint:
         """Where the points of the transport read the maps."""
@@ -217,7 +223,7 @@ class PrecomputedLight:
         arriving = prepared.irradiance
         if self.suns is not None and prepared.flux is not None:
             arriving = arriving + self.suns.lattice @ prepared.flux
-        leaving = self.lattice_diffuse(maps, values) * arriving
+        leaving = self.lattice_sends(maps, values) * arriving
 
         @torch.no_grad()  # a thread's own switch
         def measured(seed: int, buffer: ViewBuffer) -> None:
@@ -280,7 +286,7 @@ def measured_specular_scale(
     leaving: torch.Tensor,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the diffuse radiance of the lattice points."""
+    """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the radiance that lattice points send on."""
     surface = light.surface(buffer, material)
     traced = traced_specular(
         surface,

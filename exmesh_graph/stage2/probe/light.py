@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from exmesh_graph.shading import envmap
+from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.monte_carlo import Sampler
 from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.stage2.light.sampled import SampledLight
@@ -43,12 +43,13 @@ class Baked:
 def baked_light(fit: ShortFit, bounces: int, held_error: float) -> Baked:
     """What `bounces` interreflections change over one fewer; `held_error`: mean squared error of held-out pixels."""
     light, maps = fit.light, fit.model.maps
-    diffuse = light.lattice_diffuse(maps, maps.values())
+    there = light.lattice_material(maps, maps.values())
+    diffuse, sent = brdf.diffuse(there.base_color, there.metallic), light.lattice_sends(maps, maps.values())
     environment = envmap.radiance_of(fit.model.environment)
     weight = torch.zeros(len(diffuse))
     for buffer in fit.fitted:
         weight.index_add_(0, buffer.light.point.reshape(-1), buffer.light.point_weight.reshape(-1))
-    fewer, more = _irradiance(fit, environment, diffuse, bounces)
+    fewer, more = _irradiance(fit, environment, sent, bounces)
     # points in the dark tell nothing: no picture shows their colour
     weight[more.amin(1) <= 1e-4 * float(more.mean())] = 0
     total = max(float(weight.sum()), 1e-12)
@@ -58,7 +59,7 @@ def baked_light(fit: ShortFit, bounces: int, held_error: float) -> Baked:
     wrong = []
     for turn in TURNS:
         other = torch.roll(environment, turn * environment.shape[1] // (len(TURNS) + 1), dims=1)
-        direct, full = _irradiance(fit, other, diffuse, bounces)
+        direct, full = _irradiance(fit, other, sent, bounces)
         error = (encode_srgb(diffuse * full) - encode_srgb(taken_up * scale * direct)) ** 2
         wrong.append((error.mean(1) * weight).double().numpy())
     cluster = np.arange(len(weight)) * CLUSTERS // len(weight)
