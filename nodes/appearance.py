@@ -7,13 +7,19 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from exmesh_graph.graph import Component, component, param
 
 if TYPE_CHECKING:
-    from exmesh_graph.types import Stage1State
+    from collections.abc import Callable
+
+    from exmesh_graph.types import Carrier, Stage1State, Views
 
 
 class Appearance(Component):
     """Base of the appearance models; `kind` is what a state that holds the model calls it."""
 
     kind: ClassVar[str] = ""
+
+    def decided(self, views: Views, surface: Carrier, log: Callable[[str], None]) -> Appearance:
+        """The model for these photographs of a rough surface: this one, unless it is a choice among others."""
+        return self
 
     def begin(self, state: Stage1State, seed: int, device: str) -> Stage1State:
         """The state with this model's first values, read from its texture."""
@@ -46,6 +52,29 @@ class Directional(Appearance):
         from exmesh_graph.stage1.appearance.state import directional
 
         return directional(state, order=self.order, shrinkage=self.shrinkage, rate=self.rate)
+
+
+@component("appearance.auto", version="1", libraries=("torch", "warp-lang", "scipy", "OpenImageIO"))
+class Auto(Appearance):
+    """The texture alone; where parts of the object change their brightness much with the direction of view, as gloss
+    and metal do, the texture with a directional residual, so that the shape does not have to explain it."""
+
+    kind: ClassVar[str] = "auto"
+    gloss: float = param(
+        0.25, ge=0, unit="stops", doc="Robust deviation of a part's brightness between views from which on it is much."
+    )
+
+    def decided(self, views: Views, surface: Carrier, log: Callable[[str], None]) -> Appearance:
+        from exmesh_graph.stage1.exposure import exposures
+
+        spread = exposures(views, surface).spread
+        much = spread >= self.gloss
+        chosen = "a residual by direction beside the texture" if much else "the texture alone"
+        log(
+            f"appearance: {chosen}. Parts of the object differ by {spread:.2f} stops from view to view, "
+            f"here {self.gloss:.2f} would be much."
+        )
+        return Directional() if much else UvTexture()
 
 
 @component("appearance.per_vertex", version="1", libraries=("torch", "warp-lang", "scipy"))

@@ -21,16 +21,16 @@ class Smoothness(Component):
         raise NotImplementedError
 
 
-@component("regulariser.laplacian", version="1", libraries=("torch",))
+@component("regulariser.laplacian", version="1", libraries=("torch", "warp-lang"))
 class Laplacian(smoothness.Laplacian, Smoothness):
     """The paper's Laplacian, divided by the squared mean edge length."""
 
 
-@component("regulariser.bilaplacian", version="1", libraries=("torch",))
+@component("regulariser.bilaplacian", version="1", libraries=("torch", "warp-lang"))
 class Bilaplacian(smoothness.Bilaplacian, Smoothness):
     """The Laplacian's square, which does not shrink round shapes; the default."""
 
 
-@component("regulariser.large_steps", version="1", libraries=("torch", "scipy"))
+@component("regulariser.large_steps", version="1", libraries=("torch", "scipy", "warp-lang"))
 class LargeSteps(large_steps.LargeSteps, Smoothness):
     """Preconditioned steps (Nicolet et al. 2021): smooth motions are fast, noise is damped, no term in the loss."""

@@ -70,7 +70,7 @@ class InitOut(NamedTuple):
     state: Stage1State
 
 
-@node("stage1.init", version="1", libraries=_LIBRARIES, resources=ON_DEVICE)
+@node("stage1.init", version="1", libraries=(*_LIBRARIES, "OpenImageIO"), resources=ON_DEVICE)
 def init(
     ctx: Context, carrier: Carrier, views: Train, appearance: Appearance | None = None, *, p: InitParams
 ) -> InitOut:
@@ -80,7 +80,9 @@ def init(
 
     with computing(p) as device:
         state = initial_state(carrier, views, texture=p.texture, device=device)
-        return InitOut(state if appearance is None else appearance.begin(state, ctx.seed, str(device)))
+        if appearance is not None:
+            state = appearance.decided(views, state, ctx.log).begin(state, ctx.seed, str(device))
+        return InitOut(state)
 
 
 class RefineParams(DeviceSettings, RefineSettings):
@@ -112,7 +114,7 @@ class RefineOut(NamedTuple):
     history: Metrics
 
 
-@node("stage1.refine", version="1", libraries=_LIBRARIES, resumable=True, resources=ON_DEVICE)
+@node("stage1.refine", version="1", libraries=(*_LIBRARIES, "OpenImageIO"), resumable=True, resources=ON_DEVICE)
 def refine(
     ctx: Context,
     state: Stage1State,
@@ -151,6 +153,8 @@ def refine(
     p = in_edge_lengths(p, state, step=p.vertex_units == "world", deviation=p.deviation_units == "world")
     ctx.log(str(plan_memory(state, views, p, memory_in_use())))
     with computing(p) as device:
+        if appearance is not None:
+            appearance = appearance.decided(views, state, ctx.log)
         if appearance is not None and appearance.kind != state.appearance:
             state = appearance.begin(state, ctx.seed, str(device))
         wired: dict[str, Any] = {"smoothness": smoothness, "depths": depths, "region": region}

@@ -103,6 +103,11 @@ class Family:
     def __init__(self, scope: NodeScope, family: str) -> None: ...
     def __getattr__(self, name: str) -> Any: ...
 class _Appearance(Family):
+    def auto(self, name: str = "", *, gloss: float | Parameter = 0.25) -> Node:
+        """The texture alone; where parts of the object change their brightness much with the direction of view, as gloss
+
+        gloss: Robust deviation of a part's brightness between views from which on it is much. [stops, >= 0]
+        """
     def directional(self, name: str = "", *, order: Literal[1, 2] | Parameter = 2, shrinkage: float | Parameter = 0.1, rate: float | Parameter = 1.0) -> Node:
         """The texture, and on each vertex a small residual that is a low harmonic of the direction of view, for gloss and
 

@@ -16,8 +16,8 @@ from exmesh_graph.graph.declare.packs import load_packs
 BUILTIN = {name: d for name, d in load_packs().types.items() if d.function.__module__.startswith("exmesh_nodes.")}
 ROOT = Path(__file__).parent.parent.parent
 # numpy: under every node, its results are pinned by IEEE arithmetic but for sums; safetensors: bytes are hashed anyway
-# bpy: of the child process that Blender's own Python runs
-LEFT_OUT = {"numpy", "safetensors", "pydantic", "pydantic_core", "bpy"}
+# bpy: of the child process that Blender's own Python runs; psutil: reads the memory of processes, for limits and logs
+LEFT_OUT = {"numpy", "safetensors", "pydantic", "pydantic_core", "bpy", "psutil"}
 LATE = {
     "import_open3d": "open3d",
     "import_pymeshlab": "pymeshlab",

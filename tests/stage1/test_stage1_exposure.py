@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exmesh_nodes.appearance import Auto, Directional, PerVertex, UvTexture
 from exmesh_nodes.stage1 import BalanceParams, balance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from benchmarks.coarse_work import hull, load_scene
+from exmesh_graph.geometry.adjacency import face_normals
+from exmesh_graph.raster import shown_faces
 from exmesh_graph.stage1 import exposure
 from exmesh_graph.stage1.exposure import balanced, exposures, separate
 from exmesh_graph.testing import FakeContext
@@ -146,3 +149,26 @@ def test_a_large_set_is_balanced_file_by_file(scene, tmp_path, monkeypatch):
     with kept_in(tmp_path):
         by_file = balanced(few, gains)
         np.testing.assert_allclose(np.asarray(by_file.images), whole.images, atol=1e-6)
+
+
+def mirrored(views: Views, mesh: Mesh, stops: float) -> Views:
+    """Parts are darker by so much where they mirror every other of some bands of the surroundings."""
+    normals, images = face_normals(mesh.vertices, mesh.faces), np.array(views.images)
+    size = views.height, views.width
+    for i in range(len(views)):
+        face = shown_faces(mesh.vertices, mesh.faces, views.intrinsics[i], views.world_to_camera[i], *size)
+        towards = views.camera_to_world[i, :3, 3] - mesh.vertices[mesh.faces].mean(1)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        dark = np.sin(6 * (2 * (towards * normals).sum(1) * normals[:, 1] - towards[:, 1])) < 0
+        images[i] *= np.where((face >= 0) & dark[face], 2.0**-stops, 1.0)[..., None]
+    return replace(views, images=images)
+
+
+def test_the_appearance_is_chosen_by_how_much_parts_change_from_view_to_view(scene):
+    views, mesh = scene
+    said: list[str] = []
+    assert isinstance(Auto().decided(views, mesh, said.append), UvTexture)
+    assert isinstance(Auto().decided(mirrored(views, mesh, 0.6), mesh, said.append), Directional)
+    assert isinstance(Auto(gloss=0).decided(views, mesh, said.append), Directional)
+    assert isinstance(PerVertex().decided(views, mesh, said.append), PerVertex)
+    assert ["alone" in line for line in said] == [True, False, False]
