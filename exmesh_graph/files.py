@@ -89,7 +89,9 @@ def allocated(path: str | Path, status: os.stat_result | None = None) -> int:
     size = 512 * status.st_blocks
     if stat.S_ISDIR(status.st_mode):
         with os.scandir(path) as entries:
-            size += sum(allocated(entry.path, entry.stat(follow_symlinks=False)) for entry in entries)
+            for entry in entries:
+                own = entry.stat(follow_symlinks=False)
+                size += allocated(entry.path, own) if stat.S_ISDIR(own.st_mode) else 512 * own.st_blocks
     return size
 
 

@@ -149,11 +149,11 @@ def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
     """
     files.sweep_abandoned(store.root / "trash")
     Leases(store.root).sweep()
-    removed: list[tuple[Item, Path]] = []
+    removed: list[tuple[Item, str]] = []
     spared: list[Item] = []
     with files.writing("the store", store.root, "--store"), files.own_folder(store.root / "trash") as trash:
         for number, item in enumerate(survey.items):
-            aside = trash / str(number)
+            aside = f"{trash}/{number}"
             if _used(item.path) == item.used and _rename(item.path, aside):
                 removed.append((item, aside))
             else:
@@ -175,7 +175,7 @@ def delete(store: Store, survey: Survey) -> tuple[list[Item], list[Item]]:
     return [item for item, _ in removed if item.path not in stayed], spared
 
 
-def _needed_again(store: Store, records: list[tuple[Item, Path]]) -> set[Path]:
+def _needed_again(store: Store, records: list[tuple[Item, str]]) -> set[Path]:
     """The paths of trashed records that were used since, and of all objects that these and the others refer to."""
     held = set(Leases(store.root).holders())
     again = [item for item, aside in records if _used(aside) != item.used or item.name in held]
@@ -185,7 +185,7 @@ def _needed_again(store: Store, records: list[tuple[Item, Path]]) -> set[Path]:
 
 def _items(store: Store, kind: str, pattern: str) -> Iterator[Item]:
     """What lies in the store under a pattern; what goes away meanwhile is left out."""
-    for path in sorted(store.root.glob(pattern)):
+    for path in sorted(store.root.glob(pattern), key=str):  # paths compare slowly
         with contextlib.suppress(OSError):
             status = path.stat()
             yield Item(kind, path.name.removesuffix(".json"), path, files.allocated(path, status), status.st_mtime)
@@ -238,15 +238,15 @@ def _now(store: Store) -> float:
     return time.time()
 
 
-def _used(path: Path) -> float | None:
+def _used(path: Path | str) -> float | None:
     with contextlib.suppress(OSError):
-        return path.stat().st_mtime
+        return os.stat(path).st_mtime
     return None
 
 
-def _rename(path: Path, target: Path) -> bool:
+def _rename(path: Path | str, target: Path | str) -> bool:
     with contextlib.suppress(OSError):
-        if not target.exists():
+        if not os.path.lexists(target):
             os.rename(path, target)
             return True
     return False
