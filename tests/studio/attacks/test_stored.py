@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
-from exmesh_graph.graph import files
+from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache.keys import artifact_digest
 from exmesh_graph.graph.session import current_session
 from exmesh_graph.studio.workspace import Workspace
@@ -52,7 +52,7 @@ def forged(workspace: Workspace, kind: str, contents: dict[str, bytes]) -> str:
         (home / "data" / name).parent.mkdir(parents=True, exist_ok=True)
         (home / "data" / name).write_bytes(data)
     head = {"format": _format(), "type": kind, "digest": digest, "files": table}
-    (home / "artifact.json").write_text(files.seal_text(head))
+    (home / "artifact.json").write_text(sealed.seal_text(head))
     assert workspace.store().sound(digest)
     return digest
 
