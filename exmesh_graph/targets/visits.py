@@ -21,6 +21,7 @@ from exmesh_graph.types.pictures import Pictures
 PIXEL_BYTES = 16
 """Of a displayed picture and its mask."""
 _AHEAD = 2
+_LANES = 64  # pixels: their values fill vector registers of any width
 _last: dict[tuple[int, int, int, str], tuple[torch.Tensor, torch.Tensor, list[Any]]] = {}
 
 Pair = tuple[torch.Tensor, torch.Tensor]
@@ -70,7 +71,19 @@ def displayed(views: Views, view: int, downscale: int, device: torch.device | st
         colour, alpha = (t[: height * downscale, : width * downscale] for t in (colour, alpha))
         cells = (height, downscale, width, downscale)
         colour, alpha = colour.reshape(*cells, 3).mean(dim=(1, 3)), alpha.reshape(cells).mean(dim=(1, 3))
-    return display(colour, alpha), alpha
+    return _display(colour.reshape(-1, 3), alpha.reshape(-1)).reshape(colour.shape), alpha
+
+
+def _display(linear: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+    """`display` of pixels [P, 3] and [P]: the same bytes in whatever company a pixel comes.
+
+    The last values of a tensor that do not fill a vector register go through another power, which rounds otherwise.
+    """
+    count = len(linear)
+    short = -count % _LANES
+    if short:
+        linear, alpha = torch.nn.functional.pad(linear, (0, 0, 0, short)), torch.nn.functional.pad(alpha, (0, short))
+    return display(linear.contiguous(), alpha.contiguous())[:count]
 
 
 def _by_table(codes: np.ndarray, table: np.ndarray, alpha: torch.Tensor) -> torch.Tensor:
@@ -91,7 +104,7 @@ def _by_table(codes: np.ndarray, table: np.ndarray, alpha: torch.Tensor) -> torc
         linear = np.take(table, codes[some][:, :3])
         if codes.shape[2] == 4:
             linear *= (codes[some][:, 3].astype(np.float32) / np.float32(top))[:, None]
-        image[some] = display(torch.from_numpy(linear), alpha[torch.from_numpy(some)]).numpy()
+        image[some] = _display(torch.from_numpy(linear), alpha[torch.from_numpy(some)]).numpy()
     return torch.from_numpy(image)
 
 

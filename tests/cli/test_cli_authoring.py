@@ -163,7 +163,9 @@ def test_the_sub_graph_and_the_parameters_in_the_docs(tmp_path: Path) -> None:
     from exmesh_graph.graph.language.check import check_file
 
     blocks = [part.split("```")[0] for part in (ROOT / "docs" / "graph_files.md").read_text().split("```yaml\n")[1:]]
-    params, _, _, part, use = blocks[2:]
+    params, part, use = (
+        next(b for b in blocks if b.startswith(word)) for word in ("params:", "# refine.yaml", "once:")
+    )
     (tmp_path / "refine.yaml").write_text(part)
     start = blocks[0].split("  rounds:\n")[0].split("nodes:\n")[1]
     body = start + "".join(f"  {line}\n" for line in use.splitlines())

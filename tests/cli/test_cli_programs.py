@@ -21,7 +21,7 @@ def test_json_of_plan_why_status_and_nodes(exmesh: Any, tmp_path: Path) -> None:
     assert (before["schema"], before["graph"], before["counts"]) == (
         "exmesh.plan.v1",
         "g",
-        {"hit": 0, "run": 1, "unknown": 2},
+        {"hit": 0, "run": 1, "unknown": 2, "idle": 0},
     )
     assert before["steps"][0].keys() == {"name", "type", "state", "reason", "key"}
     exmesh("run", "g.yaml", "--workers", "0")
