@@ -17,7 +17,7 @@ class StartSettings(Params):
         doc="The Stage I texture, linearised (the paper); mid-gray; or one colour, the texture's mean at `level`, "
         "so that the light starts white.",
     )
-    level: float = param(0.4, gt=0, lt=1, doc="Luminance of the base colour that `tint` starts from.")
+    level: float = param(0.45, gt=0, lt=1, doc="Luminance of the base colour that `tint` starts from.")
     roughness: float = param(0.5, gt=0, lt=1, doc="Neutral roughness.")
     metallic: float = param(0.0, ge=0, le=1, doc="Metallic; above 0 only for fits with metallic: true.")
 
