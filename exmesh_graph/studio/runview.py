@@ -161,13 +161,15 @@ class RunView:
         if stamp == self._stamp:
             return
         self._stamp = stamp
+        before = self.record
         try:
             if path.stat().st_size > _MOST_RECORD:
                 raise ValueError("run.json is larger than any that a run writes")
             self.record, self.reason = read_run(self.folder), ""
-            json.dumps(self.record)  # what is passed on must be JSON
-        except (ExmeshError, OSError, ValueError, TypeError, RecursionError) as error:
-            self.reason = getattr(error, "what", str(error))
+            json.dumps(self.facts())  # what is passed on must be JSON; a record of another shape fails here
+            json.dumps(self.record)
+        except (ExmeshError, OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            self.record, self.reason = before, getattr(error, "what", f"{type(error).__name__}: {error}")
 
     def _note(
         self, event: Mapping[str, Any], told: list[tuple[str, dict[str, Any]]], progress: dict[str, dict[str, Any]]

@@ -140,8 +140,12 @@ def test_a_record_that_somebody_broke_is_unreadable_and_no_more(client: TestClie
         broken.mkdir(parents=True)
         (broken / "run.json").write_text(text)
         (broken / "events.jsonl").write_bytes(b'\xff\xfe{"event": 3}\nnull\n{"event": "progress", "time": 1}\n')
-    runs = until(lambda: [r for r in client.get("/api/runs").json()["runs"] if r["id"].startswith("2026-")])
-    assert {run["state"] for run in runs} == {"unreadable"}
+
+    def listed() -> list[Any]:
+        found = [r for r in client.get("/api/runs").json()["runs"] if r["id"].startswith("2026-")]
+        return found if len(found) == 4 else []
+
+    assert {run["state"] for run in until(listed)} == {"unreadable"}
 
 
 @pytest.mark.slow
