@@ -46,18 +46,23 @@ class Watcher:
 
     def view(self, name: str) -> RunView | None:
         with self.lock:
-            if name not in self.views:
-                self._list()
-            return self.views.get(name)
+            news = name not in self.views and self._list()
+            found = self.views.get(name)
+        if news:
+            self.changed(True)
+        return found
 
     def look(self) -> None:
         """Look at everything once."""
+        news = False
         with self.lock:
             now = time.monotonic()
             if now - self._listed >= _LIST_EVERY or not self.views:
-                self._list()
+                news = self._list()
                 self._listed = now
             views = list(self.views.values())
+        if news:
+            self.changed(True)
         for view in views:
             if view.alive or not view.record:
                 self._refresh(view)
@@ -74,14 +79,18 @@ class Watcher:
         if view.state != before or done:
             self.changed(view.state != before)
 
-    def _list(self) -> None:
-        """Take in new run folders, and let go of those that are gone."""
+    def _list(self) -> bool:
+        """Take in new run folders, and let go of those that are gone; whether there are new ones.
+
+        A short run has ended before it is first seen: what it made is news all the same.
+        """
         try:
             names = {path.name for path in self.runs.iterdir() if not path.is_symlink() and path.is_dir()}
         except OSError:
             names = set()
         wanted = {name for name in sorted(names, reverse=True)[:SHOWN] if is_run(self.runs / name)}
-        for name in wanted - self.views.keys():
+        new = wanted - self.views.keys()
+        for name in new:
             view = RunView(self.runs / name)
             view.refresh()  # its past is no news
             self.views[name] = view
@@ -91,6 +100,7 @@ class Watcher:
         for name in self.views.keys() - wanted:
             del self.views[name]
             self.publish("runs", {"id": name})
+        return bool(new)
 
     def _follow(self) -> None:
         while not self._end.wait(PAUSE):

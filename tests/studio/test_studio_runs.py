@@ -50,6 +50,17 @@ def ended(client: httpx.Client, name: str) -> dict[str, Any]:
     return dict(until(look))
 
 
+def test_a_run_that_is_over_when_it_is_first_seen_makes_a_new_plan(workspace: Workspace) -> None:
+    before = workspace.plan()
+    assert before is not None
+    assert before["counts"]["hit"] == 0
+    ex.run(workspace.file, store=workspace.store_folder, runs=workspace.runs, workers=0, progress=False)
+    workspace.watcher.look()
+    after = workspace.plan()
+    assert after is not None
+    assert (after["counts"]["run"], after["counts"]["unknown"]) == (0, 0)
+
+
 def test_a_run_of_edits_and_a_sweep_of_what_is_marked(client: TestClient, folder: Path) -> None:
     client.post("/api/edit", json={"ops": [{"set": "one.value", "to": 5}, {"set": "n", "to": 2}]})
     name = run_of(client, client.post("/api/runs", json={"workers": 0}))
