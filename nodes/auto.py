@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from exmesh_graph.geometry.settings import CleanSettings, HullSettings, Voxels
 from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
@@ -12,6 +12,7 @@ from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
+_LEAST_BARE_PART = 0.05  # without masks: a part of the object may lie apart from the rest, lumps are small
 
 
 class AutoParams(DeviceSettings):
@@ -39,6 +40,9 @@ class AutoParams(DeviceSettings):
     )
     close_holes: int = param(60, ge=0, unit="edges", doc="Without masks: fill holes of at most so many edges.")
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc="Masks that may be wrong at a point.")
+    table: Literal["auto", "remove", "keep"] = param(
+        "auto", doc="Without masks: the plane that the object stands on, as in init.object; lumps in the air go anyway."
+    )
 
 
 class AutoOut(NamedTuple):
@@ -48,7 +52,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="4",
+    version="5",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -99,8 +103,12 @@ def auto(
         judged = p.method == "auto" and method in ("pgsr", "stereo") and masks and len(views) >= ENOUGH_VIEWS
         # where Gaussians are asked for and the photographs decide, stereo is little beside them and often better
         tried = ["stereo", "pgsr"] if judged and method == "pgsr" else [str(method)]
-        found = {name: _fused(ctx, views, points, depths, name, iterations, factor, p) for name in tried}
+        maps = {name: _depths(ctx, views, points, depths, name, iterations, factor, p) for name in tried}
+        found = {name: _fused(ctx, views, seen, name, p) for name, seen in maps.items()}
         mesh = found[tried[-1]]
+        if not masks:
+            mesh, row = _standing(ctx, views, maps[tried[-1]], mesh, p)
+            rows.append(row)
         if judged:
             best, mesh = "hull", init.visual_hull(ctx, views, p=outline).mesh
             for name, other in found.items():
@@ -114,38 +122,66 @@ def auto(
             mesh = Mesh(*without_phantoms(mesh.vertices, mesh.faces, views, _LEAST_PART))
         cleaning = CleanSettings(faces=p.faces, tolerance=p.tolerance, components=0)
     else:
-        cleaning = CleanSettings(faces=p.faces, close_holes=p.close_holes)
+        cleaning = CleanSettings(faces=p.faces, close_holes=p.close_holes, components=0, min_area=_LEAST_BARE_PART)
     return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))
 
 
-def _fused(
+def _depths(
     ctx: Context, views: Views, points: PointCloud | None, depths: DepthMaps | None, method: str, iterations: int,
     factor: int, p: AutoParams,
-) -> Mesh:  # fmt: skip
-    """The surface of depth maps: those wired in, of stereo or of Gaussians; carved out of the hull where masks are."""
-    from exmesh_nodes import init, prior
+) -> DepthMaps:  # fmt: skip
+    """Those wired in, of stereo or of Gaussians."""
+    from exmesh_nodes import prior
 
     from exmesh_graph.errors import DataError
 
-    masks = bool(views.masked.all())
     if method == "pgsr":
-        depths = _fitted_depths(ctx, views, points, iterations, factor, p)
-    elif method == "stereo":
+        return _fitted_depths(ctx, views, points, iterations, factor, p)
+    if method == "stereo":
         seen = prior.PatchMatchParams(side=p.side, threads=p.threads)
         depths = prior.patch_match(ctx, views, points, p=seen).depths
-        if not masks and not (depths.depth > 0).any():
+        if not views.masked.all() and not (depths.depth > 0).any():
             raise DataError(
                 f"no two of the {len(views)} views agree on any depth, and there are no masks", where=ctx.node,
                 expected="painted surfaces, seen from several views some 15 degrees apart",
                 fix="set iterations: 500 (planar Gaussians), add masks or views, or raise side",
             )  # fmt: skip
     assert depths is not None
+    return depths
+
+
+def _fused(ctx: Context, views: Views, depths: DepthMaps, method: str, p: AutoParams) -> Mesh:
+    """The surface of depth maps, carved out of the hull where masks are."""
+    from exmesh_nodes import init
+
     rough = {"clear": 2.0, "blur": 1.0} if method == "stereo" else {}
     whole = init.TsdfParams(
         resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks, **rough
     )
     bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
-    return init.tsdf(ctx, views, depths, p=whole if masks else bare).mesh
+    return init.tsdf(ctx, views, depths, p=whole if views.masked.all() else bare).mesh
+
+
+def _standing(ctx: Context, views: Views, depths: DepthMaps, mesh: Mesh, p: AutoParams) -> tuple[Mesh, dict[str, Any]]:
+    """(what of an open surface stands amidst the views, what was done with its table)."""
+    from exmesh_graph.errors import GeometryError
+    from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.masks.decide import nothing_row, table_row
+    from exmesh_graph.masks.object import open_object
+
+    try:
+        with sharing(p.threads):
+            found = open_object(
+                views, depths, mesh.vertices, mesh.faces, 2 / (p.resolution or 128), p.table, side=p.side, seed=ctx.seed
+            )
+    except GeometryError as error:
+        if p.table == "remove":
+            raise
+        row = nothing_row(str(error).splitlines()[0])
+    else:
+        row, mesh = table_row(found), Mesh(found.vertices, found.faces)
+    ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+    return mesh, row
 
 
 def _fitted_depths(

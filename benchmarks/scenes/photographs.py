@@ -48,7 +48,9 @@ def main() -> None:
         path = out / "images" / f"IMG_{1001 + k}.jpg"
         if not path.is_file():
             held = pose @ rolled() if upright else pose  # a camera that is held upright is turned by a quarter
-            seen = stage.picture(stage.lit("train", light), held, side(), SAMPLES, recipe.seed * 10_000 + k)[..., :3]
+            seen = stage.picture(stage.lit("train", light), held, side(), options.samples, recipe.seed * 10_000 + k)[
+                ..., :3
+            ]
             _write(path, photographed(seen * gain, noise), upright)
             print(path, flush=True)
     _truth(out / "truth", model, cameras, recipe)
@@ -126,6 +128,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--worlds", type=Path, required=True, help="wheel of bpy 5.0.1, or a folder of its worlds")
     parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--samples", type=int, default=SAMPLES, help="paths of a pixel that is rendered")
     parser.add_argument("--threads", type=int, default=0)
     return parser.parse_args()
 

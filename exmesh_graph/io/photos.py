@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 _FEWEST = 3
 _STRAIGHT = 0.05  # pixels
-_NEAR, _ROOM = 0.7, 1.05
+_NEAR, _ROOM, _OUTSIDE = 0.7, 1.05, 0.8
 _WHY = ("blurred beside the others", "nothing moved between them and a sharper neighbour")
 
 
@@ -133,7 +133,8 @@ def object_sphere(points: np.ndarray, tracks: np.ndarray, camera_to_world: np.nd
     """(centre [3], radius) of what stands amidst the cameras, without masks.
 
     Of the sparse points, those nearer than the cameras to the point that the optical axes pass most closely, each
-    counted by the pictures that see it: their median, and the distance that holds 98 % of them, and a little.
+    counted by the pictures that see it: their median, and the distance that holds 98 % of them, and a little. No more
+    than keeps three quarters of the cameras well outside: a floor that goes on below them is no object.
     """
     origins, axes = camera_to_world[:, :3, 3], camera_to_world[:, :3, 2]
     middle = nearest_point(origins, axes)
@@ -146,7 +147,8 @@ def object_sphere(points: np.ndarray, tracks: np.ndarray, camera_to_world: np.nd
         )
     many = np.repeat(points[near], tracks[near], axis=0)
     centre = np.median(many, axis=0)
-    return centre, float(np.quantile(np.linalg.norm(many - centre, axis=1), 0.98)) * _ROOM
+    radius = _ROOM * float(np.quantile(np.linalg.norm(many - centre, axis=1), 0.98))
+    return centre, min(radius, _OUTSIDE * float(np.quantile(np.linalg.norm(origins - centre, axis=1), 0.25)))
 
 
 def _listed(path: Path, options: PhotosOptions, work: Path) -> tuple[list[tuple[Path, Path | None]], list[str]]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from exmesh_graph.masks.agreement import Agreement
-from exmesh_graph.masks.object import Found, said
+from exmesh_graph.masks.standing import Standing, said
 
 Row = dict[str, Any]
 _ON = (
     "The views go on without masks, as they came. Where an object stands apart all the same, give masks (mask.files, "
-    "or masks/ beside the pictures), or take pictures that show all of it"
+    "or masks/ beside the pictures), or take more pictures, 10 to 15 degrees apart, that show all of it"
 )
 
 
@@ -43,7 +43,7 @@ def found_row(agreement: Agreement, left_out: int) -> Row:
     return {"name": "masks", "value": "found", "reason": reason, "evidence": figures}
 
 
-def table_row(found: Found) -> Row:
+def table_row(found: Standing) -> Row:
     """What was done with the plane that the object stands on, and what the fused surface was made of."""
     if found.table is None:
         value, why = "none", "No plane was found that the object stands on and the cameras look down on"
@@ -52,3 +52,8 @@ def table_row(found: Found) -> Row:
         why = f"{1 - found.table.under:.0%} of the plane below the object lie beside it"
     return {"name": "table", "value": value, "reason": f"{why}. Of the surface: {said(found.shares)}.",
             "evidence": {**found.shares, "apart": found.apart}}  # fmt: skip
+
+
+def nothing_row(fault: str) -> Row:
+    """Nothing is left beside table and lumps; `fault` says so, without a full stop."""
+    return {"name": "table", "value": "kept", "reason": f"The surface stays as it is: {fault}."}

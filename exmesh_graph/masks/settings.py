@@ -46,7 +46,7 @@ class AgreementSettings(Params):
     """Of `agreement.agree`: what masks that were found must pass."""
 
     least_overlap: float = param(
-        0.94,
+        0.85,
         ge=0,
         le=1,
         doc="Median over the views of masks and their common shape, drawn back: intersection over union.",

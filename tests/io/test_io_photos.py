@@ -262,6 +262,9 @@ def test_the_sphere_without_masks_holds_what_the_cameras_look_at():
     assert 0.4 < radius < 0.5
     with pytest.raises(DataError, match="too few to locate"):
         object_sphere(wall, np.full(400, 4), around)
+    floor = rng.uniform(-2, 2, size=(2000, 3)) * [1, 0, 1] - [0, 0.5, 0]
+    centre, radius = object_sphere(np.concatenate([ball, floor]), np.full(2500, 4), around / 1)
+    assert 1.5 < radius < 0.85 * np.linalg.norm(around[:, :3, 3] - centre, axis=1).min()
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,10 @@ from mask_scenes import GROUND, disc, overlap_of, scene
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.clean import inspect
 from exmesh_graph.masks.drawn import drawn_outlines
-from exmesh_graph.masks.object import down_to, looked_through, object_of_depths, shown_by, structured, thinned
+from exmesh_graph.masks.object import object_of_depths, structured, thinned
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.masks.settings import ObjectSettings
+from exmesh_graph.masks.standing import down_to, looked_through, shown_by
 from exmesh_graph.masks.wide import brought_back, widened, widened_points
 from exmesh_graph.types import PointCloud
 
