@@ -5,11 +5,11 @@
 Scenes lose their masks first (--table: and stand on a noisy table, as in benchmarks.object_masks). COLMAP has no depth
 without CUDA: `patch_match_stereo` is asked, and what it says is printed. So its fusion (`stereo_fusion`) and Poisson
 surface (`poisson_meshing`, Kazhdan and Hoppe 2013, at 512 voxels) get the depth and normals of `prior.patch_match`, and
-sparse points made of these, which tell it what views overlap. Ours fuses the same depth (`init.auto`, before its clean-up to few
-faces), and carves the hull of masks that `mask.auto` finds. Thousandths of the true mesh's radius: `to truth` from
-samples of what stands where the object is (its box and 5 % around, a fiftieth above its lowest point), `from truth`
-and the share within 20 from samples of the truth (which no distance over 100 counts in). Seconds are processor seconds
-of all threads, without the depth, which is on a line of its own.
+sparse points made of these, which tell it what views overlap. Ours fuses the same depth (`init.auto`, before its clean-
+up to few faces), and carves the hull of masks that `mask.auto` finds. Thousandths of the true mesh's radius: `to truth`
+from samples of what stands where the object is (its box and 5 % around, a fiftieth above its lowest point), `from
+truth` and the share within 20 from samples of the truth (which no distance over 100 counts in). Seconds are processor
+seconds of all threads, without the depth, which is on a line of its own.
 """
 
 from __future__ import annotations
