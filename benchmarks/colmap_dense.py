@@ -5,11 +5,11 @@
 Scenes lose their masks first (--table: and stand on a noisy table, as in benchmarks.object_masks). COLMAP has no depth
 without CUDA: `patch_match_stereo` is asked, and what it says is printed. So its fusion (`stereo_fusion`) and Poisson
 surface (`poisson_meshing`, Kazhdan and Hoppe 2013, at 512 voxels) get the depth and normals of `prior.patch_match`, and
-sparse points made of these, which tell it what views overlap. Ours fuses the same depth (`init.auto`, before its clean-
-up to few faces), and carves the hull of masks that `mask.auto` finds. Thousandths of the true mesh's radius: `to truth`
-from samples of what stands where the object is (its box and 5 % around, a fiftieth above its lowest point), `from
-truth` and the share within 20 from samples of the truth (which no distance over 100 counts in). Seconds are processor
-seconds of all threads, without the depth, which is on a line of its own.
+sparse points made of these, which tell it what views overlap. Ours fuses the same depth (`init.auto`, cleaned up to 20
+000 faces), and carves the hull of masks that `mask.auto` finds. Thousandths of the true mesh's radius: `to truth` from
+samples of what stands where the object is (its box and 5 % around, a fiftieth above its lowest point), `from truth` and
+the share within 20 from samples of the truth (which no distance over 100 counts in). Seconds are processor seconds of
+all threads, without the depth, which is on a line of its own.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Views
 
 SAMPLES, FAR, NEAR, TRIED = 20_000, 100.0, 20.0, 40
-DEPTH, TRIM = 9, 5.0
+DEPTH, TRIM, FACES = 9, 5.0, 20_000
 HEAD = f"{'':34s} {'s':>6s} {'to truth':>9s} {'from truth':>11s} {'within 20':>10s} {'faces':>8s}"
 
 
@@ -180,13 +180,13 @@ def by_colmap(work: Path, least: int) -> Surface:
 
 
 def fused(views: Views, depths: Any) -> Surface:
-    made = auto.auto(FakeContext(), views, None, depths, p=auto.AutoParams(faces=200_000)).mesh
+    made = auto.auto(FakeContext(), views, None, depths, p=auto.AutoParams(faces=FACES)).mesh
     return made.vertices, made.faces
 
 
 def carved(views: Views) -> Surface:
     masked = mask.auto(FakeContext(), views, p=mask.AutoParams()).train
-    made = auto.auto(FakeContext(), masked, p=auto.AutoParams(faces=200_000)).mesh
+    made = auto.auto(FakeContext(), masked, p=auto.AutoParams(faces=FACES)).mesh
     return made.vertices, made.faces
 
 

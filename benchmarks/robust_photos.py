@@ -1,14 +1,11 @@
 """Photographs as they should not be: `graphs/photos.yaml` ends with a result, or with an error that says what to do.
 
-    python -m benchmarks.robust_photos FOLDER [--only NAME ...] [--node NODE ...] [--megapixels 0.2] [--many FOLDER]
+    python -m benchmarks.robust_photos FOLDER [--only NAME ...] [--node NODE ...] [--megapixels 0.2]
 
-Folders of pictures are made from the two samples of the repository, and a mirror ball is drawn; then the graph runs on
-each with `budget=1min`, up to `--node` (default: settle, look). A row says how it ended: cameras found, pictures left
-out, whether masks were found, held-out PSNR and, of the decoy, the distance to its true surface (`photo_sample`); or
-the error with its remedy. The exit status is 1 where a row failed without a remedy. `--many` is a folder of many
-pictures, which becomes a row of its own: 200 more of the sample are made by
-
-    python -m benchmarks.scenes.photographs duck --count 200 --samples 4 --out FOLDER --worlds bpy-5.0.1-[...].whl
+Folders of pictures are made from the two samples of the repository, a mirror ball and 200 pictures are drawn; then the
+graph runs on each with `budget=1min`, up to `--node` (default: settle, look). A row says how it ended: cameras found,
+pictures left out, whether masks were found, held-out PSNR and, of the decoy, the distance to its true surface
+(`photo_sample`); or the error with its remedy. The exit status is 1 where a row failed without a remedy.
 """
 
 from __future__ import annotations
@@ -24,6 +21,7 @@ from typing import Any
 import numpy as np
 
 import exmesh_graph as ex
+from benchmarks.drawn_photos import draw
 from benchmarks.photo_sample import SAMPLE, against_truth
 
 ROOT = Path(__file__).parents[1]
@@ -39,8 +37,6 @@ def main() -> None:
             continue
         scene = make(_fresh(options.folder / name.replace(" ", "_")))
         print(f"{name:18} {outcome(name, scene, options, failed)}", flush=True)
-    if options.many:
-        print(f"{'many':18} {outcome('many', options.many, options, failed)}", flush=True)
     if failed:
         sys.exit(f"no remedy was named: {', '.join(failed)}")
 
@@ -72,7 +68,8 @@ def outcome(name: str, scene: Path, options: argparse.Namespace, failed: list[st
     if "look" in options.node:
         parts += [f"{row['label']} {row['value']:.1f}" for row in run["look"]["metrics"].values["headline"][:1]]
     if "settle" in options.node and name in OF_THE_DECOY:
-        parts.append(f"Chamfer {against_truth(run, options.many if name == 'many' else SAMPLE)['chamfer']:.1f}")
+        sample = scene if (scene / "truth").is_dir() else SAMPLE
+        parts.append(f"Chamfer {against_truth(run, sample)['chamfer']:.1f}")
     return ", ".join(parts)
 
 
@@ -149,6 +146,10 @@ def mirror_ball(folder: Path) -> Path:
     return folder
 
 
+def two_hundred(folder: Path) -> Path:
+    return draw(folder, 200)
+
+
 def _ball_picture(angle: float, floor: np.ndarray) -> np.ndarray:
     height, width = SIDE
     eye = 4 * np.array([np.cos(angle) * 0.9, np.sin(angle) * 0.9, 0.45])
@@ -206,15 +207,15 @@ ROWS: dict[str, Callable[[Path], Path]] = {
     "video": video,
     "two objects": two_objects,
     "mirror ball": mirror_ball,
+    "two hundred": two_hundred,
 }
-OF_THE_DECOY = ("as it is", "twelve", "a third blurred", "two exposures", "half upside down", "many")
+OF_THE_DECOY = ("as it is", "twelve", "a third blurred", "two exposures", "half upside down", "two hundred")
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--only", nargs="+", choices=[*ROWS, "none"], default=[])
-    parser.add_argument("--many", type=Path, help="a folder of many pictures, with the sample's truth/ beside images/")
+    parser.add_argument("--only", nargs="+", choices=list(ROWS), default=[])
     parser.add_argument("--node", nargs="+", default=["settle", "look"])
     parser.add_argument("--megapixels", type=float, default=0.2)
     return parser.parse_args()

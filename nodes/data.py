@@ -200,7 +200,7 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     work = ctx.scratch / "motion"
     work.mkdir()
     with kept_in(ctx.scratch):
-        scene, points, motion = load_photos(p.path, p, work, ctx.seed)
+        scene, points, motion = load_photos(p.path, p, work, ctx.seed, ctx.log)
     figures = motion.figures()
     known = "from what was known" if motion.focal_known else "(found from the pictures alone)"
     ctx.log(

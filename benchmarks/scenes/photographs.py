@@ -48,8 +48,7 @@ def main() -> None:
         path = out / "images" / f"IMG_{1001 + k}.jpg"
         if not path.is_file():
             held = pose @ rolled() if upright else pose  # a camera that is held upright is turned by a quarter
-            seed, lit = recipe.seed * 10_000 + k, stage.lit("train", light)
-            seen = stage.picture(lit, held, side(), options.samples, seed)[..., :3]
+            seen = stage.picture(stage.lit("train", light), held, side(), SAMPLES, recipe.seed * 10_000 + k)[..., :3]
             _write(path, photographed(seen * gain, noise), upright)
             print(path, flush=True)
     _truth(out / "truth", model, cameras, recipe)
@@ -127,7 +126,6 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--worlds", type=Path, required=True, help="wheel of bpy 5.0.1, or a folder of its worlds")
     parser.add_argument("--count", type=int, default=30)
-    parser.add_argument("--samples", type=int, default=SAMPLES, help="paths of a pixel that is rendered")
     parser.add_argument("--threads", type=int, default=0)
     return parser.parse_args()
 

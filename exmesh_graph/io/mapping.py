@@ -9,7 +9,7 @@ does: under right cameras the matches that were verified pair by pair lie on the
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -38,13 +38,17 @@ class Mapped:
     agreeing: int
 
 
-def map_cameras(colmap: Any, database: Path, pictures: Path, work: Path, seed: int, way: Way = "auto") -> Mapped | None:
+def map_cameras(
+    colmap: Any, database: Path, pictures: Path, work: Path, seed: int, way: Way = "auto",
+    tell: Callable[[str], None] = lambda _: None,
+) -> Mapped | None:  # fmt: skip
     """The result with the most agreeing matches, the earlier of equal ones, or of one way; None: nothing was found.
 
     All of it runs on one thread with `seed`, so that equal matches give equal bytes.
     """
     best: Mapped | None = None
     for how in _WAYS if way == "auto" else (way,):
+        tell(f"cameras by {how} mapping")
         for model in _models(colmap, database, pictures, _new(work, how), seed, how).values():
             names = tied(model)
             mapped = Mapped(model, names, how, agreeing(colmap, database, model, names))

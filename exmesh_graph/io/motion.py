@@ -1,7 +1,8 @@
 """Structure from motion through COLMAP's Python package: cameras and sparse points of a folder of photographs.
 
-pycolmap (BSD) is optional: `pip install 'exmesh-graph[photos]'`. SIFT features, all pairs, and what the matches support
-best of three mappings (`mapping`). Pixel centres lie at +0.5 in COLMAP as they do here.
+pycolmap (BSD) is optional: `pip install 'exmesh-graph[photos]'`. SIFT features, all pairs (of many pictures the likely
+ones: `pairs`), and what the matches support best of three mappings (`mapping`). Pixel centres lie at +0.5 in COLMAP as
+they do here.
 
 Pictures far apart leave few points. Then it is done again with patches of affine shape and with matches that are looked
 for along epipolar lines (both COLMAP's), which find more points, a little less precisely.
@@ -9,7 +10,7 @@ for along epipolar lines (both COLMAP's), which find more points, a little less 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,11 +21,14 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import picture_size, write_image
 from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.normalise import some
+from exmesh_graph.io.pairs import likely_pairs
 from exmesh_graph.io.settings import MotionSettings
 from exmesh_graph.native import import_pycolmap
 
 #: Sightings of points a picture, below which pictures are matched again, and the growth that makes the new ones count.
 FEW, GROWTH = 150, 1.3
+#: Pictures up to which all pairs are matched.
+MANY = 80
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
 
 
@@ -106,12 +110,14 @@ def find_motion(
     work: Path,
     seed: int = 0,
     through: Mapping[str, Through] | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Motion:
     """Cameras of `images`, files of one folder; `work` is an empty folder for the database.
 
     masks    alpha [H, W] by file name: features where it is below 1/2 are ignored
     through  by file name; pictures of equal `lens` are of one size and share a camera unless `one_camera` is off.
              None: all are of one size, and one lens
+    tell     is told what is being done
     `settings.matching`: auto matches again in the wide way where points are few or pictures have no camera, and takes
     what gives more pictures cameras or, of as many pictures, clearly more points.
     The same pictures, seed and version give the same bytes: mapping runs on one thread, whatever `threads` says of
@@ -128,7 +134,8 @@ def find_motion(
 
         def found(matching: str) -> Motion:
             (work / matching).mkdir()
-            return _found(colmap, images[0].parent, names, files, settings, lenses, work / matching, seed, matching)
+            place = images[0].parent, work / matching
+            return _found(colmap, *place, names, files, settings, lenses, seed, matching, tell)
 
         if settings.matching != "auto":
             motion = found(settings.matching)
@@ -148,24 +155,37 @@ def find_motion(
 def _found(
     colmap: Any,
     folder: Path,
+    work: Path,
     names: list[str],
     masks: Path | None,
     settings: MotionSettings,
     through: Mapping[str, Through],
-    work: Path,
     seed: int,
     matching: str,
+    tell: Callable[[str], None],
 ) -> Motion:
     """Features, matches and cameras in one way, in an empty folder; without cameras where there are none."""
     colmap.set_random_seed(seed)
     database = work / "database.db"
+    tell(f"features of {len(names)} pictures ({matching} matching)")
     _features(colmap, database, folder, names, masks, settings, through, affine=matching == "wide")
     options = colmap.FeatureMatchingOptions()
     options.num_threads, options.guided_matching = settings.threads, matching == "wide"
     verify = colmap.TwoViewGeometryOptions()
     verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
-    colmap.match_exhaustive(database, matching_options=options, verification_options=verify, device=colmap.Device.cpu)
-    mapped = map_cameras(colmap, database, folder, work, seed, settings.mapping)
+    common = {"matching_options": options, "verification_options": verify, "device": colmap.Device.cpu}
+    if settings.partners and len(names) > MANY:
+        pairs = likely_pairs(colmap, database, settings.partners)
+        tell(f"matching {len(pairs)} of {len(names) * (len(names) - 1) // 2} pairs: those that look alike (`partners`)")
+        listed = work / "pairs.txt"
+        listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
+        pairing = colmap.ImportedPairingOptions()
+        pairing.match_list_path = listed
+        colmap.match_image_pairs(database, pairing_options=pairing, **common)
+    else:
+        tell(f"matching {len(names) * (len(names) - 1) // 2} pairs")
+        colmap.match_exhaustive(database, **common)
+    mapped = map_cameras(colmap, database, folder, work, seed, settings.mapping, tell)
     left_out = tuple(name for name in names if mapped is None or name not in mapped.names)
     return _motion(mapped, left_out, matching)
 

@@ -8,6 +8,7 @@ their neighbour go (`io.selection`). What structure from motion sees is what the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -83,10 +84,13 @@ def _mask(folder: Path, picture: Path) -> Path | None:
     return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
-def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -> tuple[Scene, PointCloud, Motion]:
+def load_photos(
+    path: Path, options: PhotosOptions, work: Path, seed: int = 0, tell: Callable[[str], None] = lambda _: None
+) -> tuple[Scene, PointCloud, Motion]:
     """Find cameras, undo the lens, load and normalise; sparse points in the normalised world.
 
     work  an empty folder for the database of features
+    tell  is told what is being done
 
     The world is Y-up by level cameras, by the mean of the cameras' up where these do not tell. Its sphere comes from
     the masks, else from the sparse points around the place that the cameras look at (`object_sphere`).
@@ -102,7 +106,7 @@ def load_photos(path: Path, options: PhotosOptions, work: Path, seed: int = 0) -
         for (knob, names), why in zip(dropped.items(), _WHY, strict=True)
         if names
     ]
-    motion = replace(_motion(working, options, work, seed), dropped=dropped)
+    motion = replace(_motion(working, options, work, seed, tell), dropped=dropped)
     size = common_size(working)
     shots, note = _shots(working, motion, size)
     notes += [note] if note else []
@@ -174,7 +178,9 @@ def _kept(
                   (("blurred", soft), ("alike", twins))}  # fmt: skip
 
 
-def _motion(working: list[Working], options: PhotosOptions, work: Path, seed: int) -> Motion:
+def _motion(
+    working: list[Working], options: PhotosOptions, work: Path, seed: int, tell: Callable[[str], None]
+) -> Motion:
     lenses = {one.lens for one in working}
     if options.focal > 0 and len(lenses) > 1:
         raise DataError(
@@ -188,7 +194,7 @@ def _motion(working: list[Working], options: PhotosOptions, work: Path, seed: in
     }
     ignored = _alphas(working) if options.keep == "object" else {}
     motion = find_motion(
-        [one.image for one in working], ignored, options.replaced(focal=0.0), work, seed, through
+        [one.image for one in working], ignored, options.replaced(focal=0.0), work, seed, through, tell
     )  # fmt: skip
     return renamed(motion, {one.image.name: one.name for one in working})
 

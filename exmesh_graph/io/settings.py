@@ -166,6 +166,12 @@ class MotionSettings(Params):
         doc="plain: upright patches, precise; wide: affine patches and matches along epipolar lines, which bear larger "
         "turns of the camera; auto: wide where plain leaves pictures with few points.",
     )
+    partners: int = param(
+        30,
+        ge=0,
+        unit="pictures",
+        doc="Of more than 80 pictures each is matched with so many that look most alike; 0: all pairs are matched.",
+    )
     threads: int = param(1, ge=1, tuning=True, doc="For features and matching; mapping runs on one.")
 
 

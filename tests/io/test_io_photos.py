@@ -249,6 +249,19 @@ def test_a_lens_is_undone(k1):
     assert np.array_equal(grid[:, 2], k[:, 2])
 
 
+def test_of_many_pictures_those_that_look_alike_are_matched(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(motion, "MANY", 2)
+    told, work = [], tmp_path / "work"
+    work.mkdir()
+    _, _, made = load_photos(folder, PhotosOptions(mapping="incremental", matching="plain"), work, tell=told.append)
+    names = [f"p{i}.png" for i in range(COUNT)]
+    assert set(names) <= set(made.camera_to_world)
+    degrees, _ = differences(np.stack([made.camera_to_world[name] for name in names]), poses())
+    assert degrees.max() < 1
+    assert [line.split()[0] for line in told] == ["features", "matching", "cameras"]
+    assert "look alike" in told[1]
+
+
 def test_the_sphere_without_masks_holds_what_the_cameras_look_at():
     rng = np.random.default_rng(0)
     ball = rng.normal(size=(500, 3))
@@ -281,7 +294,7 @@ def test_few_points_are_looked_for_in_the_wide_way(monkeypatch, tmp_path, plain,
     """(sightings a picture, pictures without a camera) of either way; which is taken."""
     given = {"plain": plain, "wide": wide}
 
-    def found(colmap, folder, names, masks, settings, through, work, seed, matching):
+    def found(colmap, folder, work, names, masks, settings, through, seed, matching, tell):
         assert work.is_dir()
         sightings, without = given[matching]
         kept = names[: len(names) - without]
