@@ -116,7 +116,7 @@ def _row(
         light = with_bounces(light, needs["bounces"])
     chosen = {"texture_size": needs["texture_size"], "metallic": needs["metallic"], "iterations": options.iterations}
     settings = SHIPPED.replaced(**chosen, **changes, keep_light="light" in given)
-    start = neutral_asset(carrier, StartSettings(base_color=options.start))
+    start = neutral_asset(carrier, StartSettings(base_color=options.start, roughness=options.start_roughness))
     if "light" in given:
         start = replace(start, environment=_true_sky(scene.truth))
     prior = None if "no prior" in given else Alike()
@@ -157,6 +157,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--downscale", type=int, default=1)
     parser.add_argument("--views", type=int, default=4, help="test views that are scored")
     parser.add_argument("--start", choices=["gray", "tint", "texture"], default="tint")
+    parser.add_argument("--start-roughness", type=float, default=0.5)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     return parser.parse_args()

@@ -35,11 +35,14 @@ class InitOut(NamedTuple):
 
 
 @node("stage2.init", version="1", libraries=("torch",))
-def init(ctx: Context, carrier: Carrier, *, p: StartSettings) -> InitOut:
-    """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light."""
+def init(ctx: Context, carrier: Carrier, needs: SceneNeeds | None = None, *, p: StartSettings) -> InitOut:
+    """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light.
+
+    `needs` of scene.probe decides what is `auto`.
+    """
     from exmesh_graph.stage2.init import neutral_asset
 
-    return InitOut(neutral_asset(carrier, p))
+    return InitOut(neutral_asset(carrier, with_decisions(p, needs)))
 
 
 class FitParams(DecompositionSettings, CoreSettings):

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from benchmarks.scenes.kinds import Recipe
-from benchmarks.scenes.objects import mixed, plain, tables, thin, walls
+from benchmarks.scenes.objects import mixed, panel, plain, tables, thin, walls
 
-RECIPES: dict[str, Recipe] = thin.SCENES | mixed.SCENES | plain.SCENES | walls.SCENES | tables.SCENES
+RECIPES: dict[str, Recipe] = thin.SCENES | mixed.SCENES | plain.SCENES | walls.SCENES | tables.SCENES | panel.SCENES

@@ -177,7 +177,10 @@ def wandering(count: int, seed: int) -> np.ndarray:
 
 
 def passers(poses: list, light: np.ndarray, seed: int) -> dict[int, np.ndarray]:
-    """{view: corners [8, 3]} of a board before the brightest part of the light, where the camera does not see it."""
+    """{view: corners [8, 3]} of a board before the brightest part of the light, where the camera does not see it.
+
+    A camera that stands close to it sees none of its corners, though the board stands before the object.
+    """
     rng = np.random.default_rng(seed + 5)
     at = np.unravel_index(light.sum(-1).argmax(), light.shape[:2])
     sun = lights.directions(len(light))[at]
@@ -187,11 +190,16 @@ def passers(poses: list, light: np.ndarray, seed: int) -> dict[int, np.ndarray]:
         towards /= np.linalg.norm(towards)
         right = np.cross([0, 0, 1.0], towards)
         right /= np.linalg.norm(right)
+        up = np.cross(towards, right)
         bits = np.array([[(c >> axis) & 1 for axis in range(3)] for c in range(8)]) * 2.0 - 1
-        corners = 3.0 * towards + bits * [0.42, 0.5, 0.02] @ np.stack([right, np.cross(towards, right), towards])
+        corners = 3.0 * towards + bits * [0.42, 0.5, 0.02] @ np.stack([right, up, towards])
         seen = (np.concatenate([corners, [3.0 * towards]]) - pose[:3, 3]) @ pose[:3, :3]
         inside = (seen[:, 2] < 0) & (np.abs(seen[:, :2]).max(1) < 0.45 * -seen[:, 2])
-        if not inside.any():
+        sights = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) - pose[:3, 3]  # towards the object
+        along = (3.0 - pose[:3, 3] @ towards) / (sights @ towards)
+        met = pose[:3, 3] + along[:, None] * sights
+        before = (along > 0) & (along < 1) & (np.abs(met @ right) < 0.42) & (np.abs(met @ up) < 0.5)
+        if not inside.any() and not before.any():
             found[k] = corners
     return found
 

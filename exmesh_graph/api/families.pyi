@@ -803,12 +803,12 @@ class _Stage2(Family):
         exposure: Fit one gain per view, for photographs of varying exposure.
         memory_gib: Memory that the views' buffers may take; the rest are made anew. [GiB, >= 0]
         """
-    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, base_color: Literal["texture", "gray", "tint"] | Parameter = "texture", level: float | Parameter = 0.45, roughness: float | Parameter = 0.5, metallic: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetNode:
+    def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, needs: Wire[SceneNeeds] | Node | None = None, base_color: Literal["texture", "gray", "tint"] | Parameter = "texture", level: float | Parameter = 0.45, roughness: float | Literal["auto"] | Parameter = 0.5, metallic: float | Parameter = 0.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetNode:
         """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light.
 
         base_color: The Stage I texture, linearised (the paper); mid-gray; or one colour, the texture's mean at `level`, so that the light starts white.
         level: Luminance of the base colour that `tint` starts from. [> 0, < 1]
-        roughness: Neutral roughness. [> 0, < 1]
+        roughness: Neutral roughness; auto: low where the probe finds that a fit from 0.5 misses sharp reflections. [> 0, < 1, or auto, by needs]
         metallic: Metallic; above 0 only for fits with metallic: true. [>= 0, <= 1]
         """
 class _Transport(Family):

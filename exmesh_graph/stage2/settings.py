@@ -18,7 +18,9 @@ class StartSettings(Params):
         "so that the light starts white.",
     )
     level: float = param(0.45, gt=0, lt=1, doc="Luminance of the base colour that `tint` starts from.")
-    roughness: float = param(0.5, gt=0, lt=1, doc="Neutral roughness.")
+    roughness: Annotated[float, Field(gt=0, lt=1), Auto("needs")] = param(
+        0.5, doc="Neutral roughness; auto: low where the probe finds that a fit from 0.5 misses sharp reflections."
+    )
     metallic: float = param(0.0, ge=0, le=1, doc="Metallic; above 0 only for fits with metallic: true.")
 
 

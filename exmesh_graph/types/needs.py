@@ -31,7 +31,7 @@ class Decision:
     reason     one sentence
     """
 
-    value: bool | int | str
+    value: bool | int | float | str
     gain: float | None
     error: float | None
     cost: float

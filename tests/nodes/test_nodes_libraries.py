@@ -39,7 +39,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "evaluate.asset": {"pymeshlab"},
     "evaluate.region": {"pymeshlab"},
     "init.sphere": {"scipy"},
-    "init.auto": {"depth-anything-3"},
+    "init.auto": {"OpenImageIO", "depth-anything-3"},
     "init.mesh_file": {"torch", "warp-lang"},
     "init.object": {"OpenImageIO", "depth-anything-3", "pymeshlab"},
     "mask.auto": {"OpenImageIO", "depth-anything-3", "pymeshlab"},

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from exmesh_graph.shading.transport import trace_transport
-from exmesh_graph.stage2.probe.decide import decide_bounces, decide_environment, decide_part, pays, required, with_noise
+from exmesh_graph.stage2.probe.decide import (
+    decide_bounces,
+    decide_environment,
+    decide_part,
+    decide_sharp,
+    pays,
+    required,
+    with_noise,
+)
 from exmesh_graph.stage2.probe.gain import FLOOR, Gain, Work, paired_gain, tiles_of
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, measure_shape, texel_budget
 from exmesh_graph.stage2.probe.light import Baked
@@ -113,6 +121,15 @@ def test_a_part_must_pay_under_every_split_and_bring_its_least():
         assert found.gain == min(gain.gain for gain in gains)
         assert found.evidence["gain_of_split_2"] == gains[1].gain
         assert "2 splits" in found.reason
+
+
+def test_a_start_is_sharp_where_both_splits_say_so_beyond_doubt():
+    for gains, value in (([Gain(2.0, 0.3), Gain(1.2, 0.2)], 0.2), ([Gain(2.0, 0.3), Gain(0.9, 0.2)], 0.5),
+                         ([Gain(2.0, 1.5)], 0.5), ([Gain(-0.2, 0.1)], 0.5)):  # fmt: skip
+        found = decide_sharp(gains, 0.2, 0.5, 1.0)
+        assert found.value == value
+        assert found.gain == min(gain.gain for gain in gains)
+        assert "roughness 0.2 in place of 0.5" in found.reason
 
 
 @pytest.mark.parametrize("count", [3, 6, 16, 40])

@@ -41,6 +41,8 @@ def small():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scene, "BASE_STEPS", 80)
         patch.setattr(scene, "STEPS", 30)
+        patch.setattr(scene, "SHARP_STEPS", 160)
+        patch.setattr(scene, "SHARP_LEAST", 0.3)  # of pictures so small that a reflection is a pixel
         patch.setattr(scene, "SKIES", (32,))
         patch.setattr(short, "TRANSPORT", short.TRANSPORT.replaced(points=300))
         patch.setattr(short, "SHORT", short.SHORT.replaced(environment_height=16))
@@ -119,6 +121,19 @@ def test_metal_turns_metallic_on_and_matte_does_not(matte_probe, hollow_probe):
     assert _value(hollow_probe, "metallic") is False
 
 
+def test_dark_glaze_starts_smooth_and_matte_does_not(matte_probe, hollow_probe):
+    """Windows in a dark room, mirrored by a dark ball: from a rough start they are lost in a smooth sky."""
+    glaze = asset(ball(), roughness=0.12, bright=0.05)
+    sky = np.full((32, 64, 3), 0.05, np.float32)
+    for row, column in ((6, 5), (9, 20), (5, 33), (12, 44), (8, 57), (18, 12), (20, 38)):
+        sky[row : row + 3, column : column + 4] = 6
+    glaze = dataclasses.replace(glaze, base_color=glaze.base_color * 0.2, environment=sky)
+    found = probe_scene(carrier_of(glaze), photographed(glaze)).needs.decisions["roughness"]
+    assert found.value == scene.SHARP
+    assert min(found.evidence.values()) == found.gain > scene.SHARP_LEAST
+    assert [_value(probe, "roughness") for probe in (matte_probe, hollow_probe)] == [scene.NEUTRAL] * 2
+
+
 @pytest.mark.slow
 def test_noise_and_blank_pictures_do_not_switch_everything_on(matte, hollow):
     rng = np.random.default_rng(5)
@@ -169,11 +184,11 @@ def test_equal_scenes_give_equal_bytes(matte, matte_probe, tmp_path):
 
 def test_every_decision_has_its_numbers_and_a_sentence(hollow_probe):
     rows = decision_rows(hollow_probe)["decisions"]
-    assert {row["name"] for row in rows} >= {"bounces", "metallic", "environment_height", "texture_size"}
+    assert {row["name"] for row in rows} >= {"bounces", "metallic", "roughness", "environment_height", "texture_size"}
     for row in rows:
         assert row["reason"].endswith(".")
         assert row["cost"] >= 1
-        assert row["name"] in ("texture_size", "technique") or row["seconds_ratio"] > 0
+        assert row["name"] in ("texture_size", "technique", "roughness") or row["seconds_ratio"] > 0
     assert 0 < hollow_probe.needs.geometry["blocked"] < 1
 
 

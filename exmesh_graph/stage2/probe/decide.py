@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from exmesh_graph.stage2.probe.gain import Gain
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, TexelBudget
@@ -43,6 +44,12 @@ def decide_part(gains: Sequence[Gain], cost: float, what: str, least: float = LE
     evidence = {f"gain_of_split_{number}": one.gain for number, one in enumerate(gains, 1)} if len(gains) > 1 else {}
     where = "held-out pixels" + (f", the least of {len(gains)} splits of the views" if len(gains) > 1 else "")
     return Decision(on, *_finite(gain), cost, _reason(what, where, gain, cost, on, least), evidence)
+
+
+def decide_sharp(gains: Sequence[Gain], sharp: float, neutral: float, least: float) -> Decision:
+    """The roughness that the fit starts from: `sharp` where that brings `least` dB at least under every split."""
+    found = decide_part(gains, 1.0, f"A start from roughness {sharp:g} in place of {neutral:g}", least)
+    return replace(found, value=sharp if found.value else neutral)
 
 
 def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape: ShapeMeasures) -> Decision:

@@ -106,10 +106,12 @@ def _coarse(views: Views, order: np.ndarray, view_pixels: int) -> tuple[Views, i
 
 @dataclass(frozen=True)
 class Part:
-    """One more thing to model: settings of the fit and the number of interreflections."""
+    """One more thing to model: settings of the fit and the number of interreflections; `roughness` to begin with,
+    where the fit is restarted."""
 
     settings: dict[str, Any] = field(default_factory=dict)
     bounces: int | None = None
+    roughness: float | None = None
 
 
 class ShortFit:
@@ -118,6 +120,7 @@ class ShortFit:
     def __init__(self, carrier: Carrier, sample: Sample, texture_size: int, seed: int = 0) -> None:
         self.transport: Transport = with_bounces(direct_transport(carrier.vertices, carrier.faces, TRANSPORT), 1)
         self.seed = seed
+        self.carrier = carrier
         self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8)
         settings = SHORT.replaced(texture_size=texture_size)
         self.model = Decomposition(carrier, sample.views, self.transport, settings, "cpu", start=self.start)
@@ -160,7 +163,10 @@ class ShortFit:
         """A copy that models `part` from the very start."""
         twin = self.forked(part)
         model = twin.model
-        model.maps = MaterialMaps(self.start, model.maps.texels, model.maps.size, model.settings)
+        if part.roughness is not None:
+            settings = StartSettings(base_color="gray", roughness=part.roughness)
+            twin.start = neutral_asset(self.carrier, settings, size=8)
+        model.maps = MaterialMaps(twin.start, model.maps.texels, model.maps.size, model.settings)
         model.environment = self.first_sky.clone().requires_grad_()
         return twin
 
