@@ -27,7 +27,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from exmesh_graph.gpu.torch_setup import csr_tensor
+from exmesh_graph.gpu.torch_setup import csr_tensor, tensor_of
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
@@ -132,8 +132,8 @@ class VectorTransport:
 
     def __init__(self, operators: LightTransport) -> None:
         light, device = operators.light, operators.transfer.device
-        directions = torch.from_numpy(light.directions).to(device)
-        above = (torch.from_numpy(light.normals).to(device) @ directions.T > 0) & (operators.visible > 0)
+        directions = tensor_of(light.directions).to(device)
+        above = (tensor_of(light.normals).to(device) @ directions.T > 0) & (operators.visible > 0)
         # [P, 3, K]: K directions times their axes
         self.transfer = (above[:, None] * directions.T[None]).to(directions).reshape(-1, len(directions))
         self.gather = [_component(operators, axis) for axis in range(3)] if operators.gather is not None else []

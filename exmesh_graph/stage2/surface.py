@@ -21,6 +21,7 @@ import torch.nn.functional as F
 from exmesh_graph.geometry.adjacency import angle_weighted_normals, face_normals
 from exmesh_graph.geometry.tangents import corner_tangents
 from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import warp
 from exmesh_graph.types import Carrier
 
@@ -58,9 +59,9 @@ class CarrierGeometry:
 
     def __init__(self, carrier: Carrier, device: torch.device | str = "cpu") -> None:
         self.device = torch.device(device)
-        self.vertices = torch.from_numpy(carrier.vertices).to(device)
+        self.vertices = tensor_of(carrier.vertices).to(device)
         self.faces = torch.from_numpy(carrier.faces.astype(np.int64)).to(device)
-        self.uvs = torch.from_numpy(carrier.uvs).to(device)
+        self.uvs = tensor_of(carrier.uvs).to(device)
         self.uv_faces = torch.from_numpy(carrier.uv_faces.astype(np.int64)).to(device)
         smooth = angle_weighted_normals(carrier.vertices, carrier.faces)
         flat = face_normals(carrier.vertices, carrier.faces)

@@ -117,7 +117,7 @@ def prepare_targets(
         intrinsics=intrinsics,
         world_to_camera=world_to_camera,
         names=views.names,
-        masked=torch.from_numpy(views.masked),
+        masked=tensor_of(views.masked),
         depth=None if depths is None else _depth(depths, views, downscale, height, width).to(device),
         inside=None if region is None else _covered(region, intrinsics, world_to_camera, height, width, device),
     )

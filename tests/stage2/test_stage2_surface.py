@@ -63,3 +63,13 @@ def test_the_same_bytes_for_any_number_of_cores(carrier):
             found.append(torch.cat([value.reshape(-1) for value in vars(samples).values()]))
     assert torch.equal(found[0], found[1])
     assert torch.equal(found[0], found[2])
+
+
+@pytest.mark.filterwarnings("error")
+def test_arrays_of_an_artifact_are_read_without_a_warning(carrier):
+    """What lies on a wire may not be written; torch warns of such arrays, and the node's log would show it."""
+    arrays = {name: getattr(carrier, name).copy() for name in ("vertices", "faces", "uvs", "uv_faces")}
+    for array in arrays.values():
+        array.flags.writeable = False
+    kept = CarrierGeometry(dataclasses.replace(carrier, **arrays))
+    assert np.array_equal(kept.vertices.numpy(), arrays["vertices"])
