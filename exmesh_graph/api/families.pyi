@@ -569,7 +569,7 @@ class _Mask(Family):
         least_part: Parts apart from the largest stay from this share of its area on. [>= 0, <= 1]
         least_structure: Depth counts where display values vary by this deviation in 3 x 3 pixels: flat ones have a neighbour's. [>= 0, <= 1]
         side: Longer side of the pictures in which outlines are first moved; of stereo too. [px, >= 32]
-        band: How far an outline may move to an edge of the picture, at that size. [px, >= 1, <= 64]
+        band: How far an outline may move to an edge of the picture, at that size; in pictures below 256 less, to half. [px, >= 1, <= 64]
         smoothness: Cost of a pixel of outline where the picture is flat; that of a wrong pixel is 1. [>= 0, <= 100]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         find: Look for masks where there are none; false passes the views on as they are.
@@ -583,7 +583,7 @@ class _Mask(Family):
         """Masks of what shows a surface: drawn into each view, and cut to the picture's edges around its outline.
 
         side: Longer side of the pictures in which outlines are first moved; of stereo too. [px, >= 32]
-        band: How far an outline may move to an edge of the picture, at that size. [px, >= 1, <= 64]
+        band: How far an outline may move to an edge of the picture, at that size; in pictures below 256 less, to half. [px, >= 1, <= 64]
         smoothness: Cost of a pixel of outline where the picture is flat; that of a wrong pixel is 1. [>= 0, <= 100]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         """

@@ -15,6 +15,8 @@ from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.settings import CutSettings
 from exmesh_graph.types import Views
 
+_SMALL = 256
+
 
 def masks_of_surface(
     views: Views,
@@ -32,11 +34,13 @@ def masks_of_surface(
     settings = settings or CutSettings()
     factor = max(1, math.ceil(max(views.width, views.height) / settings.side))
     small = drawn_outlines(vertices, faces, views, factor)
+    # an object of few pixels has fine parts: there the band is a part of the picture
+    band = settings.band * float(np.clip(max(small.shape[1:]) / _SMALL, 0.5, 1))
     masks = np.zeros((len(views), views.height, views.width), bool)
     for view, outline in enumerate(small):
         picture = np.asarray(views.images[view])
         shown = _display(picture, factor)
-        found = moved_to_edges(shown, outline, settings.band, settings.smoothness)
+        found = moved_to_edges(shown, outline, band, settings.smoothness)
         if factor > 1:
             found = moved_to_edges(
                 _display(picture, 1), _enlarged(found, factor, masks.shape[1:]), 1.5 * factor, settings.smoothness

@@ -14,7 +14,11 @@ class CutSettings(Params):
         400, ge=32, unit="px", doc="Longer side of the pictures in which outlines are first moved; of stereo too."
     )
     band: float = param(
-        8.0, ge=1, le=64, unit="px", doc="How far an outline may move to an edge of the picture, at that size."
+        8.0,
+        ge=1,
+        le=64,
+        unit="px",
+        doc="How far an outline may move to an edge of the picture, at that size; in pictures below 256 less, to half.",
     )
     smoothness: float = param(
         2.0, ge=0, le=100, doc="Cost of a pixel of outline where the picture is flat; that of a wrong pixel is 1."
