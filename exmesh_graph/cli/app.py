@@ -237,7 +237,7 @@ def get(
 for _command in (
     assets.view, authoring.nodes, authoring.schema, authoring.stubs, bench.bench, upkeep.verify, upkeep.pin,
     upkeep.unpin, upkeep.gc, upkeep.push, upkeep.pull, upkeep.doctor, variants.sweep, variants.diff, variants.show,
-    watching.status, watching.log, watching.replay, studio.studio,
+    watching.status, watching.log, watching.prov, watching.replay, studio.studio,
 ):  # fmt: skip
     app.command()(_command)
 app.command("check-usd")(assets.check_usd)

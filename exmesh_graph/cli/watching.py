@@ -1,4 +1,4 @@
-"""`exmesh status`, `log` and `replay`: what runs do and did, and one failed node again."""
+"""`exmesh status`, `log`, `prov` and `replay`: what runs do and did, and one failed node again."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from exmesh_graph.cli.options import AsJson, put_json
+from exmesh_graph.errors import ExmeshError
 
 if TYPE_CHECKING:
     from exmesh_graph.api.watch import RunStatus
@@ -46,6 +47,26 @@ def log(
         shown = f"          | {line}" if kind == "printed" else _event_line(line, node)
         if shown:
             typer.echo(shown)
+
+
+def prov(
+    run: Annotated[Path, typer.Argument(help="A run folder.")] = Path("runs/latest"),
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="FILE.json, .jsonld or .provn; else printed.")] = None,
+    store: Annotated[Path | None, typer.Option("--store", help="The store (default: the one of that run).")] = None,
+) -> None:
+    """Say where everything of a run comes from, as W3C PROV."""
+    from exmesh_graph.api.prov_export import FORMATS, prov_text
+    from exmesh_graph.api.runs import open_run
+
+    kind = FORMATS.get(".json" if out is None else out.suffix)
+    if kind is None:
+        raise ExmeshError(f"PROV is not written as {out}", expected="a name in " + ", ".join(FORMATS))
+    text = prov_text(open_run(run, store=store), kind)
+    if out is None:
+        typer.echo(text)
+    else:
+        out.write_text(text + "\n", encoding="utf-8")
+        typer.echo(str(out))
 
 
 def replay(

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import getpass
+import hashlib
 import json
 import platform
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import exmesh_graph as ex
+from exmesh_graph.api.prov_export import prov_text
 from exmesh_graph.api.provenance import commit_of, differences, sign_assets
+from exmesh_graph.cli.app import app
+from exmesh_graph.errors import ExmeshError
 from exmesh_graph.export.packing import write_usdz
 from exmesh_graph.export.stamp import stamp_usd
 from exmesh_graph.export.usd.package import package_rules
@@ -101,3 +108,47 @@ def test_a_published_usd_says_where_it_comes_from(folder: Path, tmp_path: Path) 
     assert list(package_rules(home / "asset.usdz")) == []
     assert b"def Xform" in (home / "asset.usda").read_bytes() != before
     assert stamp_usd(home, {"x": "y"}) == []  # once
+
+
+def test_a_run_as_w3c_prov(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Written, read back by the library; two runs that share a result name it alike."""
+    model = pytest.importorskip("prov.model")
+    (folder / "number.txt").write_text("5")
+    (folder / "graph.yaml").write_text(
+        "nodes:\n  a: {type: toy.file, path: number.txt}\n  b: {type: toy.shift, number: '@a.number', by: 2.5}\n"
+    )
+    first = ex.run("graph.yaml", workers=0, report=False)
+    second = ex.run("graph.yaml", set={"b.by": 3}, workers=0, report=False)
+    found = {}
+    for run in (first, second):
+        out = folder / f"{run.id}.json"
+        done = CliRunner().invoke(app, ["prov", str(run.folder), "-o", str(out)])
+        assert done.exit_code == 0, done.output
+        assert str(folder) not in out.read_text()
+        document = model.ProvDocument.deserialize(str(out))
+        assert document == model.ProvDocument.deserialize(content=document.serialize())
+        found[run.id] = json.loads(out.read_text())
+    told, again = found.values()
+    keys = {name: f"exmesh:action/{first[name].info['key']}" for name in "ab"}
+    assert told["activity"].keys() == {*keys.values(), f"exmesh:run/{first.id}"}
+    assert told["activity"][keys["b"]]["exmesh:param.by"] == {"$": "2.5", "type": "xsd:double"}
+    used = {(one["prov:activity"], one["prov:entity"]) for one in told["used"].values()}
+    number = f"exmesh:artifact/{first['a'].info['outputs']['number']['digest']}"
+    source = hashlib.sha256(b"5").hexdigest()
+    assert used == {(keys["a"], f"exmesh:file/{source}"), (keys["b"], number)}
+    made = {(one["prov:entity"], one["prov:activity"]) for one in told["wasGeneratedBy"].values()}
+    assert (number, keys["a"]) in made
+    assert len(told["wasStartedBy"]) == 2
+    assert keys["a"] in again["activity"], "a hit is the same activity"
+    assert keys["b"] not in again["activity"]
+    assert len(again["wasStartedBy"]) == 1
+    shutil.rmtree(first.store.root / "actions")
+    by_wires = json.loads(prov_text(ex.open_run(first.folder)))
+    assert {(one["prov:activity"], one["prov:entity"]) for one in by_wires["used"].values()} == {(keys["b"], number)}
+    for name, words in (("a.txt", "is not written as"), ("a.provn", "")):
+        done = CliRunner().invoke(app, ["prov", str(second.folder), "-o", str(folder / name)])
+        assert words in done.output or words in str(done.exception)
+    assert (folder / "a.provn").read_text().startswith("document")
+    monkeypatch.setitem(sys.modules, "prov.model", None)
+    with pytest.raises(ExmeshError, match="prov is not installed"):
+        prov_text(second)

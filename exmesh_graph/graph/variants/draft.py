@@ -195,8 +195,7 @@ class Draft:
 
     def kinds(self, entry: Map) -> list[Signature]:
         """The signatures a node has over its rounds."""
-        kinds = [self.kind(holder) for holder in (entry, *(layer for layer, _, _ in layers_of(entry)))]
-        return [kind for kind in kinds if kind is not None]
+        return [kind for one in (entry, *(row[0] for row in layers_of(entry))) if (kind := self.kind(one)) is not None]
 
     def read(self, entry: Map, key: str) -> Any:
         """A value of an entry with `${name}` replaced by the graph's parameters; None where there is none."""

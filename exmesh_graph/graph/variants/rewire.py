@@ -122,8 +122,11 @@ def bypass(draft: Draft, patch: Map) -> None:
 
 def remove(draft: Draft, patch: Map) -> None:
     where, value = patch.lines["remove"], patch["remove"]
-    listed = value if isinstance(value, list) else [value]
-    gone = [draft.address(name, where, key=False) for name in listed]
+    homes = [taken_apart(draft, name, key=False) for name in (value if isinstance(value, list) else [value])]
+    if len({id(home.top) for home, _ in homes}) > 1:
+        refuse(where, "remove takes nodes of one file at a time", fix="a patch for each file")
+    draft = homes[0][0] if homes else draft
+    gone = [draft.address(name, where, key=False) for _, name in homes]
     for address in [one for one in gone if one.round is not None]:
         refuse(where, f"remove works on all rounds at once, not on {address.round} of {address.path}",
                fix=f"{{bypass: '{address.scope}[{address.round}].{address.name}'}}")  # fmt: skip
@@ -134,10 +137,7 @@ def remove(draft: Draft, patch: Map) -> None:
         outputs = [place.label for place in left if place.owner == "outputs"]
         blocks = [address.path for address in gone if is_block(draft.entries[address.path])]
         fix = f"{{set: {blocks[0]}.repeat, to: 0}}" if blocks else f"{{bypass: {gone[0].path}}}, or remove its users"
-        if outputs:
-            fix = f"{{disconnect: {outputs[0]}}} first"
-        elif any("graph" in draft.entries[address.path] for address in gone):
-            fix = "connect its users to something else, or remove them"
+        fix = f"{{disconnect: {outputs[0]}}} first" if outputs else fix
         refuse(where, f"{names} cannot be removed: {users} links to it", fix=fix)
     for address in sorted(gone, key=lambda a: a.path.count("."), reverse=True):
         del draft.inside(address.scope)[address.name]
@@ -148,7 +148,8 @@ def add(draft: Draft, patch: Map) -> None:
     if not isinstance(new, Map) or "name" not in new or not {"type", "graph", "repeat"} & set(new):
         expected = "{add: {name: ..., type: ..., ...}}"
         refuse(where, "add needs a name and a node", expected=expected, fix="type, graph or repeat")
-    scope, _, name = str(new["name"]).rpartition(".")
+    draft, full = taken_apart(draft, new["name"], key=False)
+    scope, _, name = str(full).rpartition(".")
     blocks = [path for path, entry in draft.entries.items() if is_block(entry)]
     if scope and scope not in blocks:
         refuse(new.lines["name"], f"there is no repeat block {scope!r}", near=closest(scope, blocks))

@@ -1,9 +1,9 @@
 """Operations that change one value or one wire: `set`, `connect`, `disconnect`; see `patches`.
 
 Patches reach into sub-graphs: to their parameters and inputs, and to single nodes inside. What `set`, `connect` and
-`bypass` say of a node inside goes into the `nodes:` of the entry that uses the file; for `replace` and `insert`, which
-change what others are wired to, the entry gets a changed copy of the file (`taken_apart`). So the file itself and its
-other uses stay as they are.
+`bypass` say of a node inside goes into the `nodes:` of the entry that uses the file; for `replace`, `insert`, `add` and
+`remove`, which change which nodes there are, the entry gets a changed copy of the file (`taken_apart`). So the file
+itself and its other uses stay as they are.
 """
 
 from __future__ import annotations

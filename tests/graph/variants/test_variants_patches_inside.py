@@ -226,3 +226,24 @@ nodes:
     assert list(bench.check(text % "null").with_idle().nodes) == ["a", "s", "end"]
     assert bench.problems(text % "{state: other}")[0].code == "bypass"
     assert "bypassed without its output 'state'" in bench.problems(text % "{}")[0].what
+
+
+@pytest.mark.usefixtures("part")
+def test_add_and_remove_reach_into_one_use_of_a_sub_graph(bench: Any, patched: Patched, refusal: Refusal) -> None:
+    bench.write(PART.replace("  loop:", "  spare: {type: toy.step, state: '@first.state'}\n  loop:"), "part.yaml")
+    graph = patched("{add: {name: p.mid, type: toy.step, state: '@spare.state', amount: 9}}", text=WHOLE).with_idle()
+    assert (wires(graph)["p.mid.state"], value(graph, "p.mid", "amount")) == ("p.spare.state", 9)
+    assert "q.mid" not in graph.nodes
+    graph = patched("{remove: q.spare}", "{set: q.by, to: 7}", text=WHOLE).with_idle()
+    assert "q.spare" not in graph.nodes
+    assert "p.spare" in graph.nodes
+    assert value(graph, "q.first", "amount") == 7
+    inner = patched("{add: {name: p.loop.more, type: toy.step, state: '@grow.state'}}", text=WHOLE).with_idle()
+    assert wires(inner)["p.loop[2].more.state"] == "p.loop[2].grow.state"
+    assert "outputs.end" in refusal("{remove: p.loop}", text=WHOLE).what
+    assert "of one file at a time" in refusal("{remove: [p.spare, q.spare]}", text=WHOLE).what
+    assert "already" in refusal("{add: {name: p.first, type: toy.step}}", text=WHOLE).what
+
+
+def test_a_removed_list_may_be_empty(patched: Patched) -> None:
+    assert patched("{remove: []}").nodes.keys() == patched().nodes.keys()

@@ -1,0 +1,265 @@
+"""The mutants of `benchmarks.mutants`: lines of the framework that trust rests on, spoilt one at a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+G, CACHE, RUN = "exmesh_graph/graph", "exmesh_graph/graph/cache", "exmesh_graph/graph/run"
+TESTS = "tests/graph"
+
+
+class Mutant(NamedTuple):
+    """`old`, which stands once in `file`, becomes `new`; a test of `tests` that matches `words` must fail then."""
+
+    group: str
+    file: str
+    old: str
+    new: str
+    tests: str
+    words: str = ""
+
+
+def _group(name: str, *rows: tuple[str, ...]) -> list[Mutant]:
+    return [Mutant(name, *row) for row in rows]
+
+
+_KEYS, _STORE, _RUNS = f"{TESTS}/test_graph_keys.py", f"{TESTS}/test_graph_store.py", f"{TESTS}/test_graph_run.py"
+_CODE, _GC = f"{TESTS}/test_graph_fingerprint.py", f"{TESTS}/upkeep/test_upkeep_collect.py"
+
+CORE = _group(
+    "core: keys, code, store, leases, checkpoints, gc, runs",
+    (f"{CACHE}/keys.py", '"seed": bound.seed,', '"seed": 0,', _RUNS, "tuning_is_a_hit"),
+    (f"{CACHE}/keys.py", '"version": bound.definition.version,', '"version": "",', _KEYS, "golden"),
+    (f"{CACHE}/keys.py", '"libraries": _versions(bound.definition),', '"libraries": {},', _KEYS, "changes_the_key"),
+    (f"{CACHE}/keys.py", '"sources": dict(sorted(sources.items())),', '"sources": {},', _KEYS, "sources_change"),
+    (
+        f"{CACHE}/keys.py",
+        "{port: list(pair) for port, pair in sorted(inputs.items())}",
+        "dict(enumerate(sorted(map(list, inputs.values()))))",
+        _KEYS,
+        "swapped",
+    ),
+    (f"{CACHE}/keys.py", 'return {"~float": value.hex()}', "return round(value, 6)", _KEYS, "injective or imitated"),
+    (
+        f"{CACHE}/keys.py",
+        '"code": fingerprint(definition).digest,',
+        '"code": "",',
+        f"{TESTS}/test_graph_components.py",
+        "",
+    ),
+    (f"{CACHE}/fingerprint.py", "                todo += module.imports\n", "", _CODE, "edits_that_matter"),
+    (
+        f"{CACHE}/fingerprint.py",
+        "names if sources.module(name).is_edited() or sources.outlived(name)]",
+        "names if False]",
+        _CODE,
+        "edit_during",
+    ),
+    (f"{G}/sealed.py", "    if text[: start + 3] != f'{_SEAL}{digest}\", ':", "    if False:", _STORE, "sealed"),
+    (f"{G}/sealed.py", ':{times}"', ':"', _STORE, "source_digests_follow"),
+    (f"{CACHE}/store.py", '"data" / name) != expected:', '"data" / name) == "":', _STORE, "flipped_bytes_are_never"),
+    (
+        f"{CACHE}/store.py",
+        'return head if sizes == {name: size for name, (size, _) in head["files"].items()} else None',
+        "return head",
+        _STORE,
+        "broken_object_is_a_miss",
+    ),
+    (
+        f"{CACHE}/keys.py",
+        'record.pop("key") != key or key_of(preimage) != key or',
+        'not record.pop("key") or',
+        _STORE,
+        "wrong_name",
+    ),
+    (
+        f"{CACHE}/lease.py",
+        "            if age <= self.limit:\n",
+        "            if age <= 1e9:\n",
+        f"{TESTS}/test_graph_lease.py",
+        "without_a_heartbeat",
+    ),
+    (f"{RUN}/checkpoint.py", 'if record["key"] != key or', "if", f"{TESTS}/test_graph_checkpoint.py", ""),
+    (
+        f"{RUN}/checkpoint.py",
+        "        if files.sha256_file(folder / name) != digest:",
+        "        if False:",
+        f"{TESTS}/test_graph_checkpoint.py",
+        "doubt",
+    ),
+    (f"{G}/upkeep/collect.py", "held = fixed | _shown(store, runs, result)", "held = fixed", _GC, "only_what_nothing"),
+    (f"{G}/upkeep/collect.py", "if (used or item.path in back) and", "if used and", _GC, "new_record_needs"),
+    (
+        f"{G}/upkeep/collect.py",
+        "if _used(item.path) == item.used and _rename",
+        "if _rename",
+        _GC,
+        "used_after_the_survey",
+    ),
+    (f"{RUN}/execute.py", "        if mark_of(value) != before[port]:", "        if False:", _RUNS, "in_place"),
+    (f"{RUN}/runner.py", "action = None if bound.name in self.force else", "action =", _RUNS, "force_replaces"),
+)
+
+_UNSEEN, _HOLES, _GROWTH = (
+    f"{TESTS}/test_graph_unseen.py",
+    f"{TESTS}/test_graph_holes.py",
+    f"{TESTS}/test_graph_growth.py",
+)
+_CLEAN = f"{TESTS}/test_graph_hermetic.py"
+
+HOLES = _group(
+    "holes: code that no name leads to, what crosses nodes, saves, formats, growth",
+    (f"{CACHE}/syntax.py", '            if alias.name != "*":\n', "            if True:\n", _UNSEEN, "such_code"),
+    (f"{CACHE}/syntax.py", "ast.MatchAs, ast.MatchStar, ", "", _UNSEEN, "such_code or match_binds"),
+    (
+        f"{CACHE}/syntax.py",
+        "last_of(item.func) in LOADERS and",
+        "last_of(item.func) in LOADERS[1:] and",
+        _UNSEEN,
+        "such_code",
+    ),
+    (f"{CACHE}/syntax.py", "if len(found) == 1 and", "if", _UNSEEN, "such_code"),
+    (
+        f"{CACHE}/syntax.py",
+        '_OURS.get(".".join([names.get(root, ""), *rest])) in words',
+        "(rest or [root])[-1] in words",
+        _UNSEEN,
+        "such_code",
+    ),
+    (f"{CACHE}/moduletext.py", "statement.name in built", "False", _UNSEEN, "such_code"),
+    (f"{CACHE}/moduletext.py", "*(base + suffix for suffix in _SUFFIXES)", "base + '.py'", _UNSEEN, "compiled"),
+    (
+        f"{CACHE}/moduletext.py",
+        "            return hashlib.sha256(self.data).hexdigest()\n",
+        "            return sha(self.name)\n",
+        _UNSEEN,
+        "compiled",
+    ),
+    (f"{CACHE}/moduletext.py", "names & own - self.mentioned", "False", _UNSEEN, "such_code"),
+    (
+        f"{CACHE}/fingerprint.py",
+        '*self._siblings(module.partition(".")[0])',
+        'module.partition(".")[0]',
+        _UNSEEN,
+        "second_package",
+    ),
+    (
+        f"{CACHE}/fingerprint.py",
+        "if changed or any(source_file(name) for name in absent):",
+        "if changed:",
+        _UNSEEN,
+        "may_be_missing",
+    ),
+    ("exmesh_graph/api/unseen.py", "if name != own or line in made.lines", "", _UNSEEN, "no_key_holds"),
+    ("exmesh_graph/api/unseen.py", 'name == "globals"', "False", _UNSEEN, "no_key_holds"),
+    (f"{RUN}/hermetic.py", "            time.tzset()\n", "", _CLEAN, "behind"),
+    (f"{RUN}/hermetic.py", '    ("torch", "is_grad_enabled", "set_grad_enabled", True),\n', "", _CLEAN, ""),
+    (f"{RUN}/hermetic.py", "with decimal.localcontext():", "with contextlib.nullcontext():", _CLEAN, "behind"),
+    (
+        f"{RUN}/execute.py",
+        '    if lost:\n        what = f"{value.type_name} loses',
+        '    if again is None:\n        what = f"{value.type_name} loses',
+        _HOLES,
+        "save_that_loses",
+    ),
+    (f"{RUN}/execute.py", "job.type, job.key, job.seed", "job.name, job.key, job.seed", _HOLES, "name_in_the_graph"),
+    (f"{G}/language/nodecheck.py", "not math.isfinite(item)", "item != item", _HOLES, "numbers_that_are_none"),
+    (f"{CACHE}/store.py", "if found != FORMAT and not whatever:", "if False:", _HOLES, "another_version"),
+    (
+        f"{G}/language/extends.py",
+        "{path.suffix, os.path.splitext(os.path.realpath(path))[1]}",
+        "{path.suffix}",
+        _HOLES,
+        "no_graphs",
+    ),
+    (
+        f"{G}/language/links.py",
+        "            self.reached[key] = max(self.reached.get(key, 0), done)\n",
+        "            pass\n",
+        _GROWTH,
+        "checked_at_once",
+    ),
+    ("exmesh_graph/files.py", "size = 512 * status.st_blocks", "size = status.st_size", _GROWTH, "sizes_are"),
+    (f"{RUN}/backends/worker.py", "if path.stat().st_size > LOG_BYTES:", "if False:", _GROWTH, "talks"),
+    ("exmesh_graph/report/collect.py", "bits & ~ancestors[name]", "bits", _GROWTH, "all_ancestors"),
+)
+
+_LIMITS, _MAYBE = f"{TESTS}/test_graph_limits.py", f"{TESTS}/test_graph_conditions.py"
+_REMOTE, _ENV = f"{TESTS}/test_graph_remote.py", f"{TESTS}/test_graph_environment.py"
+_INSIDE = f"{TESTS}/variants/test_variants_patches_inside.py"
+_FROM, _SHARED = "tests/api/test_api_provenance.py", "tests/api/test_api_sharing.py"
+_TRIED = "waited_for and own"
+
+REACH = _group(
+    "reach: limits, conditions, shared stores, patches, environment, provenance",
+    (
+        f"{RUN}/backends/local.py",
+        "if took > job.limits.get(name, math.inf)",
+        "if took > 1e9",
+        _LIMITS,
+        "past_its_limit and words0",
+    ),
+    (f"{RUN}/backends/local.py", 'if fitting and "ram_gb" not in job.limits:', "if fitting:", _LIMITS, "within"),
+    (
+        f"{RUN}/backends/local.py",
+        "            self._drop(worker)\n        worker.job = None",
+        "        worker.job = None",
+        _LIMITS,
+        "within",
+    ),
+    (f"{RUN}/backends/local.py", 'taken["disk_gb"] = sum(', 'taken["disk_gb"] = 0 * sum(', _LIMITS, "disk"),
+    ("exmesh_graph/resources.py", "process.children(recursive=True)", "()", _LIMITS, "is_measured"),
+    ("exmesh_graph/errors.py", "        seen = seen.__cause__\n", "        seen = None\n", _LIMITS, "what_may_pass"),
+    (
+        f"{RUN}/runner.py",
+        'self.tries[name] < job.limits.get("retries", 0)',
+        'self.tries[name] <= job.limits.get("retries", 0)',
+        _LIMITS,
+        "others_are_not",
+    ),
+    (
+        f"{RUN}/runner.py",
+        "if key in keys or self.later.get(name, 0.0) > time.monotonic():",
+        "if key in keys:",
+        _LIMITS,
+        _TRIED,
+    ),
+    (f"{RUN}/job.py", "limits=bound.limits,", "", _LIMITS, _TRIED),
+    (f"{RUN}/lists.py", "if wired and not any(there) and", "if wired and not all(there) and", _MAYBE, "gaps"),
+    (f"{RUN}/lists.py", "(not port.optional or name in bound.each)", "True", _MAYBE, "switches_its_users_off"),
+    (f"{RUN}/runner.py", "not in (DONE, HIT, IDLE)]", "not in (DONE, HIT)]", _MAYBE, "switches_its_users_off and 0"),
+    (f"{CACHE}/remote.py", "min(_BLOCK, size + 1 - file.tell())", "_BLOCK", _REMOTE, "longer_than"),
+    (f"{CACHE}/remote.py", '> self.limits["gb"] * 1e9', "> 1e30", _REMOTE, "left_there and memory"),
+    (f"{CACHE}/remote.py", '.get(self.limits["seconds"])', ".get(30)", _REMOTE, "hangs"),
+    (f"{CACHE}/remote.py", "& {*_REFUSED}", "& set()", _REMOTE, "mirror"),
+    ("exmesh_graph/api/sharing.py", '"store": str(opened.root)}', "}", _SHARED, "brought_to"),
+    ("exmesh_graph/api/sharing.py", 'if told["id"] != run or not', "if not", _SHARED, "was_changed"),
+    (f"{G}/language/links.py", "if node in self.passed:", "if False:", _INSIDE, "bypass_in_one"),
+    (f"{G}/language/expand.py", '{"bypass", "every", "at"}', '{"bypass"}', _INSIDE, "one_round"),
+    (f"{G}/language/params.py", "not str(value).startswith(ENV)", "False", _ENV, "not_meant"),
+    (f"{G}/variants/values.py", 'params[text].pop("env", None)', "pass", _ENV, "patch_counts"),
+    (
+        f"{G}/variants/draft.py",
+        "for path in parts if within(text, path)",
+        "for path in parts",
+        _INSIDE,
+        "one_round_of_a_block",
+    ),
+    (f"{G}/upkeep/collect.py", "if sweeper.returncode is None:", "if False:", _GC, "process_of_their_own"),
+    (
+        "exmesh_graph/export/stamp.py",
+        """and "customLayerData" not in text.partition("\\n)")[0]""",
+        "",
+        _FROM,
+        "published_usd",
+    ),
+    (
+        "exmesh_graph/api/provenance.py",
+        "words = [_last_of(word) for word in",
+        "words = [word for word in",
+        _FROM,
+        "nothing_public",
+    ),
+)
+
+MUTANTS = [*CORE, *HOLES, *REACH]
