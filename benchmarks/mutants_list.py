@@ -30,7 +30,7 @@ CORE = _group(
     "core: keys, code, store, leases, checkpoints, gc, runs",
     (f"{CACHE}/keys.py", '"seed": bound.seed,', '"seed": 0,', _RUNS, "tuning_is_a_hit"),
     (f"{CACHE}/keys.py", '"version": bound.definition.version,', '"version": "",', _KEYS, "golden"),
-    (f"{CACHE}/keys.py", '"libraries": _versions(bound.definition),', '"libraries": {},', _KEYS, "changes_the_key"),
+    (f"{CACHE}/keys.py", '"libraries": _versions(bound.definition),', '"libraries": {},', _KEYS, "declared_libraries"),
     (f"{CACHE}/keys.py", '"sources": dict(sorted(sources.items())),', '"sources": {},', _KEYS, "sources_change"),
     (
         f"{CACHE}/keys.py",
@@ -91,10 +91,10 @@ CORE = _group(
     (f"{G}/upkeep/collect.py", "if (used or item.path in back) and", "if used and", _GC, "new_record_needs"),
     (
         f"{G}/upkeep/collect.py",
-        "if _used(item.path) == item.used and _rename",
-        "if _rename",
+        "again = [item for item, aside in records if _used(aside) != item.used or item.name in held]",
+        "again: list[Item] = []",
         _GC,
-        "used_after_the_survey",
+        "in_the_trash",
     ),
     (f"{RUN}/execute.py", "        if mark_of(value) != before[port]:", "        if False:", _RUNS, "in_place"),
     (f"{RUN}/runner.py", "action = None if bound.name in self.force else", "action =", _RUNS, "force_replaces"),
@@ -109,7 +109,13 @@ _CLEAN = f"{TESTS}/test_graph_hermetic.py"
 
 HOLES = _group(
     "holes: code that no name leads to, what crosses nodes, saves, formats, growth",
-    (f"{CACHE}/syntax.py", '            if alias.name != "*":\n', "            if True:\n", _UNSEEN, "such_code"),
+    (
+        f"{CACHE}/moduletext.py",
+        "own |= set(syntax.used_by(self.module.tree)) - self.bound - set(dir(builtins))",
+        "own |= set()",
+        _UNSEEN,
+        "such_code",
+    ),
     (f"{CACHE}/syntax.py", "ast.MatchAs, ast.MatchStar, ", "", _UNSEEN, "such_code or match_binds"),
     (
         f"{CACHE}/syntax.py",

@@ -191,11 +191,10 @@ class Document:
         params = {} if judged.tree is None else judged.tree.params
         return Reading(Draft(judged.top, self.packs), self.types, self.folder, self.file, params)
 
-    def ends(self) -> Ends:
-        """What may be connected to what."""
+    def ends(self, node: str = "") -> Ends:
+        """What may be connected to what, in the file that a node stands in."""
         with self.lock:
-            judged = self.judged()
-            return Ends(self.reading(judged), Draft(judged.top, self.packs))
+            return Ends(self.reading(self.judged()).around(node))
 
     def variants(self) -> list[dict[str, Any]]:
         """The variants that the file declares."""

@@ -1,7 +1,7 @@
 """Edits of the page as patches of graph files (graph.variants.patches), so that any of them can become a variant.
 
-Beyond the eight operations the page knows `unset`, `output`, `rename` and `remove` with `force`; they are written as
-patches here.
+Beyond the eight operations the page knows `unset`, `restore`, `output`, `rename` and `remove` with `force`; they are
+written as patches here.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.packs import Packs
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.language.yamlfile import Map, copied
 from exmesh_graph.graph.problems import Where
 from exmesh_graph.graph.variants.draft import Draft, LinkPlace, is_block, is_part, layers_of, refuse
 from exmesh_graph.graph.variants.patches import OPERATIONS, apply_patches
+from exmesh_graph.graph.variants.values import taken_apart
 from exmesh_graph.studio.values import edit_place, mapped, plain
 
 Op = Mapping[str, Any]
@@ -38,6 +39,8 @@ def with_edit(top: Map, ops: Sequence[Op], op: Any, packs: Packs, folder: Path) 
     mapped(op, place)  # refuses what no graph file can hold
     if "unset" in op:
         return _unset(top, ops, str(op["unset"]), packs, folder)
+    if "restore" in op:
+        return _restored(top, ops, str(op["restore"]), packs, folder)
     draft = Draft(patched(top, ops, packs, folder), packs)
     new: list[Op]
     if "output" in op:
@@ -50,7 +53,7 @@ def with_edit(top: Map, ops: Sequence[Op], op: Any, packs: Packs, folder: Path) 
         known = [name for name in op if name in OPERATIONS]
         if len(known) != 1:
             raise GraphError(f"{', '.join(map(repr, op)) or 'nothing'} names no edit", where="an edit",
-                             expected=", ".join([*OPERATIONS, "unset", "output", "rename"]))  # fmt: skip
+                             expected=", ".join([*OPERATIONS, "unset", "restore", "output", "rename"]))  # fmt: skip
         new = [{key: value for key, value in op.items() if key != "force"}]
     result = [*_without_repeats(ops, new), *new]
     if len(result) > MOST:
@@ -83,19 +86,35 @@ def _unset(top: Map, ops: Sequence[Op], target: str, packs: Packs, folder: Path)
     return [*ops, {"set": target, "to": plain(field.get_default(call_default_factory=True))}]
 
 
+def _restored(top: Map, ops: Sequence[Op], target: str, packs: Packs, folder: Path) -> list[Op]:
+    """Take the edit back that bypassed a node, or one round of it."""
+    kept = [op for op in ops if op.get("bypass") != target]
+    if len(kept) == len(ops):
+        fix = "take `bypass:` out of its text, or undo the edit"
+        refuse(edit_place(folder, len(ops) + 1), f"no edit bypassed {target}: its file does", fix=fix)
+    patched(top, kept, packs, folder)  # what is left must still be possible
+    return kept
+
+
 def _freed(draft: Draft, names: Any, where: Where) -> list[Op]:
     """Patches that take away optional wires, and outputs, that lead to nodes which are to be removed."""
-    paths = [draft.address(name, where, key=False).path for name in (names if isinstance(names, list) else [names])]
+    listed = [str(name) for name in (names if isinstance(names, list) else [names])]
+    whole = Draft(copied(draft.top), draft.packs)
+    homes = [taken_apart(whole, name, key=False) for name in listed]
+    if len({id(home.top) for home, _ in homes}) != 1:
+        return []  # refused where they are removed
+    draft, prefix = homes[0][0], listed[0].removesuffix(homes[0][1])
+    paths = [draft.address(name, where, key=False).path for _, name in homes]
     ops: list[Op] = []
     for place, _ in draft.users(*paths):
         if place.owner == "outputs":
-            ops.append({"disconnect": place.label})
+            ops += [] if prefix else [{"disconnect": place.label}]
         else:
             entry = draft.entries[place.owner]
             kind = None if is_block(entry) or is_part(entry) else draft.kind(entry)
             port = None if kind is None else kind.inputs.get(str(place.key))
             if port is not None and port.optional and place.holder is entry:
-                ops.append({"disconnect": place.label})
+                ops.append({"disconnect": f"{prefix}{place.label}"})
     return ops
 
 

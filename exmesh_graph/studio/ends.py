@@ -9,7 +9,7 @@ from typing import Any
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.ports import Port, Signature, signature_of, type_name
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.variants.draft import Draft, home_of, is_block, is_link, is_part, within
+from exmesh_graph.graph.variants.draft import home_of, is_block, is_link, is_part, within
 from exmesh_graph.studio.reading import Reading
 from exmesh_graph.studio.typefacts import port_facts
 
@@ -18,7 +18,8 @@ from exmesh_graph.studio.typefacts import port_facts
 class End:
     """One end of a possible wire: `side` is "" outside of a block, "carry" or "next" inside it.
 
-    `port` is None for a component's only end and for what carries whatever it is given.
+    What a sub-graph is given stands in its file at the side "inputs" of no node. `port` is None for a component's only
+    end and for what carries whatever it is given.
     """
 
     node: str
@@ -30,20 +31,18 @@ class End:
     @property
     def shown(self) -> str:
         word = f".{self.side}" if self.side else ""
-        return f"{self.node}{word}.{self.name}" if self.name else self.node
+        return f"{self.node}{word}.{self.name}".lstrip(".") if self.name else self.node
 
 
 class Ends:
-    """The ends of one graph."""
+    """The ends in one file: of the graph, or of a sub-graph, whose nodes are asked for by their whole names."""
 
-    def __init__(self, reading: Reading, draft: Draft) -> None:
-        self.reading, self.draft = reading, draft
-        self.wires = list(reading.wires())
+    def __init__(self, reading: Reading) -> None:
+        self.reading, self.draft = reading, reading.draft
+        self.wires = [((self._own(a), b, c), (self._own(d), e, f)) for (a, b, c), (d, e, f) in reading.ends()]
         self.after: dict[str, set[str]] = {}
-        for wire in self.wires:
-            self.after.setdefault(_place(wire["from"][0], wire["from"][2], source=True), set()).add(
-                _place(wire["to"][0], wire["to"][2], source=False)
-            )
+        for (start, _, side), (end, _, other) in self.wires:
+            self.after.setdefault(_place(start, side, source=True), set()).add(_place(end, other, source=False))
         for path, entry in reading.entries.items():
             if isinstance(entry, Map):
                 self.after.setdefault(f"{path}#in", set()).add(f"{path}#out")
@@ -54,25 +53,27 @@ class Ends:
 
     def target_name(self, node: str, port: str, side: str) -> str:
         """What a patch calls an input."""
-        return _named(End(node, port, side, None), is_block(self.reading.entries.get(node)))
+        return self.reading.prefix + _named(End(node, port, side, None), is_block(self.reading.entries.get(node)))
 
     def for_input(self, node: str, port: str, side: str) -> dict[str, Any]:
         """What may lead into an input. Raises GraphError where there is no such input."""
+        whole, node = node, self._own(node)
         target = self._input(node, port, side)
-        used = {wire["from"] for wire in self.wires if wire["to"] == (node, port, side)}
+        used = {start for start, end in self.wires if end == (node, port, side)}
         behind = self._reached(_place(node, side, source=False), self.after)
         rows = []
         for source in self.sources():
             loop = _place(source.node, source.side, source=True) in behind
             why = self.why_not(source, target, loop)
-            rows.append({"node": source.node, "port": source.name, "side": source.side,
+            rows.append({"node": self._whole(source.node), "port": source.name, "side": source.side,
                          "link": self.link(source, target), "ok": not why, "why": why,
                          "in_use": (source.node, source.name, source.side) in used})  # fmt: skip
         return {"port": _facts(target), "target": self.target_name(node, port, side),
-                "ends": _best_first(rows, node), "types": self._types_for(target)}  # fmt: skip
+                "ends": _best_first(rows, whole), "types": self._types_for(target)}  # fmt: skip
 
     def for_output(self, node: str, port: str, side: str) -> dict[str, Any]:
         """Where an output may lead. Raises GraphError where there is no such output."""
+        whole, node = node, self._own(node)
         source = next((s for s in self.sources() if (s.node, s.name, s.side) == (node, port, side)), None)
         if source is None:
             raise GraphError(f"there is no output {node}.{port}".rstrip("."))
@@ -82,13 +83,16 @@ class Ends:
             loop = _place(target.node, target.side, source=False) in before
             why = self.why_not(source, target, loop)
             rows.append({
-                "node": target.node, "port": target.name, "side": target.side, "target": _named(target, block),
+                "node": self._whole(target.node), "port": target.name, "side": target.side,
+                "target": self.reading.prefix + _named(target, block),
                 "link": self.link(source, target), "ok": not why, "why": why,
             })  # fmt: skip
-        return {"port": _facts(source), "ends": _best_first(rows, node), "types": self._types_taking(source)}
+        return {"port": _facts(source), "ends": _best_first(rows, whole), "types": self._types_taking(source)}
 
     def sources(self) -> Iterator[End]:
-        """All outputs: of nodes, components, blocks and sub-graphs, and what blocks carry into their rounds."""
+        """All outputs: of nodes, components, blocks and sub-graphs, what blocks carry into their rounds, own inputs."""
+        for name, port in self.reading.ports.items():
+            yield End("", name, "inputs", port)
         for path, entry in self.reading.entries.items():
             if is_block(entry):
                 for name in entry.get("carry") or ():
@@ -151,19 +155,20 @@ class Ends:
 
     def link(self, source: End, target: End) -> str:
         """How a link from the one end to the other is written."""
-        if source.side == "carry":
-            return f"@carry.{source.name}"
+        if source.side:
+            return f"@{source.side}.{source.name}"
         return f"@{source.node.rpartition('.')[2]}" + (f".{source.name}" if source.name else "")
 
     def swaps(self, node: str) -> list[dict[str, Any]]:
         """The types that a node can become, those first that fit all its wires; `ports` renames those that differ."""
+        node = self._own(node)
         entry = self.reading.entries.get(node)
         old = self.reading.kinds.get(node)
         if not isinstance(entry, Map) or old is None:
             raise GraphError(f"there is no node {node!r} that can be another one")
         wired = [str(key) for key, value in entry.items() if is_link(value) and key in old.inputs]
-        used = {wire["from"][1] for wire in self.wires if wire["from"][0] == node}
-        used |= {out["port"] for out in self.reading.outputs() if out["node"] == node}
+        used = {start[1] for start, _ in self.wires if start[0] == node}
+        used |= {out["port"] for out in self.reading.outputs() if self._own(out["node"]) == node}
         rows = []
         for name in self.draft.packs.types:
             new = signature_of(self.draft.packs, name)
@@ -174,6 +179,14 @@ class Ends:
             rows.append({"type": name, "ok": not why, "why": why, "ports": ports, "near": near})
         family = str(self.draft.read(entry, "type")).partition(".")[0]
         return sorted(rows, key=lambda r: (not r["ok"], r["type"].partition(".")[0] != family, -r["near"], r["type"]))
+
+    def _own(self, node: str) -> str:
+        """The name of a node in this file; none for the sub-graph itself."""
+        prefix = self.reading.prefix
+        return "" if prefix and node == prefix[:-1] else node.removeprefix(prefix)
+
+    def _whole(self, node: str) -> str:
+        return f"{self.reading.prefix}{node}".rstrip(".")
 
     def _input(self, node: str, port: str, side: str) -> End:
         found = next((t for t in self.targets() if (t.node, t.name, t.side) == (node, port, side)), None)

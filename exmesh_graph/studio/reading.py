@@ -37,6 +37,7 @@ class Reading:
     params: Mapping[str, Value] = field(default_factory=dict)
     prefix: str = ""
     depth: int = 0
+    ports: Mapping[str, Port] = field(default_factory=dict)  # that the file declares as inputs
 
     def __post_init__(self) -> None:
         self.entries = self.draft.entries
@@ -48,6 +49,12 @@ class Reading:
         if self.depth < _DEEPEST:
             self.parts = {path: self._part(path, entry) for path, entry in self.entries.items() if is_part(entry)}
         self._ends: dict[tuple[str, str], Port | None] = {}
+
+    def around(self, node: str) -> Reading:
+        """The file that a node stands in: this one, or that of a sub-graph."""
+        parts = (part.reading for part in self.parts.values() if part is not None)
+        inner = next((reading for reading in parts if node.startswith(reading.prefix)), None)
+        return self if inner is None else inner.around(node)
 
     # --- nodes
 
@@ -98,7 +105,7 @@ class Reading:
         declared = () if part is None else graph_parameters(part.tree, f"{self.prefix}{path}.")
         return {
             **self._common(path, entry, "part"),
-            "type": str(entry.get("graph", "")), "graph": str(entry.get("graph", "")),
+            "type": _file_of(entry), "graph": _file_of(entry),
             "inputs": [port_facts(port) for port in ports.values()], "outputs": outputs,
             "parameters": [{**one, "set": one["name"] in entry} for one in declared],
             **told(wired=[name for name in ports if is_link(entry.get(name))]),
@@ -112,7 +119,7 @@ class Reading:
                 parent=f"{self.prefix}{scope}" if scope else self.prefix.rstrip("."),
                 comment=str(entry.get("doc") or "").strip(),
                 file="" if entry.where.file == self.file else shown_path(entry.where.file, self.folder),
-                inside=bool(self.prefix),
+                inside=bool(self.prefix), bypassed=entry.get("bypass") is not None,
             ),
         }  # fmt: skip
 
@@ -161,6 +168,10 @@ class Reading:
             if part is not None:
                 yield from part.reading.wires()
                 yield from part.reading.published()
+
+    def ends(self) -> Iterator[tuple[End, End]]:
+        """Both ends of each wire."""
+        return ((wire["from"], wire["to"]) for wire in self.wires())
 
     def published(self) -> Iterator[dict[str, Any]]:
         """The wires of a sub-graph from its nodes to its outputs."""
@@ -231,11 +242,15 @@ class Reading:
         files = PartFiles(problems)
         where = entry.lines["graph"]
         try:
-            name = substitute(entry["graph"], self.params, where, problems)
-            file = files.path(name, where, (self.file.resolve(),))
-            if file is None:
-                return None
-            merged = files.merged(file, where, entry.get("nodes"))
+            if isinstance(entry["graph"], Map):  # a copy of a file, which patches changed
+                merged = entry["graph"]
+                file = merged.where.file or self.file
+            else:
+                name = substitute(entry["graph"], self.params, where, problems)
+                found = files.path(name, where, (self.file.resolve(),))
+                if found is None:
+                    return None
+                file, merged = found, files.merged(found, where, entry.get("nodes"))
             known = merged.get("params") or {}
             given = {
                 str(key): Value(self._resolved(entry, key), entry.lines[key], where.base)
@@ -245,10 +260,10 @@ class Reading:
             tree = tree_of(merged, file, (), problems, given)
         except GraphErrors:
             return None
-        inner = Draft(merged, self.draft.packs)
+        inner, ports = Draft(merged, self.draft.packs), input_ports(tree, problems)
         prefix = f"{self.prefix}{path}."
-        reading = Reading(inner, self.facts, self.folder, self.file, tree.params, prefix, self.depth + 1)
-        return Part(tree, input_ports(tree, problems), reading)
+        reading = Reading(inner, self.facts, self.folder, self.file, tree.params, prefix, self.depth + 1, ports)
+        return Part(tree, ports, reading)
 
 
 @dataclass(frozen=True)
@@ -295,6 +310,12 @@ def _wire(start: End, end: End, text: str, target: str, when: str | None, port: 
         "from": start, "to": end, "text": text, "label": "" if port is None else str(port),
         **told(target="" if target == usual else target, rounds=when),
     }  # fmt: skip
+
+
+def _file_of(entry: Map) -> str:
+    """What a sub-graph is called by: its file, of a changed copy as well."""
+    graph = entry.get("graph")
+    return f"{graph.where.file.name if graph.where.file else ''} (changed)" if isinstance(graph, Map) else str(graph)
 
 
 def _port_like(name: str, port: Port | None) -> dict[str, Any]:

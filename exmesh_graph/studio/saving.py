@@ -41,6 +41,9 @@ def edited_text(text: str, file: Path, before: Map, after: Map, packs: Packs) ->
     own = _own(text, file)
     base = _base(own, file)
     result, todo = text, list(changes(before, after))
+    for path, value in todo:
+        if path[-1] == "graph" and isinstance(value, Mapping):
+            raise GraphError(f"nodes were added, removed or swapped inside the sub-graph {path[-2]}", fix=_VARIANT)
     renames = list(_renames(todo, before, own, base))
     for old, new in renames:
         result = with_name(renamed(result, old, new[-1]), old, new[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache.keys import artifact_digest, canonical, digest_of, key_of, preimage_of
+from exmesh_graph.graph.declare.packs import current
 
 INPUTS = {"a": ("Number", "1" * 64), "b": ("Number", "2" * 64)}
 
@@ -78,6 +80,16 @@ def test_what_changes_the_key(bench: Any, old: str, new: str) -> None:
 def test_code_and_sources_change_the_key(bench: Any) -> None:
     assert key(bench, CONST) != key(bench, CONST, code="d" * 64)
     assert key(bench, CONST) != key(bench, CONST, sources={"f": "d" * 64})
+
+
+def test_versions_of_declared_libraries_change_the_key(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    bound = bench.check(CONST).nodes["x"]
+    plain, declared = bound, replace(bound, definition=replace(bound.definition, libraries=("numpy",)))
+    keys = {key_of(preimage_of(one, "c", {}, {})) for one in (plain, declared)}
+    assert len(keys) == 2
+    monkeypatch.setitem(current().versions, "numpy", "0.0.1")
+    assert key_of(preimage_of(plain, "c", {}, {})) in keys
+    assert key_of(preimage_of(declared, "c", {}, {})) not in keys
 
 
 def test_paths_stay_out(bench: Any) -> None:

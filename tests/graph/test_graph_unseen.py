@@ -31,6 +31,11 @@ from exmesh_graph.graph.declare.node import node
 from exmesh_graph.params import Params, param
 from ._stars import *
 from . import tools, registry, effect
+from . import alone
+try:
+    from unseen_pack.tools import param as chosen
+except ImportError:
+    from exmesh_graph.params import param as chosen
 
 def tuned(x, *, by=param(101, doc="No field of parameters.")):
     return x + by
@@ -51,11 +56,14 @@ class Inner(Params):
 class Outer(Params):
     weight: float = param(105, doc="Only a parameter.")
 
+class Maybe(Params):
+    weight: float = chosen(110)
+
 @registered(106)
 def by_star(x):
     return x
 
-def more_of(plug, other):
+def more_of(plug, other, maybe: Maybe = None):
     return plug.f() + other.f() + len(lone)
 
 @registry.node("t.x", 107)
@@ -80,6 +88,7 @@ FILES = {
     "tools.py": "def param(x):\n    return x + 202\ndef build():\n    return param(203)\n",
     "registry.py": "TABLE = {}\ndef node(name, n):\n    return lambda f: TABLE.setdefault((name, n), f)\n",
     "effect.py": "from . import registry\nregistry.TABLE['x'] = 206\n",
+    "alone.py": "from . import registry\nregistry.TABLE['y'] = 207\n",
     "plug.py": "def f():\n    return 204\n",
     "plug_two.py": "def f():\n    return 205\n",
 }
@@ -125,7 +134,9 @@ def edit(path: Path, old: str, new: str) -> None:
         ("nodes.py", 107, True),  # by another's decorator called node
         ("nodes.py", 108, True),  # another's function called param
         ("nodes.py", 109, True),  # in a `match` of which only the name it binds is used
-        ("effect.py", 206, True),  # imported for its effect alone
+        ("nodes.py", 110, True),  # what may be ours or another's `param`
+        ("effect.py", 206, True),  # imported for its effect alone, beside what is used
+        ("alone.py", 207, True),  # imported for its effect alone
         ("_stars.py", 201, True),  # out of `import *`
         ("tools.py", 203, True),  # in a module with a `param` of its own
         ("plug.py", 204, True),  # importlib.import_module("text")

@@ -18,8 +18,10 @@ pytestmark = pytest.mark.slow
 
 PART = """\
 inputs: {number: {type: Number}}
-nodes: {twice: {type: toy.add, a: "@inputs.number", b: "@inputs.number"}}
-outputs: {number: "@twice.number"}
+nodes:
+  twice: {type: toy.add, a: "@inputs.number", b: "@inputs.number"}
+  more: {type: toy.step, state: "@twice.number"}
+outputs: {number: "@more.state"}
 """
 RUNS = """\
 name: runs
@@ -116,6 +118,37 @@ def test_rounds_and_sub_graphs_fold_and_open(page: Any) -> None:
     assert page.locator('[data-node="part.twice"]').count() == 0
 
 
+def test_inside_sub_graphs_and_in_one_round(page: Any) -> None:
+    page.keyboard.press("f")
+    select(page, "part.more")
+    page.click(".inspector button:text-is('Bypass')")
+    page.wait_for_selector('[data-node="part.more"][data-state=bypassed]')
+    keep(page, "bypassed")
+    page.click(".inspector button:text-is('Use it again')")
+    page.wait_for_selector('[data-node="part.more"]:not([data-state=bypassed])')
+    page.click(".inspector button:text-is('Swap…')")
+    page.click(".swaps button:has-text('toy.leap')")
+    page.wait_for_selector('[data-node="part.more"]:has-text("toy.leap")')
+    page.keyboard.press("a")
+    page.locator(".window select").select_option("part")
+    page.fill(".window input[type=search]", "toy.const")
+    page.click(".window .list button:has-text('toy.const')")
+    page.keyboard.press("Enter")
+    page.wait_for_selector('[data-node="part.const"]')
+    page.keyboard.press("Delete")
+    page.wait_for_selector('[data-node="part.const"]', state="detached")
+    for _ in range(3):
+        undone(page)
+    page.wait_for_selector(".dirty", state="detached")
+    select(page, "rounds.leap", "Parameters")
+    page.locator(".round-choice select").select_option("2")
+    page.click(".inspector button:text-is('Bypass in round 2')")
+    page.locator('[data-frame="rounds"] .switch button').nth(2).click()
+    page.wait_for_selector('[data-node="rounds.leap"][data-state=bypassed]', state="attached")
+    assert page.locator('[data-node="rounds.leap"][data-state=bypassed]').count() == 1
+    undone(page)
+
+
 def test_edits_are_saved_in_place_and_as_a_child(page: Any, folder: Path) -> None:
     before = (folder / "small.yaml").read_text()
     change(page, "one", "value", "7")
@@ -165,6 +198,7 @@ def test_a_run_is_stopped_gone_on_with_fails_and_tells_why(page: Any, folder: Pa
     # what it would take to mend it, and the run as it was
     change(page, "bad", "value", "0")
     page.wait_for_selector(".plan:has-text('would run')")
+    page.wait_for_selector('[data-node="bad"][data-state=run]')  # other work than that which failed
     select(page, "bad", "State")
     page.wait_for_selector(".why:has-text('value')")  # why it must run: the parameter that was changed
     page.click("button.run")

@@ -37,17 +37,14 @@ def why(workspace: Workspace, query: Query) -> Any:
 
 
 def ends(workspace: Workspace, query: Query) -> Any:
-    told, node, port, side = (
-        workspace.document.ends(),
-        query.needed("node"),
-        query.get("port", ""),
-        query.get("side", ""),
-    )
+    node, port, side = query.needed("node"), query.get("port", ""), query.get("side", "")
+    told = workspace.document.ends(f"{node}." if side == "inputs" else node)
     return told.for_output(node, port, side) if query.get("output") else told.for_input(node, port, side)
 
 
 def swaps(workspace: Workspace, query: Query) -> Any:
-    return {"types": workspace.document.ends().swaps(query.needed("node"))}
+    node = query.needed("node")
+    return {"types": workspace.document.ends(node).swaps(node)}
 
 
 def text(workspace: Workspace, query: Query) -> Any:

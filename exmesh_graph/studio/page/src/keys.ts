@@ -2,7 +2,8 @@
 import { lookAtNode } from "./panels/Results";
 import { toggleMark } from "./panels/NodeHead";
 import { edit, redo, startRun, undo } from "./state/actions";
-import { nodeOf, now, set } from "./state/store";
+import { isBypassed } from "./graph/states";
+import { nodeOf, now, roundsOf, set } from "./state/store";
 
 export function keys(event: KeyboardEvent): void {
   const target = event.target as HTMLElement, typing = target.closest("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]");
@@ -23,7 +24,7 @@ export function keys(event: KeyboardEvent): void {
   else if (key === "l") set({ dock: s.dock === "full" ? "open" : "full", tab: "look" });
   else if (key === "f") document.querySelector<HTMLButtonElement>(".react-flow__controls-fitview")?.click();
   else if (node && key === "m") toggleMark(node.id);
-  else if (node && edits && key === "b" && node.editable.includes("bypass")) void edit({ bypass: node.id });
+  else if (node && edits && key === "b" && node.editable.includes("bypass")) { const rounds = roundsOf(node), round = rounds.length > 1 ? s.round : null; void edit({ [isBypassed(node, round) ? "restore" : "bypass"]: round ? rounds[round - 1] : node.id }); }
   else if (node && edits && (key === "delete" || key === "backspace") && node.editable.includes("remove")) { done(); void edit({ remove: node.id, force: true }); }
   else if (node && key === "enter" && !target.closest("button, a")) lookAtNode(node);
 }

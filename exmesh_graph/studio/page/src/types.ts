@@ -20,7 +20,7 @@ export interface Layer { when: string; round: number; type: string; set: { [name
 export interface GraphNode {
   id: string; name: string; kind: "node" | "component" | "block" | "part"; type: string; family: string; parent: string;
   doc: string; comment: string; version: string; traits: string[]; file: string; line: number; names: string[]; inputs: Port[]; outputs: Port[]; parameters: Parameter[]; layers: Layer[];
-  problems: number; editable: string[]; repeat?: number; repeat_text?: string; graph?: string;
+  problems: number; editable: string[]; bypassed: boolean; repeat?: number; repeat_text?: string; graph?: string;
 }
 
 export interface End { node: string; port: string; side: string }
@@ -80,7 +80,7 @@ export interface Progress { step: number; total: number; left: number | null; fi
 export interface NodeState {
   name: string; id: string; type: string; state: string; seconds: number | null; spent: number | null;
   peak_memory: number | null; began: number | null; progress: Progress | null; warnings: string[]; outputs: Outputs | null;
-  failure: Failure | null;
+  failure: Failure | null; key?: string | null;
 }
 export interface RunDetail extends Run { nodes_detail: NodeState[]; command: string; machine: { [key: string]: Json } }
 

@@ -61,9 +61,9 @@ export function Canvas() {
     before.current = height;
   }, [height, getViewport, setViewport]);
   useFit(drawn, fitView, setCenter);
-  const reveal = useCallback((id: string) => {
+  const reveal = useCallback((id: string, duration = still() ? 0 : 200) => {
     const rect = drawn?.layout.boxes.get(id) ?? drawn?.layout.frames.get(id);
-    if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7 * large()), duration: still() ? 0 : 200 });
+    if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7 * large()), duration });
   }, [drawn, setCenter, getZoom]);
   useEffect(() => {
     const go = (event: Event) => reveal((event as CustomEvent<string>).detail);
@@ -81,7 +81,7 @@ export function Canvas() {
     const rect = drawn.layout.boxes.get(running), { x, y, zoom } = getViewport();
     if (!rect) return;
     const left = rect.x * zoom + x, top = rect.y * zoom + y;
-    if (left < 20 || top < 20 || left + rect.width * zoom > width - 20 || top + rect.height * zoom > height - 20) reveal(running);
+    if (left < 20 || top < 20 || left + rect.width * zoom > width - 20 || top + rect.height * zoom > height - 20) reveal(running, 0); // at once: a picture that glides takes time from the run
   }, [running, pursue, drawn, width, height, reveal, getViewport]);
 
   const valid = useCallback((connection: Connection | Edge) => {
@@ -140,9 +140,7 @@ export function Canvas() {
 
 const idOf = (node: Node): string => (node.data as { box?: { node: { id: string } }; frame?: { node: { id: string } } }).box?.node.id ?? (node.data as { frame: { node: { id: string } } }).frame.node.id;
 function choose(node: Node): void {
-  const box = (node.data as { box?: { names: string[]; fixed: boolean } }).box;
-  const round = box?.fixed && box.names.length === 1 ? Number(/\[(\d+)\]/.exec(box.names[0])?.[1] ?? 0) || null : null;
-  set({ selected: idOf(node), round });
+  set({ selected: idOf(node), round: (node.data as { box?: Box }).box?.round ?? null });
 }
 
 function mapColour(node: Node): string {

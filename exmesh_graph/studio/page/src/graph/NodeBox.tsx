@@ -7,7 +7,7 @@ import { useStudio } from "../state/store";
 import { seconds } from "../text";
 import type { Box, Row } from "./picture";
 import { Busy } from "../panels/Busy";
-import { SIGNS, WORDS, stateOf } from "./states";
+import { SIGNS, WORDS, isBypassed, stateOf } from "./states";
 import { refusal, useDrawing } from "./wires";
 
 export const wireKind = (label: string): string => {
@@ -25,7 +25,7 @@ export const NodeBox = memo(function NodeBox({ data, selected }: NodeProps & { d
   const marked = useStudio((s) => s.marked.has(node.id));
   const again = useStudio((s) => Boolean(s.preview?.names.includes(node.id)));
   const rounds = state.of > 1 ? (state.state === "running" || (state.done && state.done < state.of) ? `${state.done}/${state.of}` : `×${state.of}`) : "";
-  const component = node.kind === "component", shown = component ? "none" : state.state;
+  const component = node.kind === "component", out = isBypassed(node, box.round), shown = component ? "none" : out ? "bypassed" : state.state;
   const words = [WORDS[shown], state.reason].filter(Boolean).join(": ");
   return (
     <div className={`box is-${shown} kind-${node.kind}${selected ? " selected" : ""}${again ? " again" : ""}`} title={words}
@@ -38,7 +38,7 @@ export const NodeBox = memo(function NodeBox({ data, selected }: NodeProps & { d
       </div>
       <div className="box-type">
         <span>{node.type || (node.kind === "part" ? node.graph : `repeat × ${node.repeat ?? ""}`)}</span>
-        <span className="box-seconds">{state.figures || [rounds, state.seconds !== null ? `${state.expected ? "≈ " : ""}${seconds(state.seconds)}` : ""].filter(Boolean).join(" · ")}</span>
+        <span className="box-seconds">{!out && (state.figures || [rounds, state.seconds !== null ? `${state.expected ? "≈ " : ""}${seconds(state.seconds)}` : ""].filter(Boolean).join(" · "))}</span>
       </div>
       {shown === "running" && <div className="box-bar"><i style={{ width: `${100 * state.part}%` }} /></div>}
       {box.inputs.map((row) => <End key={row.handle} box={box} row={row} />)}

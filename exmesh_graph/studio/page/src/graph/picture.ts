@@ -9,7 +9,7 @@ import { handleOf } from "./ends";
 export const HEAD = 46, ROW = 19, FOOT = 8;
 
 export interface Row { port: Port; handle: string; top: number }
-export interface Box { id: string; node: GraphNode; names: string[]; inputs: Row[]; outputs: Row[]; hidden: number; width: number; height: number; scopes: string[]; fixed: boolean }
+export interface Box { id: string; node: GraphNode; names: string[]; inputs: Row[]; outputs: Row[]; hidden: number; width: number; height: number; scopes: string[]; fixed: boolean; round: number | null }
 export interface Frame { id: string; node: GraphNode; label: string; scopes: string[]; round: number | null }
 export interface Line { id: string; wire: Wire; from: { box: string; handle: string }; to: { box: string; handle: string } }
 export interface Picture { boxes: Box[]; frames: Frame[]; lines: Line[]; layout: Layout }
@@ -128,7 +128,7 @@ function boxOf(node: GraphNode, copy: Copy, allPorts: boolean): Box {
   const width = Math.max(126, 7.7 * node.name.length + 62, 5.7 * (node.type || node.graph || "").length + (node.kind === "component" ? 40 : 88), 6.2 * widest + 50);
   const outs = component ? outputs.map((row) => ({ ...row, top: HEAD / 2 })) : outputs;
   const names = copy.rounds.length ? node.names.filter((name) => copy.rounds.every(([id, round]) => name.startsWith(`${id}[${round}].`) || name.includes(`${id.split(".").pop()}[${round}].`))) : node.names;
-  return { id: copy.id, node, names, inputs, outputs: outs, hidden: node.inputs.length - shown.length, width: Math.round(width), height: HEAD + ROW * count + (count ? FOOT : 0), scopes: copy.scopes, fixed: copy.rounds.length > 0 };
+  return { id: copy.id, node, names, inputs, outputs: outs, hidden: node.inputs.length - shown.length, width: Math.round(width), height: HEAD + ROW * count + (count ? FOOT : 0), scopes: copy.scopes, fixed: copy.rounds.length > 0, round: copy.rounds.at(-1)?.[1] ?? null };
 }
 
 function shapeOf(box: Box): BoxShape {

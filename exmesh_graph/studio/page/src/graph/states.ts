@@ -1,16 +1,16 @@
 // The state of a box: the plan's, with the followed run's over it.
 import type { State } from "../state/store";
-import type { NodeState, Planned } from "../types";
+import type { GraphNode, Layer, NodeState, Planned } from "../types";
 
-export type Shown = "hit" | "run" | "unknown" | "running" | "done" | "failed" | "blocked" | "waiting" | "interrupted" | "idle" | "none";
+export type Shown = "hit" | "run" | "unknown" | "running" | "done" | "failed" | "blocked" | "waiting" | "interrupted" | "idle" | "bypassed" | "none";
 
 export const WORDS: { [state in Shown]: string } = {
   hit: "in the store", run: "would run", unknown: "depends on what runs before", running: "running", done: "ran", failed: "failed",
-  blocked: "blocked by a failure", waiting: "waits", interrupted: "was stopped", idle: "nothing needs it", none: "",
+  blocked: "blocked by a failure", waiting: "waits", interrupted: "was stopped", idle: "nothing needs it", bypassed: "bypassed: what used its output gets what its input got", none: "",
 };
 // Shapes as well as colours: each state has its own sign.
 export const SIGNS: { [state in Shown]: string } = {
-  hit: "●", run: "▷", unknown: "?", running: "◐", done: "✓", failed: "✕", blocked: "⊘", waiting: "…", interrupted: "❚❚", idle: "–", none: "",
+  hit: "●", run: "▷", unknown: "?", running: "◐", done: "✓", failed: "✕", blocked: "⊘", waiting: "…", interrupted: "❚❚", idle: "–", bypassed: "⤳", none: "",
 };
 
 export interface BoxState { state: Shown; seconds: number | null; expected: boolean; done: number; of: number; part: number; figures: string; memory: number; reason: string }
@@ -25,9 +25,21 @@ export function stateOf(s: State, id: string, names: string[]): BoxState {
   const run = s.runs.find((other) => other.id === s.followed), live = Boolean(run && LIVE.has(run.state));
   const told = names.map((name) => s.states.get(name));
   const known = told.filter((node): node is NodeState => Boolean(node && node.state !== ""));
-  const over = s.runGraph !== null || (live && known.length > 0) || known.some((node) => node.state === "failed" && planned?.state !== "hit");
+  const over = s.runGraph !== null || (live && known.length > 0) || known.some((node) => node.state === "failed" && sameWork(node, planned));
   if (over && known.length) return fromRun(names, told);
   return fromPlan(names, planned, known);
+}
+
+// A failure stands until an edit makes other work of the node: then its state is that of the plan.
+function sameWork(node: NodeState, planned: Planned | undefined): boolean {
+  const round = planned?.rounds.find((one) => one.name === node.name);
+  return planned === undefined || (round?.state === "run" && (!node.key || !round.key || node.key === round.key));
+}
+
+// Whether a node is bypassed in all rounds, or in one: the settings of single rounds count more than those of all.
+export function isBypassed(node: GraphNode, round: number | null): boolean {
+  const says = (when: string, fits: (layer: Layer) => boolean) => node.layers.filter((layer) => layer.when === when && "bypass" in layer.set && fits(layer)).map((layer) => layer.set.bypass !== null).pop();
+  return round === null ? node.bypassed : says("at", (layer) => layer.round === round) ?? says("every", (layer) => round % layer.round === 0) ?? node.bypassed;
 }
 
 function fromRun(names: string[], told: (NodeState | undefined)[]): BoxState {

@@ -9,7 +9,7 @@ import { close } from "./Overlays";
 
 export function AddNode() {
   const catalog = useStudio((s) => s.catalog), at = useStudio((s) => s.addAt), graph = useStudio((s) => s.document);
-  const [query, setQuery] = useState(""), [found, setFound] = useState<string[] | null>(null), [chosen, setChosen] = useState(0), [name, setName] = useState(""), [block, setBlock] = useState("");
+  const [query, setQuery] = useState(""), [found, setFound] = useState<string[] | null>(null), [chosen, setChosen] = useState(0), [name, setName] = useState(""), [block, setBlock] = useState(graph?.nodes.find((node) => node.id === at?.node)?.parent ?? "");
   useEffect(() => {
     if (!query.trim()) { setFound(null); return; }
     const stop = new AbortController();
@@ -24,7 +24,7 @@ export function AddNode() {
   }, [catalog, found, at]);
   if (!catalog || !graph) return <p className="soft">…</p>;
   const picked = types[Math.min(chosen, types.length - 1)];
-  const blocks = graph.nodes.filter((node) => node.kind === "block");
+  const blocks = graph.nodes.filter((node) => node.kind === "block" || node.kind === "part");
   const free = (wanted: string, inside: string) => { let name = wanted, k = 2; while (graph.nodes.some((node) => node.id === (inside ? `${inside}.${name}` : name))) name = `${wanted}${k++}`; return name; };
   const suggested = (type: NodeType) => free(type.type.split(".").pop()!.replace(/\W/g, "_"), block);
   const add = async (type: NodeType) => {

@@ -2,14 +2,14 @@
 import { useEffect, useRef, useState } from "react";
 import { get } from "../api";
 import { tell } from "../state/actions";
-import { nodeOf, useStudio } from "../state/store";
+import { nodeOf, roundsOf, useStudio } from "../state/store";
 import type { LogLine } from "../types";
 
 export function Log() {
   const followed = useStudio((s) => s.followed), node = useStudio((s) => nodeOf(s, s.selected)), round = useStudio((s) => s.round), tick = useStudio((s) => s.logTick);
   const [lines, setLines] = useState<LogLine[]>([]), [beat, setBeat] = useState(0), offset = useRef(0), end = useRef<HTMLDivElement>(null), stick = useRef(true);
   const running = useStudio((s) => node?.names.find((name) => s.states.get(name)?.state === "running"));
-  const name = node && node.kind === "node" ? (round !== null ? node.names[round - 1] : running ?? node.names[node.names.length - 1]) : "";
+  const name = node && node.kind === "node" ? (round !== null ? roundsOf(node)[round - 1] : running ?? node.names[node.names.length - 1]) : "";
   useEffect(() => { const timer = setTimeout(() => setBeat((b) => b + 1), 700); return () => clearTimeout(timer); }, [tick]);
   useEffect(() => { offset.current = 0; setLines([]); }, [followed, name]);
   useEffect(() => {

@@ -2,7 +2,8 @@
 import { useState } from "react";
 import { get } from "../api";
 import { edit, startRun, tell } from "../state/actions";
-import { now, set, useStudio } from "../state/store";
+import { now, roundsOf, set, useStudio } from "../state/store";
+import { isBypassed } from "../graph/states";
 import type { GraphNode } from "../types";
 import { ProblemList } from "./Problems";
 
@@ -11,6 +12,8 @@ interface Swap { type: string; ok: boolean; why: string; ports?: { [old: string]
 export function NodeHead({ node }: { node: GraphNode }) {
   const readOnly = useStudio((s) => s.runGraph !== null), marked = useStudio((s) => s.marked.has(node.id)), all = useStudio((s) => s.document?.problems);
   const [swaps, setSwaps] = useState<Swap[] | null>(null);
+  const round = useStudio((s) => s.round), rounds = roundsOf(node), one = round !== null && rounds.length > 1; // one round of a block is chosen
+  const name = one ? rounds[round - 1] : node.id, here = one ? ` in round ${round}` : "", out = isBypassed(node, one ? round : null);
   const can = (what: string) => !readOnly && node.editable.includes(what);
   const problems = (all ?? []).filter((problem) => problem.node === node.id || problem.node.replace(/\[\d+\]/g, "") === node.id);
   return (
@@ -21,16 +24,17 @@ export function NodeHead({ node }: { node: GraphNode }) {
       {node.comment && <p className="comment"># {node.comment}</p>}
       <div className="buttons">
         {node.kind === "node" && !readOnly && <button onClick={() => void startRun([node.id])} title="Run this node and what it needs">▶ Run to here</button>}
-        {can("bypass") && <button onClick={() => void edit({ bypass: node.id })} title="Take it out; what used its output gets what its input got (B)">Bypass</button>}
-        {can("replace") && (node.kind === "node" || node.kind === "component") && <button onClick={() => get<{ types: Swap[] }>("/api/swaps", { node: node.id }).then(({ types }) => setSwaps(types)).catch(tell)} title="Another type with the same ports">Swap…</button>}
+        {can("bypass") && node.kind !== "component" && !out && <button onClick={() => void edit({ bypass: name })} title="Take it out; what used its output gets what its input got (B)">Bypass{here}</button>}
+        {can("bypass") && out && <button onClick={() => void edit({ restore: name })} title="Take the edit back that bypassed it">Use it again{here}</button>}
+        {can("replace") && (node.kind === "node" || node.kind === "component") && <button onClick={() => get<{ types: Swap[] }>("/api/swaps", { node: node.id }).then(({ types }) => setSwaps(types)).catch(tell)} title="Another type with the same ports">Swap{here}…</button>}
         {can("remove") && <button className="danger" onClick={() => void edit({ remove: node.id, force: true })} title="Remove, with optional wires that lead to it (Del)">Remove</button>}
         {!readOnly && (node.kind === "node" || node.kind === "component") && <button aria-pressed={marked} onClick={() => toggleMark(node.id)} title="Mark for the comparison with and without it (M)">◆ {marked ? "Marked" : "Mark"}</button>}
       </div>
       {swaps && (
         <div className="swaps">
-          <p className="soft">Swap for <button className="quiet" onClick={() => setSwaps(null)} aria-label="close">✕</button></p>
+          <p className="soft">Swap{here} for <button className="quiet" onClick={() => setSwaps(null)} aria-label="close">✕</button></p>
           {swaps.length === 0 && <p className="soft">No other type has ports that fit.</p>}
-          {swaps.slice(0, 12).map((swap) => <button key={swap.type} disabled={!swap.ok} title={swap.why} onClick={() => { setSwaps(null); void edit({ replace: node.id, type: swap.type, ...(swap.ports && Object.keys(swap.ports).length ? { ports: swap.ports } : {}) }); }}><code>{swap.type}</code> {!swap.ok && <span className="soft">{swap.why}</span>}</button>)}
+          {swaps.slice(0, 12).map((swap) => <button key={swap.type} disabled={!swap.ok} title={swap.why} onClick={() => { setSwaps(null); void edit({ replace: name, type: swap.type, ...(swap.ports && Object.keys(swap.ports).length ? { ports: swap.ports } : {}) }); }}><code>{swap.type}</code> {!swap.ok && <span className="soft">{swap.why}</span>}</button>)}
         </div>
       )}
       {problems.length > 0 && <ProblemList problems={problems} />}

@@ -2,7 +2,7 @@
 import { useEffect, useState } from "react";
 import { address } from "../api";
 import { artifactOf, tell } from "../state/actions";
-import { now, set, useStudio, type Looked, type State } from "../state/store";
+import { now, roundsOf, set, useStudio, type Looked, type State } from "../state/store";
 import { bytes } from "../text";
 import type { Artifact, GraphNode, Outputs } from "../types";
 
@@ -25,17 +25,17 @@ export function look(side: 0 | 1, digest: string, node: string, port: string, ty
 }
 
 export function Results({ node }: { node: GraphNode }) {
-  const round = useStudio((s) => s.round);
+  const round = useStudio((s) => s.round), rounds = roundsOf(node);
   const states = useStudio((s) => s.states), plan = useStudio((s) => s.document?.plan);
   const made = node.names.map((name) => ({ name, outputs: outputsOf(now(), name, node.id) })).filter(({ outputs }) => Object.keys(outputs).length);
-  const chosen = (round !== null ? made.find(({ name }) => name === node.names[round - 1]) : undefined) ?? made[made.length - 1];
+  const chosen = (round !== null ? made.find(({ name }) => name === rounds[round - 1]) : undefined) ?? made[made.length - 1];
   void states; void plan; // what `made` reads
   if (!chosen) return <p className="soft pad">Nothing yet. Press <b>Run to here</b>; what this node makes can then be looked at.</p>;
   return (
     <div className="results">
-      {node.names.length > 1 && (
-        <label className="round-choice">Round <select value={chosen.name} onChange={(event) => set({ round: node.names.indexOf(event.target.value) + 1 })}>
-          {made.map(({ name }) => <option key={name} value={name}>{node.names.indexOf(name) + 1}</option>)}
+      {rounds.length > 1 && (
+        <label className="round-choice">Round <select value={chosen.name} onChange={(event) => set({ round: rounds.indexOf(event.target.value) + 1 })}>
+          {made.map(({ name }) => <option key={name} value={name}>{rounds.indexOf(name) + 1}</option>)}
         </select></label>
       )}
       {inOrder(node, chosen.outputs).map(([port, output]) => <OutputCard key={`${port}${output.digest}`} digest={output.digest} type={output.type} size={output.bytes} name={chosen.name} port={port} />)}
@@ -56,7 +56,7 @@ export const beside = (one: Looked, two: Looked): void => set((s) => ({ looked: 
 
 // The first output of the round that is chosen, or of the last one that is there.
 export function lookAtNode(node: GraphNode): void {
-  const s = now(), names = s.round !== null ? [node.names[s.round - 1]] : [...node.names].reverse();
+  const s = now(), names = s.round !== null ? [roundsOf(node)[s.round - 1]] : [...node.names].reverse();
   for (const name of names) {
     const first = inOrder(node, outputsOf(s, name ?? node.id, node.id))[0];
     if (first) { look(0, first[1].digest, name ?? node.id, first[0], first[1].type); return; }

@@ -2,30 +2,31 @@
 import { useEffect, useState } from "react";
 import { get } from "../api";
 import { startRun, tell } from "../state/actions";
-import { set, useStudio } from "../state/store";
+import { roundsOf, set, useStudio } from "../state/store";
 import { bytes, seconds } from "../text";
 import type { GraphNode } from "../types";
-import { SIGNS, WORDS, type Shown } from "../graph/states";
+import { SIGNS, WORDS, isBypassed, type Shown } from "../graph/states";
 import { Command, FailureNote } from "./Runs";
 
 interface Reason { node: string; state: string; key: string; reason: string; made: string; lines: string[]; waits_for: string }
 
 export function Why({ node }: { node: GraphNode }) {
   const planned = useStudio((s) => s.document?.plan?.nodes[node.id]), states = useStudio((s) => s.states), round = useStudio((s) => s.round), inRun = useStudio((s) => s.runGraph !== null);
-  const name = node.names[(round ?? node.names.length) - 1] ?? node.id, told = states.get(name);
+  const name = (round !== null ? roundsOf(node)[round - 1] : node.names.at(-1)) ?? node.id, told = states.get(name), out = isBypassed(node, round);
   const [reason, setReason] = useState<Reason | null>(null);
   const revision = useStudio((s) => s.document?.revision), state = planned?.state;
   useEffect(() => {
-    if (inRun) return;
+    if (inRun || out) return;
     let gone = false;
     setReason(null);
     get<Reason>("/api/why", { node: name }).then((found) => { if (!gone) setReason(found); }).catch(tell);
     return () => { gone = true; };
-  }, [name, revision, state, inRun]);
+  }, [name, revision, state, inRun, out]);
   return (
     <div className="why">
       {told?.failure && <FailureNote name={name} failure={told.failure} />}
-      {!inRun && reason && (
+      {out && <section className="card"><h3>{SIGNS.bypassed} {name}: bypassed</h3><p>What used its output gets what its input got.</p></section>}
+      {!inRun && !out && reason && (
         <section className="card">
           <h3>{SIGNS[reason.state as Shown]} {name}: {WORDS[reason.state as Shown] || reason.state}</h3>
           {reason.reason && <p>{reason.reason}</p>}

@@ -1,6 +1,6 @@
 // All that the page knows, in one store; actions live in actions.ts, events from the server in live.ts.
 import { create } from "zustand";
-import type { Artifact, Catalog, Document, Graph, NodeState, Run, RunDetail } from "../types";
+import type { Artifact, Catalog, Document, Graph, GraphNode, NodeState, Run, RunDetail } from "../types";
 
 export type DockTab = "look" | "curves" | "log" | "changes" | "compare";
 export type BlockView = "folded" | "open" | "rounds";
@@ -56,4 +56,10 @@ export function toast(kind: Toast["kind"], text: string, more = ""): void {
 }
 
 export const shownGraph = (s: State): Graph | null => s.runGraph?.graph ?? s.document;
+// The names of a node in the rounds of its block, those among them in which it is bypassed.
+export function roundsOf(node: GraphNode): string[] {
+  const block = nodeOf(now(), node.parent), nested = node.names.some((name) => name.split("[").length > 2);
+  const count = block?.kind === "block" && !nested ? block.repeat ?? 0 : 0;
+  return count ? Array.from({ length: count }, (_, k) => `${node.parent}[${k + 1}].${node.name}`) : node.names;
+}
 export const nodeOf = (s: State, id: string | null) => (id === null ? undefined : shownGraph(s)?.nodes.find((node) => node.id === id));

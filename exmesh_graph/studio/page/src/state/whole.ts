@@ -3,14 +3,14 @@ import type { Document, End, Graph, GraphNode, Json, Layer, NodeType, Parameter,
 
 interface Given { value: Json; text?: string; reference?: string }
 interface SentNode {
-  id: string; kind: GraphNode["kind"]; line: number; type?: string; parent?: string; comment?: string; file?: string; inside?: boolean;
+  id: string; kind: GraphNode["kind"]; line: number; type?: string; parent?: string; comment?: string; file?: string; inside?: boolean; bypassed?: boolean;
   wired?: string[]; given?: { [name: string]: Given }; differ?: string[]; layers?: Layer[]; names?: string[]; problems?: number;
   repeat?: number; repeat_text?: string; graph?: string; inputs?: Port[]; outputs?: Port[]; parameters?: Parameter[];
 }
 interface SentWire { from: [string, string, string]; to: [string, string, string]; text: string; label: string; target?: string; rounds?: string }
 export interface Sent { types: { [type: string]: NodeType }; nodes: SentNode[]; wires: SentWire[] }
 
-const EVERYWHERE = ["set", "connect", "bypass", "remove", "replace", "rename"], INSIDE = ["set", "connect"];
+const INSIDE = ["set", "connect", "bypass", "remove", "replace"], EVERYWHERE = [...INSIDE, "rename"];
 const REPEAT = {
   name: "repeat", type: "int", default: null, required: true, unit: "rounds", doc: "How often the block is unrolled.", ge: 0, gt: null, le: 1000, lt: null,
   multiple_of: null, choices: null, optional: false, tuning: false, auto: "", path: false, value: null, text: "", set: true, reference: "", rounds_differ: false, target: "",
@@ -29,7 +29,7 @@ function whole(sent: SentNode, type: NodeType | undefined, file: string): GraphN
   return {
     id, kind, name: id.slice(id.lastIndexOf(".") + 1), type: block ? "repeat" : sent.type ?? "", family: block ? "repeat" : type?.family ?? (kind === "part" ? "part" : ""), parent: sent.parent ?? "",
     doc: type?.title ?? "", comment: sent.comment ?? "", version: type?.version ?? "", traits: type?.traits ?? [], file: sent.file ?? file, line: sent.line,
-    names: sent.names ?? [id], problems: sent.problems ?? 0, editable: sent.inside ? INSIDE : EVERYWHERE,
+    names: sent.names ?? [id], problems: sent.problems ?? 0, editable: sent.inside ? INSIDE : EVERYWHERE, bypassed: sent.bypassed ?? false,
     inputs: inputs.map((port) => ({ ...port, wired: block || wired.includes(port.port) })), outputs: outputs ?? type?.outputs ?? [],
     layers: sent.layers ?? [], repeat: sent.repeat, repeat_text: sent.repeat_text, graph: sent.graph,
     get parameters() { return (parameters ??= sent.parameters ?? (block ? [REPEAT] : type?.parameters ?? []).map((parameter) => filled(parameter, sent))); },
