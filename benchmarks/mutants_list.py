@@ -203,7 +203,7 @@ REACH = _group(
         "if took > job.limits.get(name, math.inf)",
         "if took > 1e9",
         _LIMITS,
-        "past_its_limit and words0",
+        "past_its_limit and not megabytes and not disk",
     ),
     (f"{RUN}/backends/local.py", 'if fitting and "ram_gb" not in job.limits:', "if fitting:", _LIMITS, "within"),
     (

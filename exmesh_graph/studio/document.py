@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from exmesh_graph.graph.language.check import Checked, check
 from exmesh_graph.graph.language.expand import Unrolled, expand
 from exmesh_graph.graph.language.extends import load_merged
 from exmesh_graph.graph.language.spec import Tree, tree_of
-from exmesh_graph.graph.language.yamlfile import Map
+from exmesh_graph.graph.language.yamlfile import Map, every
 from exmesh_graph.graph.problems import GraphErrors, Problem, Problems, Where, without_rounds
 from exmesh_graph.graph.session import Session
 from exmesh_graph.graph.variants.declared import BASE, Row, rows_of
@@ -30,7 +31,7 @@ from exmesh_graph.studio.faults import counted, fault_facts
 from exmesh_graph.studio.places import Conflict
 from exmesh_graph.studio.reading import Reading, graph_parameters
 from exmesh_graph.studio.typefacts import TypeFacts
-from exmesh_graph.studio.values import plain
+from exmesh_graph.studio.values import EDIT, plain
 
 KEPT = 500
 """States that can be gone back to."""
@@ -140,8 +141,10 @@ class Document:
             )
 
     def changed_on_disk(self) -> bool:
-        """Whether a file that the graph is made of was written since it was read."""
-        return self._stamps() != self.stamps
+        """Whether a file that the graph is made of, those of its sub-graphs too, was written since it was read."""
+        with self.lock:
+            known = dict(self.stamps)
+        return any(_stamp(path) != stamp for path, stamp in known.items())
 
     # --- what comes of it
 
@@ -229,7 +232,7 @@ class Document:
 
     def _read(self) -> None:
         """Read the file with all that it extends; one that cannot be read is an empty graph with the reason."""
-        problems = Problems()
+        problems, began = Problems(), time.time_ns()
         self.unreadable: tuple[Problem, ...] = ()
         self.base = Map(Where(self.file, 1))
         self._judged = None
@@ -239,20 +242,12 @@ class Document:
                 self.base = load_merged(self.file, problems)
         except GraphErrors as error:
             self.unreadable = error.problems
-        self.stamps = self._stamps()
-
-    def _stamps(self) -> dict[str, int]:
-        files = {where.file for where in self.base.lines.values() if where.file is not None} | {self.file}
-        stamps = {}
-        for path in files:
-            try:
-                stamps[str(path)] = path.stat().st_mtime_ns
-            except OSError:
-                stamps[str(path)] = 0
-        return stamps
+        maps = [one for one in every(self.base) if isinstance(one, Map)]
+        files = {where.file for one in maps for where in (one.where, *one.lines.values())}
+        self.stamps = {path: _stamp(path, began) for path in {self.file, *files} if path is not None}
 
     def _judge(self, ops: Sequence[Op]) -> Judged:
-        packs, problems = self.packs, Problems()
+        packs, problems, began = self.packs, Problems(), time.time_ns()
         if self.unreadable:
             return Judged(self.base, None, None, None, self.unreadable)
         top = patched(self.base, ops, packs, self.folder)
@@ -267,10 +262,34 @@ class Document:
             faults = error.problems
         except ExmeshError as error:
             faults = (Problem(error.code, Where(self.file, 1), error.what, expected=error.expected, fix=error.fix),)
+        for path in {*_parts_named(top), *_files_of(unrolled)}:
+            if path is not None and path.name != EDIT and path not in self.stamps:
+                self.stamps[path] = _stamp(path, began)
         return Judged(top, tree, unrolled, checked, faults)
 
     def _near(self) -> bool:
         return self.file.is_relative_to(self.folder)
+
+
+def _files_of(unrolled: Unrolled | None) -> set[Path | None]:
+    """The files that nodes stand in, those of sub-graphs too."""
+    return set() if unrolled is None else {spec.where.file for spec in unrolled.nodes.values()}
+
+
+def _parts_named(top: Map) -> Iterator[Path]:
+    """The files that sub-graphs of a graph name, whether they are there or not."""
+    for one in every(top):
+        if isinstance(one, Map) and isinstance(name := one.get("graph"), str) and "${" not in name:
+            yield (one.lines["graph"].base / name).absolute()
+
+
+def _stamp(path: Path, read: int | None = None) -> int:
+    """When a file was written last; 0 where it is gone, -1 where that was since `read`, when its reading began."""
+    try:
+        stamp = path.stat().st_mtime_ns
+    except OSError:
+        return 0
+    return -1 if read is not None and read <= stamp <= time.time_ns() else stamp
 
 
 def variant_ops(document_base: Map, name: str) -> list[Op]:

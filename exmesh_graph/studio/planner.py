@@ -15,6 +15,8 @@ from exmesh_graph.studio.plans import plan_facts
 
 EVERY = 20.0
 """Seconds at least between two plans while a run goes on."""
+FRESH = 10.0
+"""Seconds for which a plan is given to whoever asks anew: code, photographs and the store may be others by then."""
 Plan = dict[str, Any]
 
 
@@ -25,6 +27,7 @@ class Planner:
         self._store = store
         self._work = ThreadPoolExecutor(1, "studio-plan")
         self._known: tuple[Judged, int, Future[Plan]] | None = None
+        self._made = 0.0  # when the plan that is known was ready
         self._ticks = 0  # grows when runs may have changed the plan
         self._again_after = 0.0
         self._lock = threading.Lock()
@@ -35,6 +38,9 @@ class Planner:
 
     def soon(self, judged: Judged, wait: float, later: Callable[[], None]) -> Plan | None:
         """The plan where it is ready within `wait` seconds; else None, and `later` is called once it is."""
+        known = self._known
+        if known is not None and known[2].done() and time.monotonic() - self._made > FRESH:
+            self._ticks += 1
         work = self._planning(judged)
         try:
             return work.result(wait)
@@ -76,4 +82,6 @@ class Planner:
 
     def _planned(self, judged: Judged) -> Plan:
         assert judged.checked is not None
-        return plan_facts(judged.checked, self._store())
+        told = plan_facts(judged.checked, self._store())
+        self._made = time.monotonic()
+        return told

@@ -20,6 +20,7 @@ from exmesh_graph.graph.run.rundir import failure_file, is_alive
 _PLAIN = ("time", "event", "node", "step", "total", "message")
 POINTS = 500
 _HELD = 20_000
+_REPORTING = 600.0  # seconds after its end for which a run's report is waited for
 _MOST_RECORD = 64 << 20
 _MOST_EVENTS = 64 << 20
 """Bytes of an events file that are read at first, its end; a record that is larger is not read."""
@@ -51,6 +52,7 @@ class RunView:
         with contextlib.suppress(OSError):
             self._tail.place = max(0, (folder / "events.jsonl").stat().st_size - _MOST_EVENTS)
         self._stamp = 0
+        self._reported = False
         self._untold: dict[str, str] = {}  # nodes that are done, whose outputs the record does not show yet
 
     @property
@@ -86,6 +88,16 @@ class RunView:
         if told or self.state != before:
             told.append(("run", self.facts()))
         return told
+
+    def has_new_report(self) -> bool:
+        """Whether the page of a run that ended a short while ago is there since this was asked last.
+
+        It is written when the run has ended and its folder is let go of, so no event tells of it.
+        """
+        ended = float(self.record.get("finished") or 0.0)
+        before = self._reported or time.time() - ended > _REPORTING
+        self._reported = self._reported or (not before and (self.folder / "report.html").is_file())
+        return self._reported and not before
 
     def facts(self) -> dict[str, Any]:
         """RUN of the contract."""

@@ -20,10 +20,15 @@ Publish = Callable[[str, Mapping[str, Any]], None]
 
 
 class Watcher:
-    """All runs of a folder. `changed` is called when one finished nodes (False), or began or ended (True)."""
+    """All runs of a folder. `changed` is called when one finished nodes (False), or began or ended (True).
 
-    def __init__(self, runs: Path, publish: Publish, changed: Callable[[bool], None]) -> None:
-        self.runs, self.publish, self.changed = runs, publish, changed
+    `besides` is called each time that the folder is listed.
+    """
+
+    def __init__(
+        self, runs: Path, publish: Publish, changed: Callable[[bool], None], besides: Callable[[], None] = lambda: None
+    ) -> None:
+        self.runs, self.publish, self.changed, self.besides = runs, publish, changed, besides
         self.views: dict[str, RunView] = {}
         self.lock = threading.RLock()
         self._end = threading.Event()
@@ -57,15 +62,20 @@ class Watcher:
         news = False
         with self.lock:
             now = time.monotonic()
-            if now - self._listed >= _LIST_EVERY or not self.views:
+            listed = now - self._listed >= _LIST_EVERY or not self.views
+            if listed:
                 news = self._list()
                 self._listed = now
             views = list(self.views.values())
+        if listed:
+            self.besides()
         if news:
             self.changed(True)
         for view in views:
             if view.alive or not view.record:
                 self._refresh(view)
+            elif view.has_new_report():
+                self.publish("runs", {"id": view.id})
 
     def _refresh(self, view: RunView) -> None:
         with self.lock:

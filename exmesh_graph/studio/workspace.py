@@ -62,7 +62,8 @@ class Workspace:
         self.lock = threading.RLock()
         self.hub = Hub()
         self.jobs = Jobs(self.store_folder, self.runs)
-        self.watcher = Watcher(self.runs, self.hub.publish, self._ran)
+        self.watcher = Watcher(self.runs, self.hub.publish, self._ran, self._look_at_disk)
+        self._told_disk = (0, False)  # of which document, and whether its files were changed
         self.labels = Labels(self.store_folder / "studio" / "labels.json")
         self.shelf = Shelf(self.store)
         self.planner = Planner(self.store)
@@ -193,7 +194,8 @@ class Workspace:
     # --- runs
 
     def store(self) -> Store:
-        """The store, opened anew: what other processes recorded since is in it."""
+        """The store, opened anew: what other processes recorded since is in it, and edited code is looked at again."""
+        self.session.packs()
         with self.session:
             return open_store(self.store_folder, self.shared)
 
@@ -285,6 +287,14 @@ class Workspace:
 
     def _tell_plan(self, revision: int) -> None:
         self.hub.publish("plan", {"revision": revision})
+
+    def _look_at_disk(self) -> None:
+        """Tell all pages once a file of the open graph was written by somebody else, or is as it was again."""
+        document = self.document
+        before, now = self._told_disk, (id(document), document.changed_on_disk())
+        self._told_disk = now
+        if now[1] != (before[1] and before[0] == now[0]):
+            self.hub.publish("disk", {"changed": now[1]})
 
     def _ran(self, ended: bool) -> None:
         """A run finished nodes, or ended."""

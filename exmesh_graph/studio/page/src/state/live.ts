@@ -21,6 +21,7 @@ export function listen(): () => void {
   on<{ revision: number }>("document", ({ revision }) => {
     if (now().document?.revision !== revision) loadDocument().catch(tell);
   });
+  on("disk", () => loadDocument().catch(tell));
   on("plan", () => get<{ revision: number; plan: Plan | null }>("/api/plan").then(({ revision, plan }) => set((s) => (s.document && plan && s.document.revision === revision ? { document: { ...s.document, plan, plan_pending: false } } : {}))).catch(tell));
   on<{ id: string }>("runs", ({ id }) => loadRuns().then(() => (id === now().followed ? loadDetails(id) : null)).catch(tell));
   on<Run>("run", (run) => { if (news(run)) takeRun(run); else buffered(`run ${run.id}`, () => takeRun(run), CALM); });
