@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import locale
 import os
 import random
 import time
@@ -63,3 +64,14 @@ def test_global_generators_start_from_the_seed_and_go_on_after_it() -> None:
     assert inside[0] == inside[1]
     assert not set(inside[0]) & set(inside[2])
     assert (first, drawn()) == expected
+
+
+def test_the_locale_is_put_back() -> None:
+    before = locale.setlocale(locale.LC_ALL)
+    with apart(1):
+        try:
+            locale.setlocale(locale.LC_ALL, "C.UTF-8" if before == "C" else "C")
+        except locale.Error:
+            pytest.skip("this system has one locale alone")
+        assert locale.setlocale(locale.LC_ALL) != before
+    assert locale.setlocale(locale.LC_ALL) == before
