@@ -186,7 +186,7 @@ HOLES = _group(
         _GROWTH,
         "checked_at_once",
     ),
-    ("exmesh_graph/files.py", "size = 512 * status.st_blocks", "size = status.st_size", _GROWTH, "sizes_are"),
+    ("exmesh_graph/files.py", "else 512 * own.st_blocks", "else own.st_size", _GROWTH, "sizes_are"),
     (f"{RUN}/backends/worker.py", "if path.stat().st_size > LOG_BYTES:", "if False:", _GROWTH, "talks"),
     ("exmesh_graph/report/collect.py", "bits & ~ancestors[name]", "bits", _GROWTH, "all_ancestors"),
 )
