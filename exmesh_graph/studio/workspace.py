@@ -66,7 +66,7 @@ class Workspace:
         self._told_disk = (0, False)  # of which document, and whether its files were changed
         self.labels = Labels(self.store_folder / "studio" / "labels.json")
         self.shelf = Shelf(self.store)
-        self.planner = Planner(self.store)
+        self.planner = Planner(self._store_and_code)
         self.places = Places(self.folder, self.store_folder / "studio" / "graphs", self.runs)
         self.document = self._opened(self.file, variant, [_as_edit(text) for text in sets])
 
@@ -194,8 +194,7 @@ class Workspace:
     # --- runs
 
     def store(self) -> Store:
-        """The store, opened anew: what other processes recorded since is in it, and edited code is looked at again."""
-        self.session.packs()
+        """The store, opened anew: what other processes recorded since is in it."""
         with self.session:
             return open_store(self.store_folder, self.shared)
 
@@ -287,6 +286,11 @@ class Workspace:
 
     def _tell_plan(self, revision: int) -> None:
         self.hub.publish("plan", {"revision": revision})
+
+    def _store_and_code(self) -> Store:
+        """The store, with edited code looked at again."""
+        self.session.packs()
+        return self.store()
 
     def _look_at_disk(self) -> None:
         """Tell all pages once a file of the open graph was written by somebody else, or is as it was again."""

@@ -81,6 +81,38 @@ def test_a_plan_that_is_asked_for_later_sees_edited_files(folder: Path, monkeypa
     workspace.close()
 
 
+CODE = """\
+from typing import NamedTuple
+from exmesh_graph.graph import Context, Params, node
+from exmesh_graph.types import Metrics
+class NoParams(Params):
+    pass
+class Out(NamedTuple):
+    metrics: Metrics
+@node("mine.one", version="1")
+def one(ctx: Context, *, p: NoParams) -> Out:
+    "One."
+    return Out(Metrics({"x": 1.0}))
+"""
+
+
+def test_a_plan_that_is_asked_for_later_sees_edited_code(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planner, "FRESH", 0.0)
+    monkeypatch.syspath_prepend(str(folder))
+    (folder / "edited_pack.py").write_text(CODE)
+    file = folder / "graphs" / "mine.yaml"
+    file.write_text("nodes: {a: {type: mine.one}}\n")
+    with ex.Session(packs=["edited_pack"]) as session:
+        store, runs = folder / ".exmesh", folder / "runs"
+        ex.run(file, store=store, runs=runs, workers=0, report=False, progress=False, session=session)
+        workspace = Workspace(file, store=store, runs=runs)
+        assert workspace.facts(wait=60)["plan"]["counts"] == {"hit": 1, "run": 0, "unknown": 0}
+        time.sleep(0.02)
+        (folder / "edited_pack.py").write_text(CODE.replace('"x": 1.0', '"x": 2.0'))
+        assert workspace.facts(wait=60)["plan"]["counts"] == {"hit": 0, "run": 1, "unknown": 0}
+        workspace.close()
+
+
 def test_a_report_that_comes_after_the_end_is_told(folder: Path) -> None:
     """The run lets go of its folder, and writes its report then: headline and link stayed away until a reload."""
     run = ex.run("graphs/small.yaml", store=folder / ".exmesh", workers=0, report=False, progress=False)
