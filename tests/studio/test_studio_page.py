@@ -38,6 +38,7 @@ nodes:
   bounce: {bounces: 1, needs: null}
   pbr: {needs: null, metallic: false, texture_size: 64, environment_height: 16}
   look: null
+  score: {before: null}
   look_pictures: null
   shape: null
 """

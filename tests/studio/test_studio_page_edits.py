@@ -27,7 +27,7 @@ RUNS = """\
 name: runs
 nodes:
   one: {type: toy.const, value: 1}
-  wait: {type: toy.slow, number: "@one.number", seconds: 10, steps: 100}
+  wait: {type: toy.slow, number: "@one.number", seconds: 20, steps: 200}
   bad: {type: toy.fail, number: "@wait.number", value: 5}
   # after it
   last: {type: toy.add, a: "@bad.number"}
@@ -134,7 +134,7 @@ def test_inside_sub_graphs_and_in_one_round(page: Any) -> None:
     page.fill(".window input[type=search]", "toy.const")
     page.click(".window .list button:has-text('toy.const')")
     page.keyboard.press("Enter")
-    page.wait_for_selector('[data-node="part.const"]')
+    page.wait_for_selector('.box.selected[data-node="part.const"]')
     page.keyboard.press("Delete")
     page.wait_for_selector('[data-node="part.const"]', state="detached")
     for _ in range(3):

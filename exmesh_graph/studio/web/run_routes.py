@@ -85,8 +85,9 @@ def start(workspace: Workspace, body: dict[str, Any]) -> Any:
 def stop(workspace: Workspace, body: dict[str, Any]) -> Any:
     view = view_of(workspace, body)
     workspace.jobs.stop(view.folder)
-    view.stopping = True
-    workspace.hub.publish("run", view.facts())
+    with workspace.watcher.lock:  # so that no end that is noted meanwhile is told before this
+        view.stopping = True
+        workspace.hub.publish("run", view.facts())
     return {"run": workspace.run_facts(view.id)}
 
 

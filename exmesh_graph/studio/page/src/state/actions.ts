@@ -85,8 +85,14 @@ export async function save(body: { [name: string]: Json }): Promise<boolean> {
   } catch (error) { tell(error); return false; }
 }
 
+// Answers may come in another order than they were asked for: one that is older than what is shown is dropped.
+let asked = 0;
+const taken: { [what: string]: number } = {};
+const isNews = (what: string, number: number): boolean => number > (taken[what] ?? 0) && Boolean((taken[what] = number));
+
 export async function loadRuns(): Promise<void> {
-  const { runs } = await get<{ runs: Run[] }>("/api/runs", { last: 60 });
+  const mine = ++asked, { runs } = await get<{ runs: Run[] }>("/api/runs", { last: 60 });
+  if (!isNews("runs", mine)) return;
   set({ runs });
   meetAwaited();
 }
@@ -121,8 +127,8 @@ function agrees(): boolean {
 }
 
 export async function loadDetails(id: string): Promise<void> {
-  const details = await get<RunDetail>(`/api/runs/${encodeURIComponent(id)}`);
-  if (now().followed !== id || !details.nodes_detail) return; // a run that is starting has no nodes yet
+  const mine = ++asked, details = await get<RunDetail>(`/api/runs/${encodeURIComponent(id)}`);
+  if (now().followed !== id || !details.nodes_detail || !isNews("details", mine)) return; // a run that is starting has no nodes yet
   set((s) => ({ details, states: new Map<string, NodeState>(details.nodes_detail.map((node) => [node.name, node])), beat: s.beat + 1 }));
 }
 

@@ -24,7 +24,7 @@ export function listen(): () => void {
   on("disk", () => loadDocument().catch(tell));
   on("plan", () => get<{ revision: number; plan: Plan | null }>("/api/plan").then(({ revision, plan }) => set((s) => (s.document && plan && s.document.revision === revision ? { document: { ...s.document, plan, plan_pending: false } } : {}))).catch(tell));
   on<{ id: string }>("runs", ({ id }) => loadRuns().then(() => (id === now().followed ? loadDetails(id) : null)).catch(tell));
-  on<Run>("run", (run) => { if (news(run)) takeRun(run); else buffered(`run ${run.id}`, () => takeRun(run), CALM); });
+  on<Run>("run", (run) => { if (news(run)) { waiting.delete(`run ${run.id}`); takeRun(run); } else buffered(`run ${run.id}`, () => takeRun(run), CALM); });
   on<NodeEvent>("node", (event) => buffered(`node ${event.name} ${event.state}`, () => takeNode(event)));
   on<ProgressEvent>("progress", (event) => buffered(`progress ${event.name}`, () => takeProgress(event), CALM));
   on("log", () => buffered("log", () => set((s) => ({ logTick: s.logTick + 1 })), CALM));
@@ -85,9 +85,9 @@ function takeProgress(event: ProgressEvent): void {
 // A run that began, or is in another state now.
 const news = (run: Run): boolean => now().runs.find((other) => other.id === run.id)?.state !== run.state;
 
-// What happens is drawn together, of each thing the last: states of nodes at once, progress every two seconds, since a
-// page that is drawn often takes time from the run that it watches.
-const SOON = 120, CALM = 2000;
+// What happens is drawn together, of each thing the last: states of nodes at once, progress every three seconds, since a
+// page that is drawn often takes time from the run that it watches. A page that nobody sees waits until somebody does.
+const SOON = 250, CALM = 3000;
 const waiting = new Map<string, () => void>();
 let due = Infinity, timer = 0;
 function buffered(what: string, act: () => void, within = SOON): void {
@@ -97,11 +97,15 @@ function buffered(what: string, act: () => void, within = SOON): void {
   if (at >= due) return;
   due = at;
   clearTimeout(timer);
-  timer = window.setTimeout(() => {
-    due = Infinity;
-    const all = [...waiting.values()];
-    waiting.clear();
-    for (const one of all) one();
-    set((s) => ({ beat: s.beat + 1 }));
-  }, within);
+  timer = window.setTimeout(flush, within);
 }
+
+function flush(): void {
+  if (document.hidden) return; // `due` stays: no other timer is set meanwhile
+  due = Infinity;
+  const all = [...waiting.values()];
+  waiting.clear();
+  for (const one of all) one();
+  if (all.length) set((s) => ({ beat: s.beat + 1 }));
+}
+document.addEventListener("visibilitychange", flush);
