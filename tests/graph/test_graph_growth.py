@@ -19,6 +19,7 @@ from exmesh_graph.graph.run.backends import worker
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.upkeep.collect import survey
 from exmesh_graph.report.collect import cumulative_seconds
+from exmesh_graph.report.drawing.layout import arrange
 from exmesh_graph.report.drawing.svg import Box, GraphPicture, draw
 
 CHAIN = """
@@ -86,6 +87,11 @@ def test_the_report_of_many_nodes_takes_little_memory() -> None:
     assert peak < 20e6
 
 
+def _sizes(count: int) -> tuple[dict[str, tuple[float, float]], list[tuple[str, str]], dict[str, tuple[str, ...]]]:
+    boxes, edges = _deep(count)
+    return {box.name: (100.0, 40.0) for box in boxes}, edges, {box.name: () for box in boxes}
+
+
 def test_pictures_of_all_rounds_grow_with_their_number() -> None:
     def cost(count: int) -> tuple[float, int]:
         began = time.process_time()
@@ -95,6 +101,8 @@ def test_pictures_of_all_rounds_grow_with_their_number() -> None:
     (short, small), (long, large) = cost(100), cost(400)
     assert large < 8 * small
     assert long < 12 * short
+    short, long = (sum(len(piece.to) for piece in arrange(*_sizes(count)).pieces) for count in (100, 400))
+    assert long < 7 * short, "each piece of a wire into all rounds named all that it leads to"
 
 
 def test_sizes_are_what_the_disk_counts(bench: Any, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ GAP_X, GAP_Y = 26.0, 34.0
 MARGIN, TITLE = 16.0, 24.0
 _SWEEPS, _STRAIGHTEN = 12, 80
 _PATIENCE = 60_000  # of sweeps times wires
+NAMED = 100  # boxes that a piece between way points names; a wire into all of 1000 rounds would name a million
 
 Key = tuple[str, str, int]
 """("box", name, layer), ("way", source, layer), ("in", source, 0) or ("out", source, last) of one scope"""
@@ -39,7 +40,7 @@ class BlockFrame:
 class Piece:
     """A piece of a wire from a box: a curve from (x0, y0) to (x1, y1), upright at both ends.
 
-    `to` are the boxes it leads to, `arrow` tells whether it ends at one.
+    `to` are the boxes it leads to, of a piece between way points at most one more than NAMED; `arrow` tells whether it ends at one.
     """
 
     source: str
@@ -158,6 +159,8 @@ class _Scope:
     def _links(self) -> None:
         """Every wire cut into steps from one layer to the next: {(upper, lower, source): boxes it leads to}."""
         self.links: dict[Link, set[str]] = {}
+        reached: dict[str, int] = {}  # the layer that the way points of a source go down to
+        goals: dict[str, list[tuple[int, str]]] = {}
         leaving = any(a in self.item_of and b not in self.item_of for a, b in self.edges)
         end_layer = self.last + (1 if leaving else 0)
         for a, b in self.edges:
@@ -166,10 +169,21 @@ class _Scope:
                 continue
             start: Key = ("in", a, 0) if mine is None else ("box", mine, self.layer[mine])
             end: Key = ("out", a, end_layer) if theirs is None else ("box", theirs, self.layer[theirs])
-            path = [start, *(("way", a, layer) for layer in range(start[2] + 1, end[2])), end]
             if start[2] < end[2]:  # else against the flow: see `arrange`
-                for upper, lower in itertools.pairwise(path):
-                    self.links.setdefault((upper, lower, a), set()).add(b)
+                last = start if reached.setdefault(a, start[2]) == start[2] else ("way", a, reached[a])
+                for layer in range(reached[a] + 1, end[2]):
+                    last, above = ("way", a, layer), last
+                    self.links[above, last, a] = set()
+                reached[a] = max(reached[a], end[2] - 1)
+                before: Key = start if end[2] - 1 == start[2] else ("way", a, end[2] - 1)
+                self.links.setdefault((before, end, a), set()).add(b)
+                goals.setdefault(a, []).append((end[2], b))
+        for found in goals.values():
+            found.sort()
+        for (upper, lower, a), to in self.links.items():
+            if lower[0] == "way":
+                first = bisect.bisect_right(goals[a], (lower[2], chr(0x10FFFF)))
+                to.update(b for _, b in goals[a][first : None if upper[0] == "box" else first + NAMED + 1])
         self.last = end_layer
 
     def _order(self) -> list[list[Key]]:

@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 from html import escape
 from string import Template
 
-from exmesh_graph.report.drawing.layout import Layout, Piece, arrange
+from exmesh_graph.report.drawing.layout import NAMED, Layout, Piece, arrange
 from exmesh_graph.report.templates import asset_text
 from exmesh_graph.report.text import seconds, size
 
 _ROUND = re.compile(r"^(?P<block>.+)\[(?P<round>\d+)\]\.(?P<inner>.+)$")
 _NAME, _UNDER = 7.3, 6.0  # widths of letters
 _HEIGHT, _LINE = 42.0, 15.0
-_NAMED = 100  # ends that a piece of a wire names; a wire into all of 1000 rounds would name a million
 _MOST = 300  # boxes in the picture of a report; 1000 take seconds to arrange
 _STATES = {"done": "ran", "hit": "from the store", "run": "would run", "unknown": "unknown", "failed": "failed",
            "running": "running", "blocked": "blocked", "waiting": "waiting", "interrupted": "interrupted",
@@ -209,7 +208,7 @@ def _wire(piece: Piece, states: Mapping[tuple[str, str], str]) -> str:
         path = f"M{piece.x0:.1f} {piece.y0:.1f}C{piece.x0:.1f} {half:.1f} {piece.x1:.1f} {half:.1f} "
         path += f"{piece.x1:.1f} {end:.1f}"
     head = f'<path class="gp-head" d="M{piece.x1 - 3.5:.1f} {end:.1f}h7l-3.5 6z"/>' if piece.arrow else ""
-    to = escape(" ".join(sorted(piece.to) if len(piece.to) <= _NAMED else ()), quote=True)
+    to = escape(" ".join(sorted(piece.to) if len(piece.to) <= NAMED else ()), quote=True)
     data = f'data-from="{escape(piece.source, quote=True)}" data-to="{to}"'
     return f'<g class="gp-wire {escape(state)}" {data}><path d="{path}"/>{head}</g>'
 
