@@ -40,7 +40,8 @@ class BlockFrame:
 class Piece:
     """A piece of a wire from a box: a curve from (x0, y0) to (x1, y1), upright at both ends.
 
-    `to` are the boxes it leads to, of a piece between way points at most one more than NAMED; `arrow` tells whether it ends at one.
+    `to` are the boxes it leads to, of a piece between way points at most one more than NAMED; `arrow` tells whether it
+    ends at one.
     """
 
     source: str
