@@ -250,6 +250,7 @@ def test_a_lens_is_undone(k1):
 
 
 def test_of_many_pictures_those_that_look_alike_are_matched(folder, tmp_path, monkeypatch):
+    pytest.importorskip("pycolmap", reason="pip install 'exmesh-graph[photos]'")
     monkeypatch.setattr(motion, "MANY", 2)
     told, work = [], tmp_path / "work"
     work.mkdir()
