@@ -42,6 +42,7 @@ def small():
         patch.setattr(scene, "BASE_STEPS", 80)
         patch.setattr(scene, "STEPS", 30)
         patch.setattr(scene, "SHARP_STEPS", 160)
+        patch.setattr(scene, "SHARP_HINT", 0.3)
         patch.setattr(scene, "SHARP_LEAST", 0.3)  # of pictures so small that a reflection is a pixel
         patch.setattr(scene, "SKIES", (32,))
         patch.setattr(short, "TRANSPORT", short.TRANSPORT.replaced(points=300))

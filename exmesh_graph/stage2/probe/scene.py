@@ -35,7 +35,7 @@ TEXELS, LEAST_TEXELS, CONVEX, MOST_BOUNCES, SKIES = 128, 16, 1e-3, 3, (64, 128)
 #: low gains in a base fit [dB] before whole fits are made of it, their steps, and what it must gain in them: fits of
 #: what is rough end alike from either (within 0.6 dB), fits from 0.5 of dark glaze stay 2 dB below.
 SHARP, NEUTRAL = 0.2, 0.5
-SHARP_HINT, SHARP_STEPS, SHARP_LEAST = 0.4, 500, 1.0
+SHARP_HINT, SHARP_STEPS, SHARP_LEAST = 0.8, 500, 1.0
 #: Mean squared error (40 dB) below which no relit picture comes: the least that baked light is weighed against.
 BEST_ERROR = 1e-4
 #: The light transport that the counted cost of a step refers to: transport.direct's by default.
