@@ -160,11 +160,15 @@ class _Probe:
         hopeful = [c for c in CANDIDATES if c.name in gains and pays(gains[c.name][0], 1.0, least=c.least)]
         if not hopeful:
             return
-        other = ShortFit(self.carrier, sample_views(self.views, other=True), self._side(), self.seed + 1)
-        start = other.forked(Part(bounces=bounces))
+        start = self._other(bounces)
         without = start.forked(Part()).run(BASE_STEPS)
         for candidate in hopeful:
             gains[candidate.name].append(self._gain(without, self._anew(start, candidate)))
+
+    def _other(self, bounces: int) -> ShortFit:
+        """The beginning of fits under the second split of the views."""
+        other = ShortFit(self.carrier, sample_views(self.views, other=True), self._side(), self.seed + 1)
+        return other.forked(Part(bounces=bounces))
 
     def _sharp(self, start: ShortFit, bounces: int) -> None:
         """Decide on the roughness to start from. From a rough start, a sky is found that is smooth enough for it, and
@@ -177,10 +181,9 @@ class _Probe:
 
         gains = [gain(start, BASE_STEPS)]
         if gains[0].gain > SHARP_HINT:
-            other = ShortFit(self.carrier, sample_views(self.views, other=True), self._side(), self.seed + 1)
             gains = [gain(start, SHARP_STEPS)]
             if pays(gains[0], 1.0, least=SHARP_LEAST):
-                gains.append(gain(other.forked(Part(bounces=bounces)), SHARP_STEPS))
+                gains.append(gain(self._other(bounces), SHARP_STEPS))
         self.decisions["roughness"] = decide_sharp(gains, SHARP, NEUTRAL, SHARP_LEAST)
 
     def _anew(self, start: ShortFit, candidate: Candidate) -> ShortFit:
