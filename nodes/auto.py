@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 from exmesh_graph.geometry.settings import CleanSettings, HullSettings, Voxels
@@ -58,13 +59,20 @@ class AutoOut(NamedTuple):
     resources=ON_DEVICE,
 )
 def auto(
-    ctx: Context, views: Train, points: PointCloud | None = None, depths: DepthMaps | None = None, *, p: AutoParams
+    ctx: Context,
+    views: Train,
+    points: PointCloud | None = None,
+    depths: DepthMaps | None = None,
+    stereo: DepthMaps | None = None,
+    *,
+    p: AutoParams,
 ) -> AutoOut:
     """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
-    Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them. Only what is chosen
-    runs. Where a hull was carved, the photographs say which surface is kept: hull, stereo's, or that of the Gaussians.
-    `decisions` says why, for the report.
+    Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them; `stereo` is its depth
+    where that was found already (mask.auto), and is not looked for again. Only what is chosen runs. Where a hull was
+    carved, the photographs say which surface is kept: hull, stereo's, or that of the Gaussians. `decisions` says why,
+    for the report.
     """
     from exmesh_nodes import init
 
@@ -76,7 +84,7 @@ def auto(
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
     pixels = (views.width // factor) * (views.height // factor)
-    known = Known(len(views), masks, points is not None, depths is not None, pixels)
+    known = Known(len(views), masks, points is not None, depths is not None, pixels, stereo is not None)
     start, count = choose(known, p.seconds)
     method, reason = (start.value, start.reason) if p.method == "auto" else (p.method, "Set by `method`.")
     if p.method == "auto" and method == "stereo" and p.iterations:
@@ -103,7 +111,7 @@ def auto(
         judged = p.method == "auto" and method in ("pgsr", "stereo") and masks and len(views) >= ENOUGH_VIEWS
         # where Gaussians are asked for and the photographs decide, stereo is little beside them and often better
         tried = ["stereo", "pgsr"] if judged and method == "pgsr" else [str(method)]
-        maps = {name: _depths(ctx, views, points, depths, name, iterations, factor, p) for name in tried}
+        maps = {name: _depths(ctx, views, points, depths, stereo, name, iterations, factor, p) for name in tried}
         found = {name: _fused(ctx, views, seen, name, p) for name, seen in maps.items()}
         mesh = found[tried[-1]]
         if not masks:
@@ -127,10 +135,11 @@ def auto(
 
 
 def _depths(
-    ctx: Context, views: Views, points: PointCloud | None, depths: DepthMaps | None, method: str, iterations: int,
-    factor: int, p: AutoParams,
+    ctx: Context, views: Views, points: PointCloud | None, depths: DepthMaps | None, stereo: DepthMaps | None,
+    method: str, iterations: int, factor: int, p: AutoParams,
 ) -> DepthMaps:  # fmt: skip
     """Those wired in, of stereo or of Gaussians."""
+    import numpy as np
     from exmesh_nodes import prior
 
     from exmesh_graph.errors import DataError
@@ -138,8 +147,12 @@ def _depths(
     if method == "pgsr":
         return _fitted_depths(ctx, views, points, iterations, factor, p)
     if method == "stereo":
-        seen = prior.PatchMatchParams(side=p.side, threads=p.threads)
-        depths = prior.patch_match(ctx, views, points, p=seen).depths
+        if stereo is None:
+            seen = prior.PatchMatchParams(side=p.side, threads=p.threads)
+            depths = prior.patch_match(ctx, views, points, p=seen).depths
+        else:
+            stereo.require_of(views, ctx.node)
+            depths = replace(stereo, depth=np.where(views.alpha >= 0.5, stereo.depth, np.float32(0)))
         if not views.masked.all() and not (depths.depth > 0).any():
             raise DataError(
                 f"no two of the {len(views)} views agree on any depth, and there are no masks", where=ctx.node,

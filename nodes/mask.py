@@ -122,9 +122,10 @@ class AutoParams(CoreSettings, CutSettings, ObjectSettings, AgreementSettings):
 class AutoOut(NamedTuple):
     train: Train
     decisions: Metrics
+    depths: DepthMaps | None  # of stereo, of the views in `train`; absent where none was needed
 
 
-@node("mask.auto", version="1", libraries=_STEREO)
+@node("mask.auto", version="2", libraries=_STEREO)
 def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: AutoParams) -> AutoOut:
     """Masks for photographs that have none, where an object stands apart: init.object, mask.from_surface, and a check.
 
@@ -133,22 +134,26 @@ def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: Aut
     """
     from exmesh_graph.masks.decide import given_row, off_row
 
+    depths = None
     if views.has_masks:
         train, rows = views, [given_row(int(views.masked.sum()), len(views))]
     elif not p.find:
         train, rows = views, [off_row()]
     else:
-        train, rows = _found(ctx, views, points, p)
+        depths = _stereo(ctx, views, points, p.reach, p.side, p.threads)
+        train, rows = _found(ctx, views, depths, p)
+        kept = [views.names.index(name) for name in train.names]
+        depths = DepthMaps(train.names, depths.depth[kept])
     for row in rows:
         told = f"{row['name']}: {row['value']}. {row['reason']}"
         if row["value"] == "none" and row["name"] == "masks" and p.find:
             ctx.warn(told)
         else:
             ctx.log(told)
-    return AutoOut(train, Metrics({"decisions": rows}))
+    return AutoOut(train, Metrics({"decisions": rows}), depths)
 
 
-def _found(ctx: Context, views: Views, points: PointCloud | None, p: AutoParams) -> tuple[Views, list[dict]]:
+def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tuple[Views, list[dict]]:
     """(views with masks, or as they came; what was decided)."""
     from exmesh_graph.errors import DataError, GeometryError
     from exmesh_graph.gpu.torch_setup import sharing
@@ -156,7 +161,6 @@ def _found(ctx: Context, views: Views, points: PointCloud | None, p: AutoParams)
     from exmesh_graph.masks.decide import found_row, none_row, table_row
     from exmesh_graph.masks.object import object_of_depths
 
-    depths = _stereo(ctx, views, points, p.reach, p.side, p.threads)
     with sharing(p.threads):
         try:
             found = object_of_depths(views, depths, p, side=p.side, seed=ctx.seed)

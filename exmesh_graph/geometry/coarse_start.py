@@ -20,13 +20,15 @@ _STEREO_FIXED, _STEREO_PER_PIXEL, _STEREO_PER_BARE_PIXEL = 20.0, 4e-6, 9e-6
 
 @dataclass(frozen=True)
 class Known:
-    """What there is: `masks`, every view has one; `points`, `depths`: wired in; `pixels` of a picture as fitted."""
+    """What there is: `masks`, every view has one; `points`, `depths`: wired in; `pixels` of a picture as fitted;
+    `stereo`: its depth was found already."""
 
     views: int
     masks: bool
     points: bool
     depths: bool
     pixels: int
+    stereo: bool = False
 
 
 def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
@@ -44,6 +46,9 @@ def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
     method: Method
     if known.depths:
         method, why = "tsdf", "depth maps are wired in" + (", masks close what they do not see" if known.masks else "")
+    elif known.stereo:
+        asked = "with the masks" if known.masks else "when masks were looked for"
+        method, why = "stereo", f"its depth was found {asked}"
     elif not known.masks:
         source = "points are wired in" if known.points else "there are neither masks, points nor depth maps"
         method, why = "stereo", f"{source}: depth of stereo is fused, in some {stereo:.0f} s"

@@ -69,6 +69,9 @@ class Database:
     def read_two_view_geometries(self):
         return list(self.matches), [SimpleNamespace(inlier_matches=m) for m in self.matches.values()]
 
+    def num_images(self):
+        return len(self.keypoints)
+
     def close(self):
         self.closed = True
 
@@ -136,3 +139,21 @@ def test_the_mapping_that_most_matches_agree_with_is_taken(colmap, tmp_path, mon
     )  # four pictures, no point that three see
     monkeypatch.setattr(mapping, "_models", lambda *args: {0: {"global": whole}[args[-1]]})
     assert map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0, "global").how == "global"
+
+
+@pytest.mark.parametrize(
+    ("off", "tried"), [(0, ["incremental"]), (18, ["incremental"]), (19, ["incremental", "easier", "global"])]
+)
+def test_other_ways_are_tried_unless_all_pictures_are_placed_as_nearly_all_matches_say(
+    off, tried, colmap, tmp_path, monkeypatch
+):
+    """`off` of the 360 matches lie beside their lines: 95 % are 342."""
+    names, right = [], model({n: pose(n) for n in range(1, 5)}, [point(1, 2, 3, 4)] * 12)
+    monkeypatch.setattr(mapping, "_models", lambda *args: names.append(args[-1]) or {0: right})
+    monkeypatch.setattr(mapping, "agreeing", lambda *_: 360 - off)
+    assert map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0).how == "incremental"
+    assert names == tried
+    colmap.database.keypoints[5] = colmap.database.keypoints[4]  # a picture without a camera
+    names.clear()
+    assert len(map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0).names) == 4
+    assert len(names) == 3

@@ -36,6 +36,8 @@ def views():
         ({"masks": False, "points": True}, 300, "stereo", "points are wired in"),
         ({"masks": False}, 300, "stereo", "neither masks, points nor depth maps"),
         ({"masks": False}, 5, "stereo", "is fused, in some 38 s"),
+        ({"stereo": True}, 5, "stereo", "found with the masks"),
+        ({"stereo": True, "masks": False}, 5, "stereo", "when masks were looked for"),
     ],
 )
 def test_the_choice_follows_what_there_is_and_the_time(change, seconds, start, because):
@@ -134,6 +136,23 @@ def test_where_gaussians_are_asked_for_stereo_is_tried_beside_them(gains, kept, 
     rows = [row["value"] for row in out.decisions.values["decisions"] if row["name"] == "surface"]
     assert len(rows) == 2
     assert rows[-1] == {"pgsr": "gaussians"}.get(kept, kept)
+
+
+def test_depth_that_was_found_with_the_masks_is_not_looked_for_again(views, monkeypatch):
+    """A mask lets through what lies in it, of depth maps that hold the background too."""
+    near = np.linalg.norm(views.camera_to_world[:, :3, 3], axis=1).astype(np.float32)[:, None, None]
+    inside = views.alpha >= 0.5
+    whole = DepthMaps(views.names, np.where(inside, near - np.float32(0.4), near + np.float32(0.2)))
+    cut = replace(whole, depth=np.where(inside, whole.depth, np.float32(0)))
+    p = auto.AutoParams(seconds=1, resolution=24, faces=200, tolerance=0)
+    monkeypatch.setattr(prior, "patch_match", lambda *_, **__: prior.DepthOut(cut))
+    looked = auto.auto(FakeContext(), views, p=p.model_copy(update={"seconds": 1e4}))
+    monkeypatch.setattr(prior, "patch_match", None)
+    kept = auto.auto(FakeContext(), views, stereo=whole, p=p)
+    np.testing.assert_array_equal(kept.mesh.vertices, looked.mesh.vertices)
+    assert "found with the masks" in kept.decisions.values["decisions"][0]["reason"]
+    with pytest.raises(DataError, match="not those of the views"):
+        auto.auto(FakeContext(), views, stereo=DepthMaps(views.names[1:], whole.depth[1:]), p=p)
 
 
 def test_stereo_carves_and_fuses(views):

@@ -129,6 +129,7 @@ def test_views_with_masks_are_handed_on(ball, monkeypatch):
     assert "2 lack theirs" in decided(context, some)[1]["reason"]
     assert not context.warnings
     assert decided(context, views, find=False)[0] is views
+    assert mask.auto(context, masked, p=mask.AutoParams()).depths is None
 
 
 def test_masks_are_found_where_an_object_stands_apart(ball, monkeypatch):
@@ -215,6 +216,19 @@ def test_found_masks_are_no_input_of_what_is_scored():
     assert str(nodes["rounds[1].progress"].inputs["views"]) == "@views.test"
     region = YAML(typ="safe").load((ROOT / "graphs" / "photos.yaml").read_text())["nodes"]["region"]
     assert (region["views"], region["train"]) == ("@views.test", "@views.train")
+
+
+def test_the_depth_that_stereo_found_goes_on_with_the_views_that_it_belongs_to(ball, monkeypatch):
+    views, depths, _ = ball
+    poses = views.camera_to_world.copy()
+    poses[2, :3, 3] += [0, 90, 0]
+    away = replace(views, camera_to_world=poses)
+    blind = np.where(np.arange(8)[:, None, None] == 2, np.float32(0), depths.depth)
+    monkeypatch.setattr(mask, "_stereo", lambda *_: replace(depths, depth=blind))
+    out = mask.auto(FakeContext(), away, p=mask.AutoParams(**SMALL, least_seen=0.5))
+    assert out.train.names == out.depths.names == tuple(f"v{i}" for i in range(8) if i != 2)
+    np.testing.assert_array_equal(out.depths.depth, depths.depth[[0, 1, 3, 4, 5, 6, 7]])
+    out.depths.require_of(out.train, "here")
 
 
 def test_masks_on_masks_are_refused(ball, tmp_path):
