@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import label
 from scipy.spatial import ConvexHull, QhullError
 
 _TRIALS = 500
@@ -14,6 +15,8 @@ _CAMERAS = 0.95
 _LEAST = 0.03
 _BASE = 0.8
 _ABOVE = 3.0
+_PART = 0.1
+"""Of what is above the plane: smaller groups are specks that stereo leaves at a table's far rim."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class Plane:
     """Points x with normal . x = offset; the cameras are on the side that the normal points to.
 
     share  of the surface's area that lies in it
-    under  share of its own area below the object: near 1 it is the object's own base
+    under  share of its own area below the object, less specks: near 1 it is the object's own base
     """
 
     normal: np.ndarray
@@ -90,7 +93,9 @@ def find_plane(
     above = points_ @ normal - offset > _ABOVE * tolerance
     if above.sum() < 10:
         return None
-    return Plane(normal, offset, float(inside.mean()), _under(points_[inside], points_[above], normal))
+    return Plane(
+        normal, offset, float(inside.mean()), _under(points_[inside], points_[above], normal, 2 * _ABOVE * tolerance)
+    )
 
 
 def _in_plane(
@@ -99,11 +104,20 @@ def _in_plane(
     return (np.abs(points @ normal - offset) < tolerance) & (normals @ normal > _FACING)
 
 
-def _under(plane: np.ndarray, above: np.ndarray, normal: np.ndarray) -> float:
-    """Share of the plane's points that lie in the convex outline of what is above it, seen along the normal."""
+def _under(plane: np.ndarray, above: np.ndarray, normal: np.ndarray, cell: float) -> float:
+    """Share of the plane's points that lie in the convex outline of what is above it, seen along the normal.
+
+    What lies in cells that touch is one group.
+    """
     across = np.linalg.svd(normal[None])[2][1:]
+    flat = above @ across.T
+    place = np.floor((flat - flat.min(axis=0)) / cell).astype(int)
+    taken = np.zeros(place.max(axis=0) + 1, bool)
+    taken[tuple(place.T)] = True
+    group = label(taken, np.ones((3, 3)))[0][tuple(place.T)]
+    large = np.bincount(group) >= _PART * len(above)
     try:
-        outline = ConvexHull(above @ across.T).equations
-    except QhullError:
+        outline = ConvexHull(flat[large[group]]).equations
+    except (QhullError, ValueError):
         return 0.0
     return float(((plane @ across.T) @ outline[:, :2].T + outline[:, 2] <= 0).all(axis=1).mean())

@@ -50,6 +50,29 @@ def test_a_base_of_the_object_is_no_table():
     assert not plane.is_table
 
 
+@pytest.mark.parametrize("share", [0.02, 0.06])
+def test_specks_at_the_far_rim_of_a_table_do_not_make_it_a_base(share):
+    """As stereo leaves them where many pictures look along the table: their outline holds all of it."""
+    where, normals, _ = points(0.9)
+    rng = np.random.default_rng(1)
+    count = round(share * 2000)
+    turn = rng.uniform(0, 2 * np.pi, count)
+    specks = np.column_stack([1.2 * np.sin(turn), rng.uniform(0.1, 0.3, count), 1.2 * np.cos(turn)])
+    where, normals = np.concatenate([where, specks]), np.concatenate([normals, specks])
+    plane = find_plane(where, normals, np.ones(len(where)), CAMERAS, 0.02)
+    assert plane is not None
+    assert plane.is_table
+    assert plane.under < 0.2
+
+
+def test_two_objects_on_a_table_are_both_what_stands_on_it():
+    where, normals, _ = points(0.9)
+    half = np.concatenate([where[:-2000], where[-2000:] * 0.5 + [0.5, 0, 0], where[-2000:] * 0.5 - [0.5, 0, 0]])
+    plane = find_plane(half, np.concatenate([normals, normals[-2000:]]), np.ones(len(half)), CAMERAS, 0.02)
+    assert plane is not None
+    assert 0.05 < plane.under < 0.3  # the outline of both, which is 0.39 of the table's 3.24, most of it seen
+
+
 def test_a_plane_that_cameras_look_up_at_is_none():
     where, normals, areas = points(0.9)
     below = CAMERAS * [1, -1, 1]
