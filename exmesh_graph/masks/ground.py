@@ -13,10 +13,11 @@ import numpy as np
 from scipy.ndimage import binary_closing
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.adjacency import face_areas
 from exmesh_graph.geometry.clean import largest_components
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.masks.plane import Plane
-from exmesh_graph.masks.standing import Standing
+from exmesh_graph.masks.standing import SHOWN, Standing, shown_by
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.types import DepthMaps, Views
 
@@ -30,6 +31,7 @@ def object_on_ground(views: Views, depths: DepthMaps, plane: Plane, thick: float
 
     A point above the table belongs to it if hardly a view (one of twenty) measures the table behind it, and a fifth of
     them, three at least, miss the table there. Views that look past the table's part in the unit sphere have no say.
+    `apart` is the share of its surface that 80 % of the pictures hold, inside that sphere.
     Raises GeometryError where the plane is no table, and where nothing hides it.
     """
     if not plane.is_table:
@@ -48,7 +50,9 @@ def object_on_ground(views: Views, depths: DepthMaps, plane: Plane, thick: float
     all_ = SilhouetteField.from_masks(hidden | open_, *cameras, wrong_masks=wrong)
     field = _Hiding(all_.distances, all_.intrinsics, all_.world_to_camera, wrong, most, plane)
     vertices, faces = largest_components(*visual_hull(field, resolution=0), 0, least_part)
-    return Standing(vertices, faces, plane, True, {}, 1.0)
+    area = face_areas(vertices, faces)
+    whole = (shown_by(vertices, views) >= SHOWN) & (np.linalg.norm(vertices, axis=1) < 1)
+    return Standing(vertices, faces, plane, True, {}, float(area[whole[faces].all(axis=1)].sum() / area.sum()))
 
 
 def _outlines(views: Views, depths: DepthMaps, plane: Plane, thick: float) -> tuple[np.ndarray, np.ndarray]:

@@ -24,11 +24,10 @@ from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.ground import object_on_ground
 from exmesh_graph.masks.plane import Plane, plane_below
 from exmesh_graph.masks.settings import ObjectSettings
-from exmesh_graph.masks.standing import THICK, Standing, looked_through, standing
+from exmesh_graph.masks.standing import SHOWN, THICK, Standing, looked_through, standing
 from exmesh_graph.masks.wide import brought_back, widened
 from exmesh_graph.types import DepthMaps, Views
 
-_SHOWN = 0.8
 _HOLES = 0.002
 _CLOSED = 2
 _WINDOW = 3
@@ -46,7 +45,7 @@ def object_of_depths(
     """
     settings = settings or ObjectSettings()
     voxel, (vertices, faces, wide, maps) = 2.0 / settings.resolution, _surface(views, depths, settings, side)
-    alone = standing(vertices, faces, wide, maps, voxel, settings.table, settings.least_part, shown=_SHOWN, seed=seed)
+    alone = standing(vertices, faces, wide, maps, voxel, settings.table, settings.least_part, shown=SHOWN, seed=seed)
     ground = alone.table if alone.removed else None
     vertices, faces = _closed(alone.vertices, alone.faces, wide, ground, settings.least_part)
     return replace(alone, vertices=vertices * np.float32(settings.reach), faces=faces)

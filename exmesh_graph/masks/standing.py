@@ -15,6 +15,8 @@ from exmesh_graph.types import DepthMaps, Views
 
 THICK = 1.5
 """Half the thickness of a table, which stereo's noise gives it."""
+SHOWN = 0.8
+"""Of the pictures that must hold what is the object's."""
 _SKIRT = 3.0
 _TOLERANCE = 0.02
 

@@ -36,6 +36,10 @@ def standing_ball():
     return views, replace(depths, depth=np.where(shown, np.float32(0), depths.depth)), shown
 
 
+def closer(pose):
+    return np.block([[pose[:3, :3], 0.5 * pose[:3, 3:]], [pose[3:]]])
+
+
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_what_hides_the_table_is_the_object(standing_ball, mirrored):
     """Also where stereo gives the object the depth of what it mirrors, far behind its surface."""
@@ -50,6 +54,10 @@ def test_what_hides_the_table_is_the_object(standing_ball, mirrored):
     assert np.median(overlap(drawn_outlines(found.vertices, found.faces, views), shown)) > 0.85
     assert found.vertices[:, 1].min() > FLOOR - 0.02
     assert found.removed
+    assert found.apart > 0.95
+    near = replace(views, camera_to_world=np.stack([closer(pose) for pose in views.camera_to_world]))
+    with_ball = object_on_ground(near, replace(depths, depth=0 * depths.depth), TABLE, 0.03, 0.05)
+    assert with_ball.apart < 0.5  # what fills all pictures goes on beyond them
 
 
 def test_a_base_is_no_table_and_a_bare_table_bears_nothing(standing_ball):
