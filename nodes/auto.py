@@ -152,7 +152,7 @@ def _depths(
             depths = prior.patch_match(ctx, views, points, p=seen).depths
         else:
             stereo.require_of(views, ctx.node)
-            depths = replace(stereo, depth=np.where(views.alpha >= 0.5, stereo.depth, np.float32(0)))
+            depths = replace(stereo, depth=np.where(np.asarray(views.alpha) >= 0.5, stereo.depth, np.float32(0)))
         if not views.masked.all() and not (depths.depth > 0).any():
             raise DataError(
                 f"no two of the {len(views)} views agree on any depth, and there are no masks", where=ctx.node,

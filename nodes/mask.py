@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -15,9 +15,6 @@ from exmesh_graph.types.pictures import kept_in
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from exmesh_graph.masks.agreement import Agreement
-    from exmesh_graph.masks.standing import Standing
 
 Train = Annotated[Views, facets(split="train")]
 
@@ -157,44 +154,27 @@ def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: Aut
 
 
 def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tuple[Views, list[dict]]:
-    """(views with masks, or as they came; what was decided).
-
-    By the object's own depth; where that does not hold, by what it hides of the table.
-    """
-    from exmesh_graph.gpu.torch_setup import sharing
-    from exmesh_graph.masks.decide import found_row, none_row
-    from exmesh_graph.masks.object import object_hiding_table, object_of_depths
-
-    fault, evidence, rows = "", {}, []
-    with sharing(p.threads):
-        for way in (object_of_depths, object_hiding_table):
-            agreement, said, more = _tried(ctx, views, depths, p, way)
-            if agreement is not None and not agreement.fault:
-                train = _masked(ctx, views, agreement.masks)
-                return train, [found_row(agreement, len(views) - len(train), hiding=way is object_hiding_table), *more]
-            if not fault:  # of the first way: the other is for what it cannot see
-                fault, evidence, rows = said, {} if agreement is None else agreement.figures, more
-    return views, [none_row(fault, evidence), *rows]
-
-
-def _tried(
-    ctx: Context, views: Views, depths: DepthMaps, p: AutoParams, way: Callable[..., Standing]
-) -> tuple[Agreement | None, str, list[dict]]:
-    """(what the masks of the object that `way` finds agree on, what speaks against it, the table's row)."""
+    """(views with masks, or as they came; what was decided)."""
     from exmesh_graph.errors import DataError, GeometryError
-    from exmesh_graph.masks.agreement import Agreement, agreed_masks
-    from exmesh_graph.masks.decide import table_row
+    from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.masks.agreement import agreed_masks
+    from exmesh_graph.masks.decide import found_row, none_row, table_row
+    from exmesh_graph.masks.object import object_of_depths
 
-    try:
-        found = way(views, depths, p, side=p.side, seed=ctx.seed)
-    except (DataError, GeometryError) as error:  # told below, with what to do; a fault of ours is neither
-        return None, str(error).splitlines()[0], []
-    rows = [table_row(found)]
-    if found.apart < p.least_apart:
-        fault = (
-            f"most views show {found.apart:.0%} of the surface that stands amidst them, the rest goes on beyond "
-            f"their pictures (least_apart {p.least_apart:g})"
-        )
-        return Agreement(views.alpha[:0] > 0, {"apart": found.apart}, fault), fault, rows
-    agreement = agreed_masks(views, found.vertices, found.faces, p, p, progress=ctx.progress)
-    return agreement, agreement.fault, rows
+    with sharing(p.threads):
+        try:
+            found = object_of_depths(views, depths, p, side=p.side, seed=ctx.seed)
+        except (DataError, GeometryError) as error:  # told below, with what to do; a fault of ours is neither
+            return views, [none_row(str(error).splitlines()[0], {})]
+        rows = [table_row(found)]
+        if found.apart < p.least_apart:
+            fault = (
+                f"most views show {found.apart:.0%} of the surface that stands amidst them, the rest goes on beyond "
+                f"their pictures (least_apart {p.least_apart:g})"
+            )
+            return views, [none_row(fault, {"apart": found.apart}), *rows]
+        agreement = agreed_masks(views, found.vertices, found.faces, p, p, progress=ctx.progress)
+    if agreement.fault:
+        return views, [none_row(agreement.fault, agreement.figures), *rows]
+    train = _masked(ctx, views, agreement.masks)
+    return train, [found_row(agreement, len(views) - len(train)), *rows]

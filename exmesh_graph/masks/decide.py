@@ -31,15 +31,13 @@ def none_row(fault: str, evidence: dict[str, float]) -> Row:
             "evidence": evidence}  # fmt: skip
 
 
-def found_row(agreement: Agreement, left_out: int, *, hiding: bool = False) -> Row:
-    """Masks were found that have a common shape; `hiding`: by what the object hides of its table."""
+def found_row(agreement: Agreement, left_out: int) -> Row:
+    """Masks were found that have a common shape."""
     figures = agreement.figures
     reason = (
         f"The masks of {figures['seen']:.0%} of the views and their common shape overlap by {figures['overlap']:.0%} "
         f"(median); {figures['contradicted']:.0%} are contradicted, and mended by the others."
     )
-    if hiding:
-        reason = f"Its own depth does not tell the object, what it hides of the table does. {reason}"
     if left_out:
         reason += f" {left_out} views do not show the object and are left out."
     return {"name": "masks", "value": "found", "reason": reason, "evidence": figures}
@@ -52,8 +50,7 @@ def table_row(found: Standing) -> Row:
     else:
         value = "removed" if found.removed else "kept"
         why = f"{1 - found.table.under:.0%} of the plane below the object lie beside it"
-    made = f" Of the surface: {said(found.shares)}." if found.shares else ""
-    return {"name": "table", "value": value, "reason": f"{why}.{made}",
+    return {"name": "table", "value": value, "reason": f"{why}. Of the surface: {said(found.shares)}.",
             "evidence": {**found.shares, "apart": found.apart}}  # fmt: skip
 
 

@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 from scipy.ndimage import binary_closing, label, uniform_filter
 
-from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.clean import largest_components
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
@@ -21,13 +20,13 @@ from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.drawn import drawn_outlines
-from exmesh_graph.masks.ground import object_on_ground
-from exmesh_graph.masks.plane import Plane, plane_below
+from exmesh_graph.masks.plane import Plane
 from exmesh_graph.masks.settings import ObjectSettings
-from exmesh_graph.masks.standing import SHOWN, THICK, Standing, looked_through, standing
+from exmesh_graph.masks.standing import Standing, standing
 from exmesh_graph.masks.wide import brought_back, widened
 from exmesh_graph.types import DepthMaps, Views
 
+_SHOWN = 0.8
 _HOLES = 0.002
 _CLOSED = 2
 _WINDOW = 3
@@ -44,44 +43,17 @@ def object_of_depths(
     for table: remove where no table was found.
     """
     settings = settings or ObjectSettings()
-    voxel, (vertices, faces, wide, maps) = 2.0 / settings.resolution, _surface(views, depths, settings, side)
-    alone = standing(vertices, faces, wide, maps, voxel, settings.table, settings.least_part, shown=SHOWN, seed=seed)
-    ground = alone.table if alone.removed else None
-    vertices, faces = _closed(alone.vertices, alone.faces, wide, ground, settings.least_part)
-    return replace(alone, vertices=vertices * np.float32(settings.reach), faces=faces)
-
-
-def object_hiding_table(
-    views: Views, depths: DepthMaps, settings: ObjectSettings | None = None, *, side: int = 400, seed: int = 0
-) -> Standing:
-    """The same for an object whose own depth is not to be had: what hides the table from the views (masks.ground).
-
-    Raises GeometryError where no table is found, for table: keep, and where nothing hides it.
-    """
-    settings = settings or ObjectSettings()
-    if settings.table == "keep":
-        raise GeometryError("the table is kept: what hides it is not looked for", where="init.object")
-    voxel, (vertices, faces, wide, maps) = 2.0 / settings.resolution, _surface(views, depths, settings, side)
-    held = ~looked_through(vertices, wide, maps)
-    plane = plane_below(
-        vertices, faces[held[faces].all(axis=1)], wide.camera_to_world[:, :3, 3], THICK * voxel, seed
-    )  # fmt: skip
-    if plane is None:
-        raise GeometryError("no plane was found that the cameras look down on", where="init.object")
-    found = object_on_ground(wide, maps, plane, THICK * voxel, settings.least_part)
-    return replace(found, vertices=found.vertices * np.float32(settings.reach))
-
-
-def _surface(
-    views: Views, depths: DepthMaps, settings: ObjectSettings, side: int
-) -> tuple[np.ndarray, np.ndarray, Views, DepthMaps]:
-    """(vertices, faces) of the depth maps, with reduced views and maps in the wider world."""
+    reach, voxel = settings.reach, 2.0 / settings.resolution
     depths.require_of(views, "init.object")
     small, maps = _looked_at(views, depths, side)
-    wide, maps = widened(small, settings.reach), brought_back(maps, 1 / settings.reach)
+    wide, maps = widened(small, reach), brought_back(maps, 1 / reach)
     maps = structured(wide, maps, settings.least_structure)
     fused = TsdfSettings(resolution=settings.resolution, masked=False, truncation=6, min_weight=2, radius=1)
-    return *fuse(wide, maps, fused), wide, maps
+    vertices, faces = fuse(wide, maps, fused)
+    alone = standing(vertices, faces, wide, maps, voxel, settings.table, settings.least_part, shown=_SHOWN, seed=seed)
+    ground = alone.table if alone.removed else None
+    vertices, faces = _closed(alone.vertices, alone.faces, wide, ground, settings.least_part)
+    return replace(alone, vertices=vertices * np.float32(reach), faces=faces)
 
 
 def open_object(

@@ -13,10 +13,8 @@ from exmesh_graph.geometry.clean import largest_components
 from exmesh_graph.masks.plane import Plane, plane_below
 from exmesh_graph.types import DepthMaps, Views
 
-THICK = 1.5
+_VOXELS = 1.5
 """Half the thickness of a table, which stereo's noise gives it."""
-SHOWN = 0.8
-"""Of the pictures that must hold what is the object's."""
 _SKIRT = 3.0
 _TOLERANCE = 0.02
 
@@ -61,7 +59,7 @@ def standing(
     whole, shares = float(face_areas(vertices, faces).sum()), {}
     held = ~looked_through(vertices, views, depths)
     faces, shares["lumps"] = _less(vertices, faces, held[faces].all(axis=1), whole)
-    plane = plane_below(vertices, faces, views.camera_to_world[:, :3, 3], THICK * voxel, seed)
+    plane = plane_below(vertices, faces, views.camera_to_world[:, :3, 3], _VOXELS * voxel, seed)
     if table == "remove" and plane is None:
         raise GeometryError(
             "no plane was found that the object stands on and the cameras look down on", where="init.object",
@@ -69,7 +67,7 @@ def standing(
         )  # fmt: skip
     removed = plane is not None and (table == "remove" or (table == "auto" and plane.is_table))
     if removed and plane is not None:
-        above = plane.height(vertices[faces].mean(axis=1)) > THICK * voxel
+        above = plane.height(vertices[faces].mean(axis=1)) > _VOXELS * voxel
         faces, shares["table"] = _less(vertices, faces, above, whole)
     held = (shown_by(vertices, views) >= shown)[faces].all(axis=1)
     faces, beside = _less(vertices, faces, held, whole)
