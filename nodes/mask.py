@@ -122,7 +122,7 @@ class AutoParams(CoreSettings, CutSettings, ObjectSettings, AgreementSettings):
 class AutoOut(NamedTuple):
     train: Train
     decisions: Metrics
-    depths: DepthMaps | None  # of stereo, of the views in `train`; absent where none was needed
+    depths: DepthMaps | None  # of stereo, of the views in `train`; absent where no masks were found
 
 
 @node("mask.auto", version="2", libraries=_STEREO)
@@ -140,10 +140,10 @@ def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: Aut
     elif not p.find:
         train, rows = views, [off_row()]
     else:
-        depths = _stereo(ctx, views, points, p.reach, p.side, p.threads)
-        train, rows = _found(ctx, views, depths, p)
-        kept = [views.names.index(name) for name in train.names]
-        depths = DepthMaps(train.names, depths.depth[kept])
+        seen = _stereo(ctx, views, points, p.reach, p.side, p.threads)
+        train, rows = _found(ctx, views, seen, p)
+        if train.has_masks:  # without, a start is better looked for inside the sphere alone
+            depths = DepthMaps(train.names, seen.depth[[views.names.index(name) for name in train.names]])
     for row in rows:
         told = f"{row['name']}: {row['value']}. {row['reason']}"
         if row["value"] == "none" and row["name"] == "masks" and p.find:

@@ -185,7 +185,8 @@ def test_no_depth_at_all_is_told_and_views_go_on(ball, monkeypatch):
     train, row = decided(context, views)
     assert train is views
     assert "gave no surface" in row["reason"]
-    assert len(context.warnings) == 1
+    assert mask.auto(context, views, p=mask.AutoParams(**SMALL)).depths is None
+    assert len(context.warnings) == 2
 
 
 def test_outlines_without_a_common_part_are_told_and_views_go_on(ball, monkeypatch):
