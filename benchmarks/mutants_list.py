@@ -269,4 +269,101 @@ REACH = _group(
     ),
 )
 
-MUTANTS = [*CORE, *HOLES, *REACH]
+_LESSONS, _BACKEND = f"{TESTS}/test_graph_lessons.py", f"{TESTS}/backends/test_backend_local.py"
+
+LESSONS = _group(
+    "lessons: how caches of others lied, and the first holes, once more",
+    (f"{CACHE}/keys.py", "bound.signature.path_fields() | bound", "bound", _KEYS, "paths_stay_out"),
+    (f"{CACHE}/keys.py", "| bound.signature.tuning_fields()", "| set()", _KEYS, "tuning_name"),
+    (f"{CACHE}/keys.py", "if name not in tuning}", "}", _LESSONS, "knobs or downstream"),
+    (f"{CACHE}/keys.py", '"epoch": EPOCH,', '"epoch": 0,', _LESSONS, "epoch"),
+    (f"{CACHE}/keys.py", '["exmesh.artifact", type_name, rows]', '["exmesh.artifact", rows]', _KEYS, "golden"),
+    (
+        f"{CACHE}/keys.py",
+        "[[name, size, digest] for name, (size, digest) in sorted(table.items())]",
+        "[[name, size] for name, (size, digest) in sorted(table.items())]",
+        _LESSONS,
+        "deep_differences or shape_and_type",
+    ),
+    (f"{CACHE}/keys.py", '("~" + key if key.startswith("~") else key)', "key", _KEYS, "injective or imitated"),
+    (
+        f"{CACHE}/keys.py",
+        '    raise GraphError(\n        f"a {type(value)',
+        '    return repr(value)\n    raise GraphError(\n        f"a {type(value)',
+        _KEYS,
+        "unknown_types",
+    ),
+    (
+        f"{CACHE}/store.py",
+        "            path.chmod(0o444)\n            files",
+        "            files",
+        _LESSONS,
+        "change_in_place",
+    ),
+    (
+        f"{CACHE}/store.py",
+        "if target.exists() and not self.holds(digest):",
+        "if False:",
+        _STORE,
+        "replaced_by_the_next_put",
+    ),
+    (
+        f"{CACHE}/store.py",
+        "            if not self.holds(digest):\n                self.quarantine",
+        "            if False:\n                self.quarantine",
+        _STORE,
+        "broken_object_is_a_miss",
+    ),
+    (f"{G}/upkeep/collect.py", "if not needed[digest] and", "if", _GC, "two_records"),
+    (f"{G}/upkeep/collect.py", "pinned | leased\n", "pinned\n", _GC, "leased_keys"),
+    (f"{CACHE}/moduletext.py", "            cache.unlink()\n", "            pass\n", _CODE, "bytecode"),
+    (f"{CACHE}/lease.py", "if text != before:", "if True:", f"{TESTS}/test_graph_lease.py", "without_a_heartbeat"),
+    (
+        f"{RUN}/memory.py",
+        "return [part for pair in item.items() for part in pair]",
+        "return []",
+        _RUNS,
+        "dicts_of_inputs or marks_see",
+    ),
+    (f"{RUN}/memory.py", "        return list(item)\n", "        return []\n", _RUNS, "marks_see"),
+    (f"{RUN}/memory.py", "yield tuple(sorted(map(repr, item)))", 'yield "set"', _RUNS, "marks_see"),
+    (f"{RUN}/memory.py", "    return [kept]\n", "    return []\n", _RUNS, "marks_see"),
+    (
+        f"{RUN}/runner.py",
+        "        elif outcome.state == STOPPED:\n",
+        "        elif False:\n",
+        _BACKEND,
+        "nobody_asked_for",
+    ),
+    (f"{RUN}/hermetic.py", "            os.environ.update(environment)\n", "", _CLEAN, "behind"),
+    (f"{RUN}/hermetic.py", "            os.chdir(folder)\n", "            pass\n", _CLEAN, "behind"),
+    (f"{RUN}/hermetic.py", "    random.seed(seed)\n    numpy:", "    numpy:", _CLEAN, "generators"),
+    (f"{RUN}/hermetic.py", "        torch.manual_seed(seed)\n", "", _CLEAN, "generators"),
+    (
+        f"{RUN}/hermetic.py",
+        '    ("torch", "get_default_dtype", "set_default_dtype", "float32"),\n',
+        "",
+        _CLEAN,
+        "behind",
+    ),
+    (f"{RUN}/hermetic.py", '    ("torch", "get_num_threads", "set_num_threads", None),\n', "", _CLEAN, "behind"),
+    (
+        "exmesh_graph/types/results.py",
+        "for fault in figure_faults(self.values):",
+        "for fault in ():",
+        _RUNS,
+        "headline",
+    ),
+    (f"{G}/language/check.py", '("failures", "logs")', '("failures",)', _HOLES, "called_like"),
+    (f"{G}/language/wires.py", 'if "<locals>" in definition', 'if "<made>" in definition', _HOLES, "factory"),
+    (f"{G}/language/yamlfile.py", "if _CONTROL.search(node.value):", "if False:", _HOLES, "turned_round"),
+    (
+        f"{G}/language/yamlfile.py",
+        "value.bit_length() > 64",
+        "value.bit_length() > 1e9",
+        f"{TESTS}/test_graph_yamlfile.py",
+        "refused",
+    ),
+)
+
+MUTANTS = [*CORE, *HOLES, *REACH, *LESSONS]

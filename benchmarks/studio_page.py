@@ -100,26 +100,22 @@ def watch(args: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
             resting = [b - a for a, b in zip(idle, spent(studio.process.pid), strict=True)]
             yield {"nothing runs, for 10 s": "", **told(*resting, 10.0)}
             page.click("button.run")
-            run = ""
-            while not run:
-                time.sleep(0.5)
-                runs = page.evaluate("fetch('/api/runs').then(answer => answer.json())")["runs"]
-                run = next((one["id"] for one in runs), "")
-            (started,) = (folder / ".exmesh" / "studio" / "jobs").glob("*/started.json")
-            runner, ran = int(json.loads(started.read_text())["pid"]), 0.0
+            started: list[Path] = []
+            while not started:
+                time.sleep(0.2)
+                started = list((folder / ".exmesh" / "studio" / "jobs").glob("*/started.json"))
+            job = json.loads(started[0].read_text())
+            run, runner, ran, state = folder / "runs" / job["run"], int(job["pid"]), 0.0, {}
             began, before = time.monotonic(), spent(studio.process.pid)
-            while True:
-                for _ in range(10):
-                    time.sleep(0.5)
-                    ran = max(ran, tree_seconds(runner, ended=True))
-                state = page.evaluate("id => fetch(`/api/runs/${id}`).then(answer => answer.json())", run)
-                if state["state"] not in ("starting", "running", "stopping"):
-                    break
+            while state.get("state", "unfinished") == "unfinished":  # its files say it: a question to the page is work
+                time.sleep(0.5)
+                ran = max(ran, tree_seconds(runner, ended=True))
+                state = json.loads((run / "run.json").read_text())
             seconds = time.monotonic() - began
             shares = [b - a for a, b in zip(before, spent(studio.process.pid), strict=True)]
-            lines = (folder / "runs" / run / "events.jsonl").read_text().count("\n")
+            lines = (run / "events.jsonl").read_text().count("\n")
             yield {
-                "run of": args.graph.stem, "nodes": state["nodes"], "state": state["state"], "events": lines,
+                "run of": args.graph.stem, "nodes": len(state["nodes"]), "state": state["state"], "events": lines,
                 "run, processor s": round(ran, 1), "of the run's": f"{sum(shares) / ran:.2%}",
                 **told(*shares, seconds),
             }  # fmt: skip
@@ -138,9 +134,12 @@ def told(server: float, browser: float, seconds: float) -> dict[str, Any]:
 
 
 def spent(server: int) -> tuple[float, float]:
-    """Processor seconds so far of the server alone, and of the browser with all its processes."""
-    own = tree_seconds(server, children=False)
-    return own, sum(tree_seconds(pid) for pid in children_of(os.getpid()) if pid != server)
+    """Processor seconds so far of the server alone, and of the browser with all its processes.
+
+    What Playwright uses to drive it is no part of it.
+    """
+    own, drivers = tree_seconds(server, children=False), [pid for pid in children_of(os.getpid()) if pid != server]
+    return own, sum(tree_seconds(pid) for driver in drivers for pid in children_of(driver))
 
 
 def tree_seconds(pid: int, children: bool = True, ended: bool = False) -> float:

@@ -8,6 +8,8 @@ the normalised world in every level, so that one camera fits all; an asset has i
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,8 +39,12 @@ class Level:
 def levels_of(mesh: Mesh) -> list[Level]:
     """The levels of a mesh, the smallest first; the last is whole."""
     maps = mesh.base_color if isinstance(mesh, Asset) else mesh.texture if isinstance(mesh, Carrier) else None
-    side = 0 if maps is None else max(maps.shape[:2])
-    many = len(mesh.faces) > _WHOLE_AT_ONCE
+    return levels_for(len(mesh.faces), 0 if maps is None else max(maps.shape[:2]))
+
+
+def levels_for(faces: int, side: int) -> list[Level]:
+    """The levels of a mesh of so many faces with maps of so many texels at their longer side."""
+    many = faces > _WHOLE_AT_ONCE
     levels = [Level(FEW_FACES if many else 0, SIDES[0] if side > SIDES[0] else 0)]
     if many or side > SIDES[0]:
         levels.append(Level(0, SIDES[1] if side > SIDES[1] else 0))
@@ -49,10 +55,16 @@ def levels_of(mesh: Mesh) -> list[Level]:
 
 def model_level(mesh: Mesh, level: Level) -> tuple[bytes, int]:
     """(binary glTF, faces in it). Positions are 16-bit over the longest side, normals 8-bit, UVs 16-bit with v down."""
-    if level.faces and len(mesh.faces) > level.faces:
-        mesh = clustered(mesh, level.faces)
-    blob = Blob()
     textured = isinstance(mesh, Carrier) and len(mesh.uvs) > 0 and len(mesh.uv_faces) == len(mesh.faces) > 0
+    with ThreadPoolExecutor(1) as beside:  # the pictures, while faces are drawn together
+        drawing = beside.submit(_encoded, mesh, level.side) if textured and isinstance(mesh, Carrier) else None
+        if level.faces and len(mesh.faces) > level.faces:
+            mesh = clustered(mesh, level.faces)
+        return _glb(mesh, textured, drawing.result if drawing else dict), len(mesh.faces)
+
+
+def _glb(mesh: Mesh, textured: bool, pictures: Callable[[], dict[str, bytes]]) -> bytes:
+    blob = Blob()
     index, vertex, uv = _corners(mesh) if textured and isinstance(mesh, Carrier) else _alone(mesh)
     points = mesh.vertices.astype(np.float64)
     low = points.min(axis=0) if len(points) else np.zeros(3)
@@ -65,15 +77,15 @@ def model_level(mesh: Mesh, level: Level) -> tuple[bytes, int]:
     }
     material: dict[str, Any] = {"name": "clay", "doubleSided": True, "pbrMetallicRoughness": {
         "baseColorFactor": [0.8, 0.77, 0.72, 1], "metallicFactor": 0, "roughnessFactor": 0.9}}  # fmt: skip
-    images: list[tuple[str, np.ndarray]] = []
+    images: dict[str, bytes] = {}
     if textured and isinstance(mesh, Carrier):
         coordinates = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
         attributes["TEXCOORD_0"] = blob.accessor(_codes(coordinates.astype(np.float64)))
-        images = _pictures(mesh, level.side)
-        material = _material([name for name, _ in images], lit=isinstance(mesh, Asset))
+        images = pictures()
+        material = _material(list(images), lit=isinstance(mesh, Asset))
     short = len(vertex) <= 65535
     indices = blob.accessor(index.astype(np.uint16 if short else np.uint32))
-    views = [blob.add(webp(picture, 88 if level.side else 95)) for _, picture in images]
+    views = [blob.add(data) for data in images.values()]
     scene: dict[str, Any] = {"nodes": [0]}
     if isinstance(mesh, Asset):
         light = equirectangular(mesh.environment, LIGHT_WIDTH)
@@ -93,11 +105,11 @@ def model_level(mesh: Mesh, level: Level) -> tuple[bytes, int]:
     if images:
         document |= {
             "textures": [{"sampler": 0, "name": name, "extensions": {"EXT_texture_webp": {"source": number}}}
-                         for number, (name, _) in enumerate(images)],
+                         for number, name in enumerate(images)],
             "images": [{"bufferView": view, "mimeType": "image/webp"} for view in views],
             "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPPED, "wrapS": _CLAMP, "wrapT": _CLAMP}],
         }  # fmt: skip
-    return glb_bytes(document, bytes(blob.data)), len(mesh.faces)
+    return glb_bytes(document, bytes(blob.data))
 
 
 def clustered(mesh: Mesh, faces: int) -> Mesh:
@@ -164,6 +176,11 @@ def reduced(image: np.ndarray, side: int) -> np.ndarray:
         for column in places:
             total += cut[row::factor, column::factor]
     return total / len(places) ** 2
+
+
+def _encoded(mesh: Carrier, side: int) -> dict[str, bytes]:
+    """The maps as WebP by name, base colour first."""
+    return {name: webp(picture, 88 if side else 95) for name, picture in _pictures(mesh, side)}
 
 
 def _pictures(mesh: Carrier, side: int) -> list[tuple[str, np.ndarray]]:

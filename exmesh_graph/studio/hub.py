@@ -94,8 +94,10 @@ class Hub:
                 if client.lagged:
                     client.lagged = False
                     yield framed("lagged", {}, 0)
-                while client.queue:
-                    yield client.queue.popleft()
+                if client.queue:
+                    text = "".join(client.queue)  # together: each piece wakes several processes of a browser
+                    client.queue.clear()
+                    yield text
         finally:
             self.leave(client)
 

@@ -20,6 +20,8 @@ from exmesh_graph.graph.run.rundir import failure_file, is_alive
 _PLAIN = ("time", "event", "node", "step", "total", "message")
 POINTS = 500
 _HELD = 20_000
+_CALM = 2.0
+"""Seconds between two tellings of nothing but progress: each costs the run that is watched a little."""
 _REPORTING = 600.0  # seconds after its end for which a run's report is waited for
 _MOST_RECORD = 64 << 20
 _MOST_EVENTS = 64 << 20
@@ -54,6 +56,8 @@ class RunView:
         self._stamp = 0
         self._reported = False
         self._untold: dict[str, str] = {}  # nodes that are done, whose outputs the record does not show yet
+        self._progress: dict[str, dict[str, Any]] = {}  # of each running node the last, not told yet
+        self._told = 0.0
 
     @property
     def rows(self) -> dict[str, Mapping[str, Any]]:
@@ -74,17 +78,19 @@ class RunView:
         before = self.state
         self.alive = is_alive(self.folder)
         told: list[tuple[str, dict[str, Any]]] = []
-        progress: dict[str, dict[str, Any]] = {}
         for line in self._tail.lines():
             event = event_of(line)
             if event is not None:
                 with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError):  # of another version
                     self.board.take(event)
-                    self._note(event, told, progress)
+                    self._note(event, told)
         self._read_record()
-        told += [("progress", one) for one in progress.values()]
         for name in [name for name in self._untold if self.rows.get(name, {}).get("outputs")]:
             told.append(("node", self._node_event(name, self._untold.pop(name))))
+        if self._progress and (told or time.monotonic() - self._told > _CALM):
+            told += [("progress", one) for one in self._progress.values()]
+            self._progress.clear()
+            self._told = time.monotonic()
         if told or self.state != before:
             told.append(("run", self.facts()))
         return told
@@ -183,9 +189,7 @@ class RunView:
         except (ExmeshError, OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             self.record, self.reason = before, getattr(error, "what", f"{type(error).__name__}: {error}")
 
-    def _note(
-        self, event: Mapping[str, Any], told: list[tuple[str, dict[str, Any]]], progress: dict[str, dict[str, Any]]
-    ) -> None:
+    def _note(self, event: Mapping[str, Any], told: list[tuple[str, dict[str, Any]]]) -> None:
         kind, name = event["event"], str(event.get("node", ""))
         common = {"run": self.id, "name": name, "id": without_rounds(name)}
         since = event["time"] - (self.board.began or event["time"])
@@ -197,7 +201,7 @@ class RunView:
                 if len(points) > _HELD:
                     del points[1::2]
             active = self.board.running.get(name)
-            progress[name] = {
+            self._progress[name] = {
                 **common, "step": event["step"], "total": event["total"], "figures": figures, "time": event["time"],
                 "left": None if active is None else active.left(event["time"]), "t": since,
             }  # fmt: skip
@@ -208,6 +212,8 @@ class RunView:
             self.stopping = True
         elif kind in ("node_started", "node_finished", "node_failed", "node_blocked"):
             self._read_record()
+            if kind != "node_started":
+                self._progress.pop(name, None)  # what has ended has none
             text = str(event.get("message", ""))[:2000]
             told.append(("node", self._node_event(name, text)))
             if kind == "node_finished" and not self.rows.get(name, {}).get("outputs"):

@@ -18,6 +18,8 @@ from exmesh_graph.studio.workspace import Workspace
 HOST = "127.0.0.1"
 _HEAD_SECONDS = 10.0
 _MOST_CONNECTIONS = 256
+_TICK = 0.5
+"""Seconds between two looks at whether the server shall end."""
 
 
 def serve(workspace: Workspace, port: int = 0, ready: Callable[[str], None] | None = None) -> None:
@@ -33,6 +35,10 @@ def serve(workspace: Workspace, port: int = 0, ready: Callable[[str], None] | No
     token = secrets.token_urlsafe(32)
 
     class Server(uvicorn.Server):  # type: ignore[misc,name-defined]
+        async def main_loop(self) -> None:
+            while not await self.on_tick(0):  # uvicorn's own looks ten times a second, which a watched run pays for
+                await asyncio.sleep(_TICK)
+
         async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
             workspace.hub.close()  # else it waits for the streams of open pages, and then complains of them
             await super().shutdown(sockets)

@@ -10,9 +10,9 @@ from typing import Any
 
 from exmesh_graph.studio.runview import RunView, is_run
 
-PAUSE = 0.5
+PAUSE = 1.0
 """Seconds between two looks at runs that go on."""
-_LIST_EVERY = 1.0
+_LIST_EVERY = 2.0
 SHOWN = 200
 """Run folders that are looked at, the newest."""
 

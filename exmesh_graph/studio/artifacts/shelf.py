@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
-from exmesh_graph.api.results import load_artifact
-from exmesh_graph.errors import ExmeshError
+from exmesh_graph.errors import ExmeshError, StoreError
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.ports import artifact_types
-from exmesh_graph.types import Artifact
+from exmesh_graph.types import ArrayArtifact, Artifact
 from exmesh_graph.types.pictures import Pictures
 
 _DIGEST = re.compile(r"[0-9a-f]{8,128}\Z")
@@ -40,7 +41,9 @@ class Shelf:
         self._values: OrderedDict[str, tuple[int, Artifact]] = OrderedDict()
         self._made: OrderedDict[Hashable, bytes] = OrderedDict()
         self._lock = threading.Lock()
-        self._turn = threading.BoundedSemaphore(2)  # of heavy work at once: the runs need the machine, too
+        self._gates: WeakValueDictionary[Hashable, threading.Lock] = WeakValueDictionary()
+        # Of heavy work at once: the runs need the machine, too. What is made may read a value, but not the other way.
+        self._making, self._reading = threading.BoundedSemaphore(2), threading.BoundedSemaphore(2)
         self._store: Store | None = None
 
     @property
@@ -60,18 +63,27 @@ class Shelf:
 
     def value(self, digest: str) -> Artifact:
         """An artifact, its bytes checked when it was read. Raises NoArtifact, StoreError."""
-        self.kind(digest)
-        with self._lock:
-            if digest in self._values:
-                self._values.move_to_end(digest)
-                return self._values[digest][1]
-        with self._turn:
-            value: Artifact = load_artifact(self.store, digest)
-        with self._lock:
-            self._values[digest] = self.size(digest), value
-            while len(self._values) > 1 and sum(size for size, _ in self._values.values()) > _KEPT_BYTES:
-                self._values.popitem(last=False)
-        return value
+        kind = self.kind(digest)
+        with self._gate(digest):  # pages ask for several looks at one thing at once
+            with self._lock:
+                if digest in self._values:
+                    self._values.move_to_end(digest)
+                    return self._values[digest][1]
+            with self._reading:
+                value = self._read(kind, digest)
+            with self._lock:
+                self._values[digest] = self.size(digest), value
+                while len(self._values) > 1 and sum(size for size, _ in self._values.values()) > _KEPT_BYTES:
+                    self._values.popitem(last=False)
+            return value
+
+    def outline(self, digest: str) -> tuple[Mapping[str, tuple[int, ...]], Mapping[str, Any]]:
+        """The shapes of an artifact's arrays and its other fields: without its arrays where these need not be read."""
+        if getattr(self.kind(digest), "save", None) is ArrayArtifact.save:
+            arrays = self.arrays(digest)
+            return arrays.shapes(), arrays.meta()
+        fields = vars(self.value(digest))
+        return {name: value.shape for name, value in fields.items() if hasattr(value, "shape")}, fields
 
     def size(self, digest: str) -> int:
         """Bytes of its files."""
@@ -80,23 +92,46 @@ class Shelf:
 
     def made(self, key: Hashable, make: Callable[[], bytes]) -> bytes:
         """What `make` gives, made once for each key and kept for a while."""
-        with self._lock:
-            if key in self._made:
-                self._made.move_to_end(key)
-                return self._made[key]
-        with self._turn:
-            data = make()
-        with self._lock:
-            self._made[key] = data
-            while len(self._made) > 1 and sum(map(len, self._made.values())) > _MADE_BYTES:
-                self._made.popitem(last=False)
-        return data
+        with self._gate(("made", key)):
+            with self._lock:
+                if key in self._made:
+                    self._made.move_to_end(key)
+                    return self._made[key]
+            with self._making:
+                data = make()
+            with self._lock:
+                self._made[key] = data
+                while len(self._made) > 1 and sum(map(len, self._made.values())) > _MADE_BYTES:
+                    self._made.popitem(last=False)
+            return data
 
     def arrays(self, digest: str) -> Arrays:
         """The arrays of an artifact that consists of such, each read when it is asked for. Raises NoArtifact."""
         if not is_digest(digest) or not self.store.holds(digest):
             raise NoArtifact(f"the artifact {digest[:16]!r} is not whole", fix="run the graph again")
         return Arrays(self.store.data(digest))
+
+    def _gate(self, key: Hashable) -> threading.Lock:
+        """What whoever wants the same thing waits at, so that it is read or made once."""
+        with self._lock:
+            return self._gates.setdefault(key, threading.Lock())
+
+    def _read(self, kind: type[Artifact], digest: str) -> Artifact:
+        """An artifact; its bytes are checked while they are read, and nothing is given before that is done."""
+        with ThreadPoolExecutor(1) as beside:
+            checking = beside.submit(self.store.sound, digest)
+            try:
+                value, fault = kind.load(self.store.data(digest)), None
+            except Exception as error:  # of the libraries that read it
+                value, fault = None, error
+            sound = checking.result()
+        if sound and value is not None:
+            return value
+        reason = f"{kind.type_name} cannot be read: {fault}"
+        if sound:
+            self.store.quarantine(self.store.data(digest).parent, reason)
+        raise StoreError(self.store.notes[-1] if self.store.notes else reason, where=str(self.store.root),
+                         fix="run the graph again: what is missing is made anew")  # fmt: skip
 
 
 class Arrays:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from exmesh_graph.gallery.levels import levels_of
+from exmesh_graph.gallery.levels import levels_for
 from exmesh_graph.report.collect import curves_of
 from exmesh_graph.studio.artifacts.shelf import Shelf
 from exmesh_graph.studio.artifacts.tables import decision_rows, transport_facts
@@ -66,7 +66,7 @@ def _shows(shelf: Shelf, digest: str, kind: type[Artifact]) -> Iterator[dict[str
         yield _sheet("pairs", names, (shape[0], *shape[2:]), ["ours", "truth", "error", "beside", *marks])
         yield _facts({"pairs": shape[0], "size": _size(shape[2:4])})
     elif issubclass(kind, Mesh):
-        yield from _mesh(shelf, digest)
+        yield from _mesh(shelf, digest, kind)
     else:
         yield from _others(shelf.value(digest))
 
@@ -99,29 +99,30 @@ def _truth(shelf: Shelf, digest: str) -> Iterator[dict[str, Any]]:
     yield _facts({"views": len(meta["names"]), "relit": ", ".join(meta.get("relit", ()))})
 
 
-def _mesh(shelf: Shelf, digest: str) -> Iterator[dict[str, Any]]:
-    mesh = shelf.value(digest)
-    assert isinstance(mesh, Mesh)
-    flat = isinstance(mesh, Carrier) and len(mesh.uvs) > 0
-    has = ["normals", *(["uv", "texture"] if flat else []), *(["pbr"] if isinstance(mesh, Asset) else [])]
-    yield {"kind": "model", "id": "model", "title": "mesh", "levels": len(levels_of(mesh)), "has": has,
-           "faces": len(mesh.faces), "vertices": len(mesh.vertices)}  # fmt: skip
-    facts: dict[str, Any] = {"faces": len(mesh.faces), "vertices": len(mesh.vertices)}
-    if isinstance(mesh, Carrier):
-        facts["texture"] = _size(mesh.texture.shape)
+def _mesh(shelf: Shelf, digest: str, kind: type[Mesh]) -> Iterator[dict[str, Any]]:
+    shapes, fields = shelf.outline(digest)
+    faces, vertices, lit = shapes["faces"][0], shapes["vertices"][0], issubclass(kind, Asset)
+    maps = shapes["base_color" if lit else "texture"] if issubclass(kind, Carrier) else (0, 0)
+    flat = issubclass(kind, Carrier) and shapes["uvs"][0] > 0
+    has = ["normals", *(["uv", "texture"] if flat else []), *(["pbr"] if lit else [])]
+    yield {"kind": "model", "id": "model", "title": "mesh", "levels": len(levels_for(faces, max(maps[:2]))), "has": has,
+           "faces": faces, "vertices": vertices}  # fmt: skip
+    facts: dict[str, Any] = {"faces": faces, "vertices": vertices}
+    if issubclass(kind, Carrier):
+        facts["texture"] = _size(shapes["texture"])
         if flat:
             yield {"kind": "picture", "id": "atlas", "title": "atlas with stretch",
                    "layers": ["stretch", "anisotropy", "texture", "all"], "caption": ""}  # fmt: skip
-    if isinstance(mesh, Asset):
-        names = [name for name in MAPS if getattr(mesh, name, None) is not None]
-        yield {"kind": "maps", "id": "maps", "title": "maps", "names": names, "size": mesh.base_color.shape[0]}
-        yield _environment(mesh.environment.shape)
+    if lit:
+        yield {"kind": "maps", "id": "maps", "title": "maps", "names": [name for name in MAPS if name in shapes],
+               "size": maps[0]}  # fmt: skip
+        yield _environment(shapes["environment"])
         yield {"kind": "viewer", "id": "viewer", "title": "under any light"}
-        facts["maps"] = _size(mesh.base_color.shape)
-    elif isinstance(mesh, Carrier):
-        yield {"kind": "maps", "id": "maps", "title": "texture", "names": ["texture"], "size": mesh.texture.shape[0]}
-    if isinstance(mesh, Stage1State):
-        facts |= {"iteration": mesh.iteration, "appearance": mesh.appearance}
+        facts["maps"] = _size(maps)
+    elif issubclass(kind, Carrier):
+        yield {"kind": "maps", "id": "maps", "title": "texture", "names": ["texture"], "size": maps[0]}
+    if issubclass(kind, Stage1State):
+        facts |= {"iteration": fields["iteration"], "appearance": fields["appearance"]}
     yield _facts(facts)
 
 

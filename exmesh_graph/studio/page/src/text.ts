@@ -22,7 +22,7 @@ export function bytes(value: number | null | undefined): string {
 export function figure(value: Json | undefined, digits = 4): string {
   if (value === null || value === undefined) return "–";
   if (typeof value !== "number") return typeof value === "object" ? JSON.stringify(value) : String(value);
-  if (Number.isInteger(value)) return value.toLocaleString("en").replace(/,/g, "\u202f");
+  if (Number.isInteger(value)) return String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
   const size = Math.abs(value);
   if (size >= 0.001 && size < 1e6) return String(Number(value.toPrecision(digits)));
   return value.toExponential(2);

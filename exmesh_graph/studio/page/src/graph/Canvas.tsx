@@ -4,6 +4,7 @@ import { useCallback, useEffect, useMemo, useRef, useState } from "react";
 import { edit } from "../state/actions";
 import { nodeOf, now, set, shownGraph, toast, useStudio } from "../state/store";
 import { lookAtNode } from "../panels/Results";
+import type { Graph } from "../types";
 import { FrameBox } from "./FrameBox";
 import { NodeBox } from "./NodeBox";
 import { picture, type Box, type Picture } from "./picture";
@@ -12,6 +13,7 @@ import { DrawnWire, WireEdge } from "./WireEdge";
 import { begin, cease, dropOn, join, offerNew, refusal, useDrawing } from "./wires";
 import { endOf } from "./ends";
 
+const NONE: Partial<Graph> = {};
 const nodeTypes = { box: NodeBox, frame: FrameBox }, edgeTypes = { wire: WireEdge };
 
 // Where the ends of a box lie, as the style sheet draws them from within its borders: a box whose ends are known is drawn only once it is in view.
@@ -45,7 +47,8 @@ export function Canvas() {
   const [allPorts, setAllPorts] = useState(false), [mapped, setMapped] = useState(false);
   useEffect(() => { const timer = setTimeout(() => setMapped(true), 400); return () => clearTimeout(timer); }, []); // the overview comes after the first picture
   const [chosenEdges, setChosenEdges] = useState<Set<string>>(new Set());
-  const drawn = useMemo(() => (graph ? picture({ nodes: graph.nodes, wires: graph.wires, outputs: graph.outputs }, blocks, allPorts) : null), [graph, blocks, allPorts]);
+  const { nodes: parts, wires, outputs } = graph ?? NONE; // a new plan is no new picture
+  const drawn = useMemo(() => (parts && wires && outputs ? picture({ nodes: parts, wires, outputs }, blocks, allPorts) : null), [parts, wires, outputs, blocks, allPorts]);
   const { nodes, edges } = useMemo(() => (drawn ? flow(drawn, selected) : { nodes: [], edges: [] }), [drawn, selected]);
   const shownEdges = useMemo(() => edges.map((edge) => {
     const near = selected !== null && (edge.data as { line: { wire: { from: { node: string }; to: { node: string } } } }).line.wire;
@@ -81,8 +84,11 @@ export function Canvas() {
     const rect = drawn.layout.boxes.get(running), { x, y, zoom } = getViewport();
     if (!rect) return;
     const left = rect.x * zoom + x, top = rect.y * zoom + y;
-    if (left < 20 || top < 20 || left + rect.width * zoom > width - 20 || top + rect.height * zoom > height - 20) reveal(running, 0); // at once: a picture that glides takes time from the run
-  }, [running, pursue, drawn, width, height, reveal, getViewport]);
+    if (left >= 20 && top >= 20 && left + rect.width * zoom <= width - 20 && top + rect.height * zoom <= height - 20) return;
+    // At once, since a picture that glides takes time from the run; and at the left, where those that run next come into view too.
+    const near = Math.max(zoom, 0.7 * large());
+    void setCenter(rect.x - 40 / near + width / near / 2, rect.y + rect.height / 2, { zoom: near, duration: 0 });
+  }, [running, pursue, drawn, width, height, setCenter, getViewport]);
 
   const valid = useCallback((connection: Connection | Edge) => {
     const { drawing } = useDrawing.getState();

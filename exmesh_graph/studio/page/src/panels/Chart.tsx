@@ -1,5 +1,5 @@
 // Curves over steps or seconds, in SVG; the pointer reads values.
-import { useState } from "react";
+import { memo, useState } from "react";
 import { figure } from "../text";
 import type { Curve } from "../types";
 
@@ -16,8 +16,16 @@ export function Charts({ curves, axis = "" }: { curves: Curve[]; axis?: "" | "t"
   }
   if (!groups.size) return <p className="soft pad">No curves yet. They grow here while a run fits something.</p>;
   const order = (key: string) => (key.endsWith("|psnr") ? 0 : key.endsWith("|loss") ? 1 : 2);
-  return <div className="charts">{[...groups].sort(([a], [b]) => order(a) - order(b)).map(([key, list]) => <Chart key={key} title={`${key.split("|")[0]} ${NAMES[list[0].name] ?? list[0].name.replace(/_/g, " ")}`} curves={joined(list, axis)} axis={axis ? "seconds" : list[0].axis || "step"} />)}</div>;
+  return <div className="charts">{[...groups].sort(([a], [b]) => order(a) - order(b)).map(([key, list]) => <Joined key={key} title={`${key.split("|")[0]} ${NAMES[list[0].name] ?? list[0].name.replace(/_/g, " ")}`} list={list} axis={axis} />)}</div>;
 }
+
+// Drawn anew only where one of its curves is another.
+const Joined = memo(
+  function Joined({ title, list, axis }: { title: string; list: Curve[]; axis: "" | "t" }) {
+    return <Chart title={title} curves={joined(list, axis)} axis={axis ? "seconds" : list[0].axis || "step"} />;
+  },
+  (old, next) => old.title === next.title && old.axis === next.axis && old.list.length === next.list.length && old.list.every((curve, k) => curve === next.list[k]),
+);
 
 // Rounds laid one after the other along the axis.
 function joined(curves: Curve[], axis: string): { label: string; x: number[]; y: number[] }[] {

@@ -25,21 +25,7 @@ export default function Stage3({ digest, show, source = "" }: { digest: string; 
   const [loaded, setLoaded] = useState<Loaded | null>(null), [failed, setFailed] = useState(""), [more, setMore] = useState(false);
   const look = useLook();
 
-  useEffect(() => {
-    const element = canvas.current!;
-    let made: Viewer;
-    try { made = new Viewer(element, { azimuth: 30 }); } catch { setFailed("This browser has no WebGL 2: models cannot be shown."); return; }
-    viewer.current = made;
-    const leave = join(made), holder = element.parentElement!;
-    const fit = () => { if (holder.clientWidth && holder.clientHeight) made.resize(holder.clientWidth, holder.clientHeight); };
-    const watch = new ResizeObserver(fit);
-    watch.observe(holder);
-    fit();
-    made.run();
-    return () => { watch.disconnect(); leave(); made.renderer.setAnimationLoop(null); made.controls.dispose(); made.renderer.dispose(); made.renderer.forceContextLoss(); viewer.current = null; };
-  }, []);
-
-  useEffect(() => {
+  useEffect(() => { // first, so that the server works while WebGL begins
     const stop = new AbortController();
     setFailed("");
     void (async () => {
@@ -56,6 +42,20 @@ export default function Stage3({ digest, show, source = "" }: { digest: string; 
     })();
     return () => stop.abort();
   }, [digest, show.id, show.kind, source, look.full]); // eslint-disable-line
+
+  useEffect(() => {
+    const element = canvas.current!;
+    let made: Viewer;
+    try { made = new Viewer(element, { azimuth: 30 }); } catch { setFailed("This browser has no WebGL 2: models cannot be shown."); return; }
+    viewer.current = made;
+    const leave = join(made), holder = element.parentElement!;
+    const fit = () => { if (holder.clientWidth && holder.clientHeight) made.resize(holder.clientWidth, holder.clientHeight); };
+    const watch = new ResizeObserver(fit);
+    watch.observe(holder);
+    fit();
+    made.run();
+    return () => { watch.disconnect(); leave(); made.renderer.setAnimationLoop(null); made.controls.dispose(); made.renderer.dispose(); made.renderer.forceContextLoss(); viewer.current = null; };
+  }, []);
 
   useEffect(() => {
     if (!loaded) return;
