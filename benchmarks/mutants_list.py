@@ -275,7 +275,7 @@ LESSONS = _group(
     "lessons: how caches of others lied, and the first holes, once more",
     (f"{CACHE}/keys.py", "bound.signature.path_fields() | bound", "bound", _KEYS, "paths_stay_out"),
     (f"{CACHE}/keys.py", "| bound.signature.tuning_fields()", "| set()", _KEYS, "tuning_name"),
-    (f"{CACHE}/keys.py", "if name not in tuning}", "}", _LESSONS, "knobs or downstream"),
+    (f"{CACHE}/keys.py", "if name not in tuning}", "}", f"{TESTS}/test_graph_components.py", ""),
     (f"{CACHE}/keys.py", '"epoch": EPOCH,', '"epoch": 0,', _LESSONS, "epoch"),
     (f"{CACHE}/keys.py", '["exmesh.artifact", type_name, rows]', '["exmesh.artifact", rows]', _KEYS, "golden"),
     (
@@ -361,8 +361,8 @@ LESSONS = _group(
         f"{G}/language/yamlfile.py",
         "value.bit_length() > 64",
         "value.bit_length() > 1e9",
-        f"{TESTS}/test_graph_yamlfile.py",
-        "refused",
+        f"{TESTS}/test_graph_untrusted.py",
+        "bombs",
     ),
 )
 

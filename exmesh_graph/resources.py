@@ -48,6 +48,7 @@ def gpu_memory() -> float:
     """Memory of all NVIDIA devices together in GB (10^9 bytes), 0 where nvidia-smi does not say."""
     words = ["nvidia-smi", "--query-gpu=memory.total", "--format=csv,noheader,nounits"]
     try:
+        # not in the key: how much memory there is
         told = subprocess.run(words, capture_output=True, text=True, timeout=20, check=True).stdout
         return sum(float(line) for line in told.split()) * 2**20 / 1e9
     except (OSError, subprocess.SubprocessError, ValueError):

@@ -14,7 +14,7 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from exmesh_graph.errors import ExmeshError
@@ -25,10 +25,19 @@ from exmesh_graph.graph.cache.syntax import LOADERS, imports_in, last_of, text_o
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 
-_ENVIRONMENT = re.compile(r"(?:os\.)?(?:environb?(?:\.get)?|getenvb?)\Z")
+_ENVIRONMENT = re.compile(r"os\.(?:environb?(?:\.get)?|getenvb?)\Z")
 _OF_ENVIRONMENT = ("environ", "environb", "get", "getenv", "getenvb")  # what such a name ends in: asked first
+_OF_MACHINE = {
+    "os.getcwd": "the working folder", "os.getcwdb": "the working folder", "pathlib.Path.cwd": "the working folder",
+    "pathlib.Path.home": "the home folder", "os.path.expanduser": "the home folder",
+    "os.path.expandvars": "the environment", "sys.argv": "the command line", "shutil.which": "another program",
+    **dict.fromkeys(("os.system", "os.popen", "subprocess.run", "subprocess.Popen", "subprocess.call",
+                     "subprocess.check_call", "subprocess.check_output", "subprocess.getoutput",
+                     "asyncio.create_subprocess_exec", "asyncio.create_subprocess_shell"), "another program"),
+}  # fmt: skip
+_ENDS = {*_OF_ENVIRONMENT, *(name.rpartition(".")[2] for name in _OF_MACHINE)}
 _BESIDE = ("importlib.resources", "importlib_resources", "pkgutil")
-_RUNNERS = (*LOADERS, "exec_module", "run_path", "run_module")
+_RUNS = ("exec_module", "run_path", "run_module")
 _READERS = re.compile(
     r"(?:io\.|os\.)?open|(?:pathlib\.)?(?:Pure)?Path|(?:\w+\.)*(?:(?:im)?read\w*|load\w*|\w*from_?(?:file|txt)\w*|memmap)\Z"
 )
@@ -98,24 +107,41 @@ def _canonical(name: str) -> str:
 def unseen_in(tree: ast.AST, lines: list[str]) -> list[tuple[int, str]]:
     """(line, words) of every such place; `lines` are those of the whole file."""
     told: dict[int, str] = {}
+    names = _imported(tree)
     for item in ast.walk(tree):
-        if isinstance(item, ast.expr | ast.stmt) and (words := _words(item)) and not _harmless(lines, item.lineno):
+        if isinstance(item, ast.expr | ast.stmt) and (words := _words(item, names)) and not _harmless(lines, item):
             told.setdefault(item.lineno, words)
     return sorted(told.items())
 
 
-def _harmless(lines: list[str], line: int) -> bool:
+def _imported(tree: ast.AST) -> dict[str, str]:
+    """{name: dotted origin} of what is imported under a name, whatever it is called then."""
+    names: dict[str, str] = {"environ": "os.environ", "getenv": "os.getenv"}  # also where `import *` brought them
+    for item in ast.walk(tree):
+        if isinstance(item, ast.Import):
+            names |= {alias.asname: alias.name for alias in item.names if alias.asname}
+        elif isinstance(item, ast.ImportFrom) and item.module and not item.level:
+            names |= {alias.asname or alias.name: f"{item.module}.{alias.name}" for alias in item.names}
+    return names
+
+
+def _dotted(item: ast.expr, names: Mapping[str, str]) -> str:
+    """What an expression like `a.b.c` stands for, its first name as it was imported."""
+    first, dot, rest = ast.unparse(item).partition(".")
+    return names.get(first, first) + dot + rest
+
+
+def _harmless(lines: list[str], item: ast.expr | ast.stmt) -> bool:
     """Whether a line, or a comment above it, says that what it does changes no result."""
+    line = item.lineno
     above = lines[line - 2].strip() if line > 1 else ""
     return _HARMLESS in lines[line - 1] or above.startswith(_HARMLESS)
 
 
-def _words(item: ast.AST) -> str:
+def _words(item: ast.AST, names: Mapping[str, str]) -> str:
     """What one piece of syntax depends on; an empty text for nothing else."""
-    if isinstance(item, ast.Name | ast.Attribute) and _is_environment(item):
-        return "the environment"
-    if isinstance(item, ast.Name) and item.id == "__file__":
-        return "files beside the module (__file__)"
+    if isinstance(item, ast.Name | ast.Attribute):
+        return _of_machine(item, names)
     if isinstance(item, ast.Import | ast.ImportFrom):
         beside = any(f"{module}.{name}".startswith(_BESIDE) for module, name in imports_in(item, ""))
         return "files beside the module (resources of a package)" if beside else ""
@@ -126,13 +152,22 @@ def _words(item: ast.AST) -> str:
         return f"code that is a text ({name})"
     if isinstance(item.func, ast.Name) and name == "globals":
         return "names that are texts (globals)"
-    if name in _RUNNERS and not text:
+    if name in LOADERS and not text:
         return f"code by a computed name ({ast.unparse(item)[:60]})"
-    if text and not text.startswith(_PSEUDO) and _READERS.fullmatch(ast.unparse(item.func)):
+    if name in _RUNS:
+        return f"code that is run by {'its' if text else 'a computed'} name ({ast.unparse(item)[:60]})"
+    if text and not text.startswith(_PSEUDO) and _READERS.fullmatch(_dotted(item.func, names)):
         return f"the file {text!r}"
-    return f"the environment ({text})" if text and _is_environment(item.func) else ""
+    what = _of_machine(item.func, names) if text else ""
+    return f"{what} ({text})" if what.startswith("the environment") else what
 
 
-def _is_environment(item: ast.expr) -> bool:
-    """Whether a name is one of the environment's. Syntax is turned into text slowly, so its end is looked at first."""
-    return last_of(item) in _OF_ENVIRONMENT and bool(_ENVIRONMENT.match(ast.unparse(item)))
+def _of_machine(item: ast.expr, names: Mapping[str, str]) -> str:
+    """What a name stands for of what lies around a process. Syntax is turned into text slowly: its end comes first."""
+    end = last_of(item)
+    if end in ("__file__", "__path__", "__loader__", "__spec__"):
+        return f"files beside the module ({end})"
+    if end not in _ENDS and names.get(end, "").rpartition(".")[2] not in _ENDS:
+        return ""
+    dotted = _dotted(item, names)
+    return "the environment" if _ENVIRONMENT.match(dotted) else _OF_MACHINE.get(dotted, "")

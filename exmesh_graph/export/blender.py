@@ -169,7 +169,7 @@ def _run(usd: Path, settings: BlenderSettings, pictures: list[dict[str, Any]], j
     # not in the key: Blender's own process
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     try:
-        done = subprocess.run(
+        done = subprocess.run(  # not in the key: what it is called with is, its script by code=
             [str(settings.python), str(CHILD), str(job)], capture_output=True, text=True, check=False, env=environment
         )
     except OSError as error:

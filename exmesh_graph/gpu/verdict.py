@@ -44,6 +44,7 @@ def run_check(device: str) -> list[dict[str, Any]]:
     """The outcomes of `exmesh_graph.device_check` in a new process: operation, fault, seconds."""
     command = [sys.executable, "-m", "exmesh_graph.device_check", device]
     try:
+        # not in the key: this project's own check of the device
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
         return list(json.loads(done.stdout.strip().splitlines()[-1]))
     except subprocess.TimeoutExpired:

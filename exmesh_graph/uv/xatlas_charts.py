@@ -23,12 +23,13 @@ def xatlas_charts(
     points  float64 [V, 3] with a mean face area of 1: xatlas compares areas with an absolute 1e-7
     What went wrong, in words, if xatlas was not done after `max_seconds`, or its process died.
     """
+    # not in the key: where this module, which is in the key, is found again
     code = _CHILD.format(path=[entry or os.getcwd() for entry in sys.path])
     options = [settings.max_cost, settings.chart_iterations]
     given = BytesIO()
     np.savez(given, points=points.astype(np.float32), faces=faces.astype(np.uint32), o=options)
     try:
-        done = subprocess.run(
+        done = subprocess.run(  # not in the key: this module
             [sys.executable, "-c", code], input=given.getvalue(), capture_output=True, timeout=settings.max_seconds
         )
     except subprocess.TimeoutExpired:

@@ -24,7 +24,7 @@ CLOCK = time.localtime(0).tm_hour  # before any node could change it
     "the next one finds them untouched",
 )
 def test_what_a_node_leaves_behind_reaches_no_other(bench: Any, tmp_path: Any, workers: int) -> None:
-    here = os.getcwd(), dict(os.environ), torch.get_default_dtype(), np.geterr(), random.getstate()
+    here = _here()
     text = f"""
 nodes:
   a: {{type: toy.const, value: 5}}
@@ -46,7 +46,13 @@ nodes:
     }  # fmt: skip
     assert {name: after[name] for name in fresh} == fresh
     assert after["stdout"] != "StringIO"
-    assert here == (os.getcwd(), dict(os.environ), torch.get_default_dtype(), np.geterr(), random.getstate())
+    assert here == _here()
+
+
+def _here() -> Any:
+    """What this process is like, in which nodes run without workers."""
+    threads, kind = torch.get_num_threads(), torch.get_default_dtype()
+    return os.getcwd(), dict(os.environ), kind, threads, np.geterr(), random.getstate()
 
 
 def test_global_generators_start_from_the_seed_and_go_on_after_it() -> None:

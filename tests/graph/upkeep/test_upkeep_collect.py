@@ -108,7 +108,9 @@ def test_an_object_of_two_records_stays_with_either(store: Store, tmp_path: Path
     second, same = result(store, 1, of="b")
     assert digest == same
     runs = shown_by_a_run(tmp_path / "runs", second).parent
-    delete(store, survey(store, [runs]))
+    found = survey(store, [runs])
+    assert [item.name for item in found.items] == [first]
+    delete(store, found)
     assert store.look_up(first) is None
     assert store.look_up(second) is not None
     assert store.sound(digest)
