@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from exmesh_graph.graph.cache.remote import Remote
     from exmesh_graph.graph.cache.store import Store
 
-_ID = re.compile(r"[A-Za-z0-9][\w.-]*\Z")
+_ID, _DIGEST = re.compile(r"[A-Za-z0-9][\w.-]*\Z"), re.compile(r"[0-9a-f]{64}\Z")
 
 
 class Moved(NamedTuple):
@@ -48,11 +48,18 @@ def push(run: str = "latest", *, shared: str | None = None, store: Folder = None
         raise ExmeshError(f"the run {record['id']} goes on", where=str(folder), fix="send it when it has ended")
     opened, remote = _tiers(record.get("store") if store is None else store, shared)
     keys = {row["name"]: row["key"] for row in record["nodes"] if row.get("key")}
-    missing = [name for name, key in keys.items() if opened.look_up(key) is None]
+    shown = _shown(record)
+    missing = [name for name, key in keys.items()
+               if opened.look_up(key) is None or not all(map(opened.holds, shown.get(name, ())))]  # fmt: skip
     with _reported(remote):
+        if _is_taken(remote, record):
+            what = f"another run of this id is in the shared store: {record['id']}"
+            raise ExmeshError(what, where=hidden(remote.url), fix="run it again: its name is made of the time")
         for name, key in keys.items():
             if name not in missing:
                 remote.send(key)
+                for digest in shown.get(name, ()):  # a node that is not repeatable may have another result by now
+                    remote.send_object(digest)
         with opened.attempt() as attempt:
             stored = opened.put(Files(folder, "run.json"), attempt)
         remote.send_object(stored.digest)
@@ -86,8 +93,14 @@ def pull(run: str, *, shared: str | None = None, store: Folder = None, runs: Fol
     record = {**read_run(target), "store": str(opened.root)}
     (target / "run.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     opened.note_runs(target.parent)
-    names = [row["name"] for row in record["nodes"] if row.get("key") in lost]
-    return Moved(run, target, len(told["keys"]) - len(lost), tuple(names))
+    keyed = [row for row in record["nodes"] if row.get("key")]
+    shown = _shown(record)
+    with _reported(remote):  # what it shows is its own, also where this store has another result of the same key
+        gone = {name for name, digests in shown.items()
+                if not all(opened.holds(digest) or remote.bring_object(digest) for digest in digests)}  # fmt: skip
+    names = [row["name"] for row in keyed if row["key"] in lost or row["name"] in gone]
+    left = {row["key"] for row in keyed if row["name"] in gone} - {*lost}
+    return Moved(run, target, len(told["keys"]) - len(lost) - len(left), tuple(names))
 
 
 def shared_runs(shared: str | None = None, store: Folder = None) -> Iterator[dict[str, Any]]:
@@ -98,10 +111,26 @@ def shared_runs(shared: str | None = None, store: Folder = None) -> Iterator[dic
             yield _note(remote, name.removesuffix(".json"))
 
 
+def _shown(record: Mapping[str, Any]) -> dict[str, list[str]]:
+    """{node: the digests of its outputs} as a run's record tells them."""
+    rows = {str(row["name"]): row.get("outputs") or {} for row in record["nodes"]}
+    return {
+        name: [str(one["digest"]) for one in outputs.values() if _DIGEST.match(str(one["digest"]))]
+        for name, outputs in rows.items()
+    }
+
+
+def _is_taken(remote: Remote, record: Mapping[str, Any]) -> bool:
+    """Whether the shared store has another run of this one's id; a note of it that is broken is none."""
+    with contextlib.suppress(ExmeshError):
+        return bool(_note(remote, str(record["id"]))["started"] != record["started"])
+    return False
+
+
 def _note(remote: Remote, run: str) -> dict[str, Any]:
     try:
         told = unseal(remote.read(f"runs/{run}.json"))
-        if told["id"] != run or not re.fullmatch(r"[0-9a-f]{64}", told["folder"]):
+        if told["id"] != run or not _DIGEST.match(told["folder"]):
             raise ValueError("it is that of another run")
         return told
     except (ValueError, KeyError, TypeError) as error:

@@ -28,8 +28,9 @@ from exmesh_graph.graph.variants.draft import Draft
 from exmesh_graph.studio.edits import Op, patched, with_edit
 from exmesh_graph.studio.ends import Ends
 from exmesh_graph.studio.faults import counted, fault_facts
+from exmesh_graph.studio.parameters import graph_parameters
 from exmesh_graph.studio.places import Conflict
-from exmesh_graph.studio.reading import Reading, graph_parameters
+from exmesh_graph.studio.reading import Reading
 from exmesh_graph.studio.typefacts import TypeFacts
 from exmesh_graph.studio.values import EDIT, plain
 

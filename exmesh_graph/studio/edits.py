@@ -141,6 +141,8 @@ def _target_of(draft: Draft, place: LinkPlace, where: Where) -> str:
     entry = draft.entries.get(place.owner)
     if place.owner == "outputs" or is_block(entry) or place.holder is entry:
         return place.label
+    if isinstance(place.holder, list):
+        refuse(where, f"{place.label} is a list that links to it", fix="rename it in the text of the file")
     word, number = next((w, n) for layer, w, n in layers_of(entry) if layer is place.holder)  # type: ignore[arg-type]
     if word != "at":
         refuse(where, f"{place.label} links to it in some rounds", fix="rename it in the text of the file")

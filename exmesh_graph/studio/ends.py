@@ -9,8 +9,8 @@ from typing import Any
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.declare.ports import Port, Signature, signature_of, type_name
 from exmesh_graph.graph.language.yamlfile import Map
-from exmesh_graph.graph.variants.draft import home_of, is_block, is_link, is_part, within
-from exmesh_graph.studio.reading import Reading
+from exmesh_graph.graph.variants.draft import home_of, is_block, is_part, within
+from exmesh_graph.studio.reading import Reading, is_wired
 from exmesh_graph.studio.typefacts import port_facts
 
 
@@ -149,6 +149,11 @@ class Ends:
         else:
             for name, (asked, promised) in wanted.clashes(given).items():
                 return f"{source.shown} has {name}={promised!r}, but {target.shown} takes {name}={asked!r}"
+            many, walked = given.many or bool(self._each(source.node)), target.name in self._each(target.node)
+            if many and not (wanted.many or walked):
+                return f"{source.shown} is a list, and {target.shown} takes one: `each: {target.name}` in the file"
+            if walked and not many:
+                return f"{target.shown} takes a list (`each`), and {source.shown} is one"
         if loop:
             return f"{source.shown} waits for {target.node} itself"
         return ""
@@ -166,7 +171,7 @@ class Ends:
         old = self.reading.kinds.get(node)
         if not isinstance(entry, Map) or old is None:
             raise GraphError(f"there is no node {node!r} that can be another one")
-        wired = [str(key) for key, value in entry.items() if is_link(value) and key in old.inputs]
+        wired = [str(key) for key, value in entry.items() if is_wired(value) and key in old.inputs]
         used = {start[1] for start, _ in self.wires if start[0] == node}
         used |= {out["port"] for out in self.reading.outputs() if self._own(out["node"]) == node}
         rows = []
@@ -179,6 +184,12 @@ class Ends:
             rows.append({"type": name, "ok": not why, "why": why, "ports": ports, "near": near})
         family = str(self.draft.read(entry, "type")).partition(".")[0]
         return sorted(rows, key=lambda r: (not r["ok"], r["type"].partition(".")[0] != family, -r["near"], r["type"]))
+
+    def _each(self, node: str) -> list[str]:
+        """The inputs of a node that take lists, with a node for each element."""
+        entry = self.reading.entries.get(node)
+        each = entry.get("each") if isinstance(entry, Map) and not is_block(entry) else None
+        return [str(one) for one in each] if isinstance(each, list) else [] if each is None else [str(each)]
 
     def _own(self, node: str) -> str:
         """The name of a node in this file; none for the sub-graph itself."""

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from exmesh_graph.graph.declare.ports import Port, Signature
-from exmesh_graph.graph.language.params import declare
 from exmesh_graph.graph.language.parts import PartFiles, input_ports
 from exmesh_graph.graph.language.spec import Tree, Value, substitute, tree_of
 from exmesh_graph.graph.language.yamlfile import Map
 from exmesh_graph.graph.problems import GraphErrors, Problems
-from exmesh_graph.graph.variants.draft import Draft, is_block, is_link, is_part, layers_of
+from exmesh_graph.graph.variants.draft import Draft, LinkPlace, is_block, is_link, is_part, layers_of
+from exmesh_graph.studio.parameters import graph_parameters, text_of
 from exmesh_graph.studio.typefacts import TypeFacts, port_facts
 from exmesh_graph.studio.values import plain, shown_path
 
@@ -83,7 +83,7 @@ class Reading:
             **self._common(path, entry, facts.get("kind", "node")),
             "type": str(kind or ""),
             **told(
-                wired=[port["port"] for port in facts.get("inputs", ()) if is_link(entry.get(port["port"]))],
+                wired=[port["port"] for port in facts.get("inputs", ()) if is_wired(entry.get(port["port"]))],
                 given={name: self._given(entry, name) for name in known if name in entry},
                 differ=[name for name in known if name in differ], layers=layers,
             ),
@@ -108,7 +108,7 @@ class Reading:
             "type": _file_of(entry), "graph": _file_of(entry),
             "inputs": [port_facts(port) for port in ports.values()], "outputs": outputs,
             "parameters": [{**one, "set": one["name"] in entry} for one in declared],
-            **told(wired=[name for name in ports if is_link(entry.get(name))]),
+            **told(wired=[name for name in ports if is_wired(entry.get(name))]),
         }  # fmt: skip
 
     def _common(self, path: str, entry: Map, kind: str) -> dict[str, Any]:
@@ -126,8 +126,8 @@ class Reading:
     def _given(self, entry: Map, name: str) -> dict[str, Any]:
         """A parameter that the file gives: its value, and how it is written where that is not the value itself."""
         raw, value = entry.get(name), plain(self._resolved(entry, name))
-        text, reference = _text(raw), raw if isinstance(raw, str) and "${" in raw else ""
-        return {"value": value, **told(text="" if text == _text(value) else text, reference=reference)}
+        text, reference = text_of(raw), raw if isinstance(raw, str) and "${" in raw else ""
+        return {"value": value, **told(text="" if text == text_of(value) else text, reference=reference)}
 
     def _layer(self, layer: Map, word: str, number: Any) -> dict[str, Any]:
         given = {str(key): plain(value) for key, value in layer.items() if key != "type"}
@@ -153,16 +153,18 @@ class Reading:
                 continue
             start = self._start(place.text, place.scope)
             side, when, target = "", None, f"{self.prefix}{place.label}"
-            entry = self.entries[place.owner]
+            entry, port = self.entries[place.owner], port_of(place)
             if is_block(entry):
                 side = "" if place.label.split(".")[-2] == "carry" else "next"
-            elif place.holder is not entry:
-                word, number = next((w, n) for layer, w, n in layers_of(entry) if layer is place.holder)
-                when = f"{word} {number}"
-                scope, _, name = place.owner.rpartition(".")
-                inner = f"{scope}[{number}].{name}" if word == "at" and scope else place.owner
-                target = f"{self.prefix}{inner}.{place.key}"
-            end = f"{self.prefix}{place.owner}", str(place.key), side
+            else:
+                listed = isinstance(place.holder, list)
+                for layer, word, number in layers_of(entry):
+                    if (layer.get(port) if listed else layer) is place.holder:
+                        when = f"{word} {number}"
+                        scope, _, name = place.owner.rpartition(".")
+                        inner = f"{scope}[{number}].{name}" if word == "at" and scope else place.owner
+                        target = f"{self.prefix}{inner}.{port}"
+            end = f"{self.prefix}{place.owner}", port, side
             yield _wire(start, end, place.text, target, when, self.port_behind(place.text, place.scope))
         for part in self.parts.values():
             if part is not None:
@@ -280,28 +282,14 @@ def told(**facts: Any) -> dict[str, Any]:
     return {name: value for name, value in facts.items() if value}
 
 
-def graph_parameters(tree: Tree, prefix: str = "") -> list[dict[str, Any]]:
-    """PARAMETER for each parameter of a graph, or with a prefix of a sub-graph."""
-    return [_declared(tree, name, prefix) for name in tree.declared]
+def is_wired(value: Any) -> bool:
+    """Whether an input is given links: one, or some in a list."""
+    return is_link(value) or (isinstance(value, list) and any(map(is_link, value)))
 
 
-def declared_parameters(top: Map) -> dict[str, Any]:
-    """{name: what is declared of it} of a merged file, whatever is wrong with it."""
-    params = top.get("params")
-    return declare(params, Problems()) if isinstance(params, Map) else {}
-
-
-def _declared(tree: Tree, name: str, prefix: str) -> dict[str, Any]:
-    told, value = tree.declared[name], tree.params[name].value if name in tree.params else None
-    limits = {sign: told.limits.get(sign) for sign in ("ge", "gt", "le", "lt")}
-    kind = "number" if told.kind == "float" and told.inferred else told.kind
-    return {
-        "name": name, "type": kind, "value": plain(value), "text": _text(value), "default": plain(told.default),
-        "set": True, "unit": told.unit, "doc": told.doc, **limits, "multiple_of": None,
-        "choices": [plain(choice) for choice in told.choices] or None, "optional": False, "required": told.required,
-        "tuning": False, "auto": "", "reference": "", "rounds_differ": False, "target": f"{prefix}{name}",
-        "path": told.kind == "path",
-    }  # fmt: skip
+def port_of(place: LinkPlace) -> str:
+    """The input (or what else) that a link is given to, also as one of a list."""
+    return place.label.rpartition(".")[2]
 
 
 def _wire(start: End, end: End, text: str, target: str, when: str | None, port: Port | None) -> dict[str, Any]:
@@ -324,13 +312,3 @@ def _port_like(name: str, port: Port | None) -> dict[str, Any]:
         return {"port": name, "types": [], "label": "", "optional": False, "component": False, "mixed": False,
                 "facets": {}}  # fmt: skip
     return {**port_facts(port), "port": name, "optional": False}
-
-
-def _text(value: Any) -> str:
-    """A value as one would write it into a graph file."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    told = plain(value)
-    return told if isinstance(told, str) else str(told)

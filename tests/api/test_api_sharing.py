@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,37 @@ def test_a_run_is_brought_to_another_machine(sent: Any, tmp_path: Path) -> None:
     assert {row["state"] for row in again.rows.values()} == {"hit"}
     with pytest.raises(ExmeshError, match="there is a folder of this name already"):
         sharing.pull(run.id, shared=shared, **there)
+
+
+def test_a_run_keeps_its_own_results_of_nodes_that_are_not_repeatable(tmp_path: Path) -> None:
+    """Here the run was made anew before it was sent, and there is another result of the same key already."""
+    here, there = ({"store": tmp_path / f"store-{x}", "runs": tmp_path / f"runs-{x}"} for x in "ab")
+
+    def made(name: str, places: dict[str, Path]) -> Any:
+        file = tmp_path / name
+        file.write_text("nodes: {d: {type: toy.dice, number: '@n.number'}, n: {type: toy.const}}")
+        return ex.run(file, **places, workers=0, progress=False, report=False, force=["d"])
+
+    run, again, other = made("a.yaml", here), made("b.yaml", here), made("c.yaml", there)
+    value = run["d"].number.value
+    assert len({value, again["d"].number.value, other["d"].number.value}) == 3
+    shared = str(tmp_path / "shared")
+    sharing.push(run.id, shared=shared, **here)
+    told = sharing.pull(run.id, shared=shared, **there)
+    assert (told.results, told.missing) == (2, ())
+    assert ex.open_run(told.folder, store=there["store"])["d"].number.value == value
+    assert ex.open_run(other.folder, store=there["store"])["d"].number.value == other["d"].number.value
+
+
+def test_another_run_of_the_same_id_is_not_replaced(sent: Any, tmp_path: Path) -> None:
+    """Two machines may begin runs of one name in the same second."""
+    run, shared, _ = sent
+    sharing.push(str(run.folder), shared=shared, store=tmp_path / "store-a")  # the same one may be sent again
+    folder = shutil.copytree(run.folder, tmp_path / "elsewhere" / run.id)
+    record = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps({**record, "started": record["started"] + 0.5}))
+    with pytest.raises(ExmeshError, match="another run of this id is in the shared store"):
+        sharing.push(str(folder), shared=shared, store=tmp_path / "store-a")
 
 
 def test_what_cannot_be_brought_is_told(sent: Any, tmp_path: Path) -> None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import struct
+import threading
+import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from exmesh_graph.gallery.levels import Level, clustered, levels_of, model_level
+from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.studio.artifacts.shelf import Shelf
 from exmesh_graph.studio.workspace import Workspace
 from exmesh_graph.types import Artifact, Asset, Carrier, Files, Metrics, Views
 
@@ -128,3 +134,26 @@ def test_files_of_an_artifact_and_nothing_else(
         assert good.headers["content-type"] == "application/octet-stream"
         assert good.headers["content-disposition"].startswith("attachment")
     assert client.get("/api/artifact/file", params={"digest": digest, "path": path}).status_code == 404
+
+
+def test_what_is_made_reads_its_value_while_others_are_made(tmp_path: Path) -> None:
+    """More looks at once than there are turns, each of a value that nobody has read: they waited for one another."""
+    store = Store(tmp_path)
+    with store.attempt() as attempt:
+        digests = [store.put(Metrics({"n": n}), attempt).digest for n in range(6)]
+    shelf, reads = Shelf(lambda: store), Counter[str]()
+
+    def make(digest: str) -> bytes:
+        time.sleep(0.05)
+        reads[digest] += 1
+        return shelf.value(digest).type_name.encode()
+
+    asked = [
+        threading.Thread(target=shelf.made, args=(d, functools.partial(make, d)), daemon=True) for d in 2 * digests
+    ]
+    for one in asked:
+        one.start()
+    for one in asked:
+        one.join(10)
+    assert not any(one.is_alive() for one in asked)
+    assert set(reads.values()) == {1}, "each is made once"

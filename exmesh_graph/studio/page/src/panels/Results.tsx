@@ -71,8 +71,10 @@ function OutputCard({ digest, type, size, name, port }: { digest: string; type: 
     artifactOf(digest).then((found) => { if (!gone) setArtifact(found); }).catch(tell);
     return () => { gone = true; };
   }, [digest]);
+  const [later, setLater] = useState(false); // an atlas comes after the model, which is looked at: both are work for the server
+  useEffect(() => { const timer = setTimeout(() => setLater(true), now().dock === "closed" ? 0 : 1500); return () => clearTimeout(timer); }, []);
   const sheet = artifact?.shows.find((show) => show.kind === "sheet"), atlas = artifact?.shows.find((show) => show.kind === "picture");
-  const thumb = sheet ? address("/api/artifact/contact", { digest, show: sheet.id, layer: sheet.layers?.[0], size: 64, from: 0, count: 10 }) : atlas ? address("/api/artifact/picture", { digest, show: atlas.id, layer: atlas.layers?.[0], size: 128 }) : "";
+  const thumb = sheet ? address("/api/artifact/contact", { digest, show: sheet.id, layer: sheet.layers?.[0], size: 64, from: 0, count: 10 }) : atlas && later ? address("/api/artifact/picture", { digest, show: atlas.id, layer: atlas.layers?.[0], size: 128 }) : "";
   return (
     <div className="card output">
       <p><b>{port}</b> <span className="soft">{type} · {bytes(size)}</span></p>

@@ -90,7 +90,7 @@ function takeProgress(s: State, event: ProgressEvent): Partial<State> {
 // What happens is drawn together, of each thing the last. A page that is drawn often takes time from the run that it
 // watches, so it measures what a draw costs and rests in proportion: states of nodes come sooner than progress.
 // A page that nobody sees waits until somebody does.
-const SOON = 250, STATES = { times: 200, most: 4000 }, CALM = { times: 600, most: 8000 };
+const SOON = 250, STATES = { times: 300, most: 4000 }, CALM = { times: 900, most: 8000 };
 type Act = (s: State) => Partial<State>;
 const waiting = new Map<string, Act>();
 let due = Infinity, timer = 0, cost = 8, drawn = -Infinity;
