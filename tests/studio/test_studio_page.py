@@ -35,6 +35,7 @@ nodes:
   settle: {iterations: 30}
   light: {directions: 32}
   probe: null
+  neutral: {roughness: 0.5, needs: null}
   bounce: {bounces: 1, needs: null}
   pbr: {needs: null, metallic: false, texture_size: 64, environment_height: 16}
   look: null
