@@ -115,6 +115,7 @@ def _row(
     if needs["bounces"]:
         light = with_bounces(light, needs["bounces"])
     chosen = {"texture_size": needs["texture_size"], "metallic": needs["metallic"], "iterations": options.iterations}
+    chosen["light_first"] = options.light_first
     settings = SHIPPED.replaced(**chosen, **changes, keep_light="light" in given)
     start = neutral_asset(carrier, StartSettings(base_color=options.start, roughness=options.start_roughness))
     if "light" in given:
@@ -158,6 +159,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--views", type=int, default=4, help="test views that are scored")
     parser.add_argument("--start", choices=["gray", "tint", "texture"], default="tint")
     parser.add_argument("--start-roughness", type=float, default=0.5)
+    parser.add_argument("--light-first", type=float, default=0.0, help="share of the steps that move the light alone")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     return parser.parse_args()

@@ -161,6 +161,13 @@ class Adam:
                 tensor.copy_(value)
         self.steps = kept["steps"]
 
+    @torch.no_grad()
+    def forget(self) -> None:
+        """Begin anew where the parameters are, with the moments of none of the steps before."""
+        for moment in (*self.first, *self.second):
+            moment.zero_()
+        self.steps = 0
+
     def step(self, scale: float = 1.0) -> None:
         """One update with all rates multiplied by `scale`; consumes the gradients."""
         self.steps += 1

@@ -87,6 +87,15 @@ def learning_rates(settings: DecompositionSettings) -> list[float]:
     return [settings.material_rate * share**0.5, settings.environment_rate * share**0.5, settings.factor_rate * share]
 
 
+def lit_first(settings: DecompositionSettings) -> int:
+    """How many of the first steps move the light alone.
+
+    Maps and light that start together share what sets one wall apart from another, and where each wall has one normal
+    no photograph corrects them: under a low sun a plaster of one colour ends as one colour a wall.
+    """
+    return 0 if settings.keep_light else round(settings.light_first * settings.iterations)
+
+
 def _optimise(
     model: Decomposition,
     seed: int,
@@ -97,6 +106,7 @@ def _optimise(
 ) -> dict[str, list[float]]:
     """All steps; the common factor ends folded into maps and environment. Returns the curves."""
     settings = model.settings
+    alone = lit_first(settings)
     generator = torch.Generator().manual_seed(seed)
     optimiser = Adam([model.maps.parameter, model.environment, model.factor.parameter], learning_rates(settings))
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
@@ -130,9 +140,13 @@ def _optimise(
         loss.backward()
         if not guard.passes(terms, buffer, step):
             continue
-        if model.exposure is not None:
+        if model.exposure is not None and step >= alone:
             model.exposure.follow(buffer, predicted, step / settings.iterations)
         gradient = model.maps.parameter.grad
+        if step < alone:
+            model.maps.parameter.grad = model.factor.parameter.grad = None
+        elif step == alone > 0:
+            optimiser.forget()  # what the sky's moments and the count of steps hold is of another problem
         optimiser.step(guard.scale * settings.rate_decay ** (step / settings.iterations))
         model.maps.spare = gradient
         model.factor.bound(model.maps.parameter)

@@ -49,6 +49,11 @@ class DecompositionSettings(Params):
         doc="Length the rates suit: a longer fit takes them times the root of this over its own length, the factor's "
         "times this over it; 0: as they are.",
     )
+    light_first: Annotated[float, Field(ge=0, lt=1), Auto("needs")] = param(
+        0.0,
+        doc="Share of the steps, the first, that move the light alone, so that what differs from wall to wall is the "
+        "light's first and the paint's after; no such steps under keep_light.",
+    )
     log_weight: float = param(1.0, ge=0, doc="lambda_log of eq. 21.")
     ssim_weight: float = param(
         0.2, ge=0, doc="lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out."

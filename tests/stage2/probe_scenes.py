@@ -52,6 +52,38 @@ def box(cells: int = 8):
     return np.concatenate(vertices), np.array(faces), np.array(uvs)
 
 
+def die(cells: int = 3):
+    """The outside of a cube of side 1.1, each wall cut into cells: six charts."""
+    vertices, faces, uvs = [], [], []
+    line = np.linspace(-0.55, 0.55, cells + 1)
+    a, b = np.meshgrid(line, line, indexing="ij")
+    high = np.full_like(a, 0.55)
+    walls = [(high, a, b), (b, high, a), (a, b, high), (-high, b, a), (a, -high, b), (b, a, -high)]
+    for k, wall in enumerate(walls):
+        first = k * (cells + 1) ** 2
+        vertices.append(np.stack(wall, -1).reshape(-1, 3))
+        for i in range(cells):
+            for j in range(cells):
+                near = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+                q = [first + u * (cells + 1) + v for u, v in near]
+                faces += [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]
+                corner = [near[c] for c in (0, 1, 2, 0, 2, 3)]
+                uvs += [
+                    [(k % 3 + 0.06 + 0.88 * u / cells) / 3, (k // 3 + 0.06 + 0.88 * v / cells) / 2] for u, v in corner
+                ]
+    return np.concatenate(vertices), np.array(faces), np.array(uvs)
+
+
+def plaster_die() -> Asset:
+    """A die of one matt colour between a low warm sun and a blue sky."""
+    truth = asset(die(), roughness=0.9)
+    d = envmap.texel_directions(16, 32)
+    sky = 0.5 * np.clip(0.6 + 0.4 * d[..., 1:2], 0.1, 1) * np.array([0.6, 0.8, 1.2])
+    sky = sky + 6 * np.clip(d @ [0.7, 0.35, 0.6], 0, 1)[..., None] ** 20 * np.array([1.5, 1.0, 0.55])
+    color = np.broadcast_to(np.float32([0.58, 0.5, 0.42]), truth.base_color.shape).copy()
+    return dataclasses.replace(truth, base_color=color, environment=sky.astype(np.float32))
+
+
 def asset(shape, *, metallic: float | None = None, roughness: float = 0.5, bright: float = 0.6) -> Asset:
     """A shape in smooth colours under a sky with a bright, warm side."""
     vertices, faces, uvs = shape

@@ -6,10 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import trace_transport
 from exmesh_graph.stage2.probe.decide import (
     decide_bounces,
     decide_environment,
+    decide_light_first,
     decide_part,
     decide_sharp,
     pays,
@@ -18,7 +20,7 @@ from exmesh_graph.stage2.probe.decide import (
 )
 from exmesh_graph.stage2.probe.gain import FLOOR, Gain, Work, paired_gain, tiles_of
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, measure_shape, texel_budget
-from exmesh_graph.stage2.probe.light import Baked
+from exmesh_graph.stage2.probe.light import Baked, unnatural
 from exmesh_graph.stage2.probe.short import sample_views
 from exmesh_graph.types import Views
 from tests.stage2 import probe_scenes
@@ -130,6 +132,24 @@ def test_a_start_is_sharp_where_both_splits_say_so_beyond_doubt():
         assert found.value == value
         assert found.gain == min(gain.gain for gain in gains)
         assert "roughness 0.2 in place of 0.5" in found.reason
+
+
+def test_light_moves_first_where_pictures_are_as_good_and_light_is_more_natural():
+    for term, tint, value in ((1.0, 0.6, 0.25), (0.9, 0.5, 0.25), (1.05, 0.5, 0.0), (0.95, 0.95, 0.0)):
+        found = decide_light_first((0.01, 0.01 * term), (0.1, 0.1 * tint), 0.25)
+        assert found.value == value
+        assert found.evidence == pytest.approx({"image_ratio": term, "tint_ratio": tint})
+
+
+def test_green_from_one_side_is_unnatural_and_a_tint_or_a_warm_sun_is_not():
+    up = envmap.texel_directions(32, 64)[..., 1:2]
+    side = np.clip(up, 0, 1)
+    tinted = np.ones((32, 64, 1)) * [0.4, 1.0, 0.5] * (1 + side)
+    assert unnatural(tinted) == pytest.approx(0, abs=1e-6)
+    warm = 1 + side * [0.2, 0.0, -0.2]  # red up, blue down: along the curve of black bodies
+    green = 1 + side * [0.0, 0.2, 0.0]
+    assert unnatural(green) > 10 * unnatural(warm)
+    assert unnatural(3 * green) == pytest.approx(unnatural(green))
 
 
 @pytest.mark.parametrize("count", [3, 6, 16, 40])

@@ -18,7 +18,7 @@ from exmesh_graph.stage2.probe.short import ShortFit, sample_views
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from tests.stage2 import probe_scenes
-from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, photographed
+from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, photographed, plaster_die
 
 QUICK = DecompositionSettings(
     texture_size=48,
@@ -41,7 +41,7 @@ def small():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scene, "BASE_STEPS", 80)
         patch.setattr(scene, "STEPS", 30)
-        patch.setattr(scene, "SHARP_STEPS", 160)
+        patch.setattr(scene, "LONG_STEPS", 160)
         patch.setattr(scene, "SHARP_HINT", 0.3)
         patch.setattr(scene, "SHARP_LEAST", 0.3)  # of pictures so small that a reflection is a pixel
         patch.setattr(scene, "SKIES", (32,))
@@ -113,6 +113,12 @@ def test_a_hollow_object_keeps_it_and_it_pays(hollow, hollow_probe):
     assert _held_out(*hollow, decision.value, test) > _held_out(*hollow, 0, test) + 0.1
 
 
+def test_many_colours_move_with_the_light_from_the_first_step(matte_probe):
+    decision = matte_probe.needs.decisions["light_first"]
+    assert decision.value == 0
+    assert set(decision.evidence) == {"image_ratio", "tint_ratio"}
+
+
 def test_metal_turns_metallic_on_and_matte_does_not(matte_probe, hollow_probe):
     metal = asset(ball(), metallic=1.0, roughness=0.35)
     found = probe_scene(carrier_of(metal), photographed(metal)).needs.decisions["metallic"]
@@ -133,6 +139,20 @@ def test_dark_glaze_starts_smooth_and_matte_does_not(matte_probe, hollow_probe):
     assert found.value == scene.SHARP
     assert min(found.evidence.values()) == found.gain > scene.SHARP_LEAST
     assert [_value(probe, "roughness") for probe in (matte_probe, hollow_probe)] == [scene.NEUTRAL] * 2
+
+
+def test_one_plaster_stays_one_where_light_moves_first():
+    """Each wall of a die has one normal, so that its pictures do not part paint from light."""
+    truth = plaster_die()
+    carrier, views = carrier_of(truth), photographed(truth)
+    light = trace_transport(carrier.vertices, carrier.faces, 128, 1)
+    start = neutral_asset(carrier, StartSettings(base_color="gray"))
+    spread = []
+    for share in (0.0, scene.LIGHT_FIRST):
+        made, _ = fit(carrier, views, light, QUICK.replaced(light_first=share), start=start)
+        color = made.base_color[made.seen]
+        spread.append(np.log(color[:, 0] / color[:, 2]).std())
+    assert spread[1] < 0.7 * spread[0]
 
 
 @pytest.mark.slow
@@ -185,11 +205,18 @@ def test_equal_scenes_give_equal_bytes(matte, matte_probe, tmp_path):
 
 def test_every_decision_has_its_numbers_and_a_sentence(hollow_probe):
     rows = decision_rows(hollow_probe)["decisions"]
-    assert {row["name"] for row in rows} >= {"bounces", "metallic", "roughness", "environment_height", "texture_size"}
+    assert {row["name"] for row in rows} >= {
+        "bounces",
+        "metallic",
+        "roughness",
+        "light_first",
+        "environment_height",
+        "texture_size",
+    }
     for row in rows:
         assert row["reason"].endswith(".")
         assert row["cost"] >= 1
-        assert row["name"] in ("texture_size", "technique", "roughness") or row["seconds_ratio"] > 0
+        assert row["name"] in ("texture_size", "technique", "roughness", "light_first") or row["seconds_ratio"] > 0
     assert 0 < hollow_probe.needs.geometry["blocked"] < 1
 
 

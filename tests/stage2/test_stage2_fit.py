@@ -1,6 +1,7 @@
 """The fit on a scene whose materials and light are known."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.losses import d_ssim, log_l1, pair_variation
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.fit import fit, learning_rates
+from exmesh_graph.stage2.fit import fit, learning_rates, lit_first
 from exmesh_graph.stage2.init import initial_base_color, neutral_asset, resize_texture
 from exmesh_graph.stage2.objective import image_terms
 from exmesh_graph.stage2.pictures import encode_srgb
@@ -262,3 +263,24 @@ def test_longer_fits_than_the_rates_suit_take_smaller_ones():
     assert learning_rates(rates) == [0.3, 0.6, 0.03]
     assert learning_rates(rates.replaced(rates_for=400)) == pytest.approx([0.15, 0.3, 0.0075])
     assert learning_rates(rates.replaced(rates_for=400, iterations=100)) == [0.3, 0.6, 0.03]
+
+
+def test_the_first_steps_move_the_light_alone(carrier, train_views, transport):
+    """Maps stay as they were until then, and under a light that is kept there are no such steps."""
+    start = neutral_asset(carrier, StartSettings(base_color="gray"))
+    kept = {}
+
+    def keep(step, state):
+        parameters = state["optimiser"]["parameters"]
+        kept[step] = [parameter.detach().clone() for parameter in parameters]
+
+    settings = QUICK.replaced(iterations=20, light_first=0.25, corrections=0)
+    fit(carrier, train_views, transport, settings, start=start, checkpoint=keep)
+    maps, sky, factor = zip(*(kept[step] for step in range(1, 8)), strict=True)
+    assert all(
+        torch.equal(maps[0], later) and torch.equal(factor[0], f) for later, f in zip(maps[:5], factor[:5], strict=True)
+    )
+    assert not torch.equal(maps[4], maps[5])
+    assert all(not torch.equal(before, after) for before, after in itertools.pairwise(sky))
+    assert lit_first(settings) == 5
+    assert lit_first(settings.replaced(keep_light=True)) == 0

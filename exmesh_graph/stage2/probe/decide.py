@@ -18,6 +18,10 @@ SIGMAS, LEAST_GAIN, GAIN_PER_DOUBLING = 2.0, 0.05, 0.25
 #: The spread between parts of a surface, of which only some see others, is large where it matters most.
 SIGMAS_OF_LIGHT = 1.0
 
+#: Of an image term and of a light's green and purple after steps of the light alone, over those without: the first is
+#: noise of a fit up to here, the second is clear from here down (docs/probe.md).
+ALIKE, CLEARLY = 1.02, 0.85
+
 
 def required(cost: float, least: float = LEAST_GAIN) -> float:
     """The gain [dB] that a part must bring whose steps take `cost` times the work, at least `least`."""
@@ -50,6 +54,20 @@ def decide_sharp(gains: Sequence[Gain], sharp: float, neutral: float, least: flo
     """The roughness that the fit starts from: `sharp` where that brings `least` dB at least under every split."""
     found = decide_part(gains, 1.0, f"A start from roughness {sharp:g} in place of {neutral:g}", least)
     return replace(found, value=sharp if found.value else neutral)
+
+
+def decide_light_first(terms: tuple[float, float], tints: tuple[float, float], share: float) -> Decision:
+    """The share of the steps that move the light alone: `share` where the photographs are explained no worse after it
+    and the light found is clearly more natural (light.unnatural), else 0.
+
+    terms, tints  the image term and the measure of the light, of a fit without such steps and of one with them
+    """
+    longer, greener = (after / max(before, 1e-9) for before, after in (terms, tints))
+    on = longer <= ALIKE and greener <= CLEARLY
+    found = f"{100 * (longer - 1):+.0f} % of the image term and {100 * (greener - 1):+.0f} % of green and purple light"
+    need = f"{100 * (ALIKE - 1):+.0f} % and {100 * (CLEARLY - 1):+.0f} % at most"
+    reason = f"Moving the light alone at first changes {found}; taken at {need}."
+    return Decision(share if on else 0.0, None, None, 1.0, reason, {"image_ratio": longer, "tint_ratio": greener})
 
 
 def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape: ShapeMeasures) -> Decision:

@@ -1,4 +1,5 @@
-"""What light models gain at the maps and the sky of a short fit: interreflection, and where Monte Carlo samples go.
+"""What light models gain at the maps and the sky of a short fit: interreflection, where Monte Carlo samples go; how
+natural the sky is.
 
 Interreflection: what leaving it out would cost under another light, since its share ends up in the base colour. On the
 fitted views themselves nothing tells: diffuse interreflection looks the same from everywhere, so base colour
@@ -114,3 +115,21 @@ def _noise(fit: ShortFit, technique: Sampler, seed: int) -> tuple[np.ndarray, np
         errors.append(sums[0])
         counts.append(sums[1])
     return np.concatenate(errors), np.concatenate(counts)
+
+
+def unnatural(environment: np.ndarray) -> float:
+    """How much the light of an environment, radiance [H, W, 3], turns green and purple from side to side.
+
+    Skies, suns, flames and lamps lie near the curve of black bodies, which runs from orange to blue (Judd, MacAdam and
+    Wyszecki 1964 on daylight); across it, g = log G - (log R + log B) / 2 of the irradiance E(n). Returned is the
+    spread (standard deviation over all normals n) of g, so that a tint of the whole light counts for nothing.
+    """
+    rows = 8
+    coarse = envmap.resample(environment, rows, 2 * rows).reshape(-1, 3).astype(np.float64)
+    toward = envmap.texel_directions(rows, 2 * rows).reshape(-1, 3)
+    share = np.broadcast_to(np.asarray(envmap.solid_angles(rows, 2 * rows)).reshape(rows, -1), (rows, 2 * rows)).ravel()
+    irradiance = (np.clip(toward @ toward.T, 0, None) * share) @ coarse
+    red, green, blue = np.log(np.maximum(irradiance, 1e-6)).T
+    across = green - (red + blue) / 2
+    share = share / share.sum()
+    return float(np.sqrt(share @ (across - share @ across) ** 2))

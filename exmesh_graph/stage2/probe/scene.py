@@ -11,6 +11,7 @@ from exmesh_graph.stage2.probe.decide import (
     LEAST_GAIN,
     decide_bounces,
     decide_environment,
+    decide_light_first,
     decide_part,
     decide_sharp,
     decide_technique,
@@ -20,7 +21,7 @@ from exmesh_graph.stage2.probe.decide import (
 )
 from exmesh_graph.stage2.probe.gain import Gain, Work, paired_gain
 from exmesh_graph.stage2.probe.geometry import fed_side, measure_shape, texel_budget
-from exmesh_graph.stage2.probe.light import baked_light, sampling_gain
+from exmesh_graph.stage2.probe.light import baked_light, sampling_gain, unnatural
 from exmesh_graph.stage2.probe.short import Part, ShortFit, sample_views
 from exmesh_graph.types import Carrier, Decision, SceneNeeds, Views
 
@@ -35,7 +36,9 @@ TEXELS, LEAST_TEXELS, CONVEX, MOST_BOUNCES, SKIES = 128, 16, 1e-3, 3, (64, 128)
 #: low gains in a base fit [dB] before whole fits are made of it, their steps, and what it must gain in them: fits of
 #: what is rough end alike from either (within 0.6 dB), fits from 0.5 of dark glaze stay 2 dB below.
 SHARP, NEUTRAL = 0.2, 0.5
-SHARP_HINT, SHARP_STEPS, SHARP_LEAST = 0.8, 500, 1.0
+SHARP_HINT, LONG_STEPS, SHARP_LEAST = 0.8, 500, 1.0
+#: Share of a fit's steps that move the light alone, where such steps are wanted.
+LIGHT_FIRST = 0.25
 #: Mean squared error (40 dB) below which no relit picture comes: the least that baked light is weighed against.
 BEST_ERROR = 1e-4
 #: The light transport that the counted cost of a step refers to: transport.direct's by default.
@@ -67,7 +70,7 @@ CANDIDATES = (Candidate("metallic", {"metallic": True}, 1, "A metallic map", ane
 
 
 #: Fits at most, for the progress.
-STAGES = 6 + len(CANDIDATES) + len(SKIES)
+STAGES = 8 + len(CANDIDATES) + len(SKIES)
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,7 @@ class _Probe:
         self._tick()
         anew = {c.name: [self._gain(self.fit, self._anew(start, c))] for c in CANDIDATES if c.anew}
         self._again(anew, int(concave))
+        self._light_first(start)
         self._sharp(start, int(concave))
         self.fit.measure()
         reference = self._compared("reference", Part(), draw=1)
@@ -170,20 +174,33 @@ class _Probe:
         other = ShortFit(self.carrier, sample_views(self.views, other=True), self._side(), self.seed + 1)
         return other.forked(Part(bounces=bounces))
 
+    def _light_first(self, start: ShortFit) -> None:
+        """Decide whether the fit's first steps move the light alone. What is the light's and what the paint's on walls
+        of one normal each, no photograph tells: of two fits that explain the photographs alike, the one under the more
+        natural light is kept."""
+        self.long = start.restarted(Part()).run(LONG_STEPS)
+        self._tick()
+        alone = start.restarted(Part()).run(LONG_STEPS, light_first=LIGHT_FIRST)
+        self._tick()
+        terms = self.long.fitted_term(), alone.fitted_term()
+        tints = unnatural(self.long.sky()), unnatural(alone.sky())
+        self.decisions["light_first"] = decide_light_first(terms, tints, LIGHT_FIRST)
+
     def _sharp(self, start: ShortFit, bounces: int) -> None:
         """Decide on the roughness to start from. From a rough start, a sky is found that is smooth enough for it, and
         under that no texel gains by being smoother: both must move at once."""
 
-        def gain(begun: ShortFit, steps: int) -> Gain:
+        def gain(neutral: ShortFit, begun: ShortFit, steps: int) -> Gain:
             low = begun.restarted(Part(roughness=SHARP)).run(steps)
             self._tick()
-            return self._gain(self.fit if steps == BASE_STEPS else begun.restarted(Part()).run(steps), low)
+            return self._gain(neutral, low)
 
-        gains = [gain(start, BASE_STEPS)]
+        gains = [gain(self.fit, start, BASE_STEPS)]
         if gains[0].gain > SHARP_HINT:
-            gains = [gain(start, SHARP_STEPS)]
+            gains = [gain(self.long, start, LONG_STEPS)]
             if pays(gains[0], 1.0, least=SHARP_LEAST):
-                gains.append(gain(self._other(bounces), SHARP_STEPS))
+                other = self._other(bounces)
+                gains.append(gain(other.restarted(Part()).run(LONG_STEPS), other, LONG_STEPS))
         self.decisions["roughness"] = decide_sharp(gains, SHARP, NEUTRAL, SHARP_LEAST)
 
     def _anew(self, start: ShortFit, candidate: Candidate) -> ShortFit:

@@ -170,8 +170,11 @@ class ShortFit:
         model.environment = self.first_sky.clone().requires_grad_()
         return twin
 
-    def run(self, steps: int, rate: float = 1.0, last: float = LAST_RATE, draw: int = 0) -> ShortFit:
-        """`steps` more of one view each, at `rate` times the schedule's rates, falling to `last` of that.
+    def run(
+        self, steps: int, rate: float = 1.0, last: float = LAST_RATE, draw: int = 0, light_first: float = 0.0
+    ) -> ShortFit:
+        """`steps` more of one view each, at `rate` times the schedule's rates, falling to `last` of that; of the first
+        ones, the share `light_first`, the light moves alone.
 
         Ends at the mean of the second half's parameters: what is left of the order of the views (`draw` chooses it)
         is then far below what a part of the model changes.
@@ -182,11 +185,16 @@ class ShortFit:
         generator = torch.Generator().manual_seed(self.seed * 1000 + draw)
         means = [torch.zeros_like(parameter) for parameter in parameters]
         order: list[int] = []
+        alone = round(light_first * steps)
         began = time.perf_counter()
         for step in range(steps):
             order = order or torch.randperm(len(self.fitted), generator=generator).tolist()
             terms, _ = weighted_terms(model, self.fitted[order.pop()], step)
             torch.stack(list(terms.values())).sum().backward()
+            if step < alone:
+                model.maps.parameter.grad = None
+            elif step == alone > 0:
+                optimiser.forget()
             optimiser.step(last ** (step / steps))
             if step >= steps // 2:
                 for mean, parameter in zip(means, parameters, strict=True):
@@ -223,6 +231,16 @@ class ShortFit:
             errors.append(sums[0])
             pixels.append(sums[1])
         return np.concatenate(errors), np.concatenate(pixels)
+
+    @torch.no_grad()
+    def fitted_term(self) -> float:
+        """The image term (eq. 21) of the fitted pixels, the mean over views."""
+        terms = [weighted_terms(self.model, buffer, 0)[0]["image"] for buffer in self.fitted]
+        return float(torch.stack(terms).mean())
+
+    def sky(self) -> np.ndarray:
+        """The environment found: radiance [H, W, 3]."""
+        return np.asarray(envmap.radiance_of(self.model.environment.detach()).numpy())
 
     def irradiance(self, binned: torch.Tensor, diffuse: torch.Tensor, bounces: int) -> torch.Tensor:
         """Irradiance [P, 3] of the lattice points under binned light [K, 3] with `bounces` interreflections."""
