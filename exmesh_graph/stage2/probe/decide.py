@@ -20,7 +20,7 @@ SIGMAS_OF_LIGHT = 1.0
 
 #: Of an image term and of a light's green and purple after steps of the light alone, over those without: the first is
 #: noise of a fit up to here, the second is clear from here down (docs/probe.md).
-ALIKE, CLEARLY = 1.02, 0.85
+ALIKE, CLEARLY = 1.02, 0.95
 
 
 def required(cost: float, least: float = LEAST_GAIN) -> float:
