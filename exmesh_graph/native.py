@@ -90,7 +90,7 @@ def _preload_libusb() -> None:
     except ImportError:
         return  # the system may have its own; if not, the import below names what is missing
     if path is not None:
-        ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+        ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)  # not in the key: a package's own, which its version tells
 
 
 def _import(module: str, distribution: str, fix: str = "", where: str = "") -> ModuleType:

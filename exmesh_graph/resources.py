@@ -146,7 +146,7 @@ def machine_facts() -> dict[str, Any]:
 def user_and_host() -> str:
     """`name@machine`, for records of what people decided."""
     try:
-        name = getpass.getuser()
+        name = getpass.getuser()  # not in the key: for records, which are no results
     except (OSError, KeyError):  # a user id without a name, as in some containers
         name = str(os.getuid())
-    return f"{name}@{platform.node()}"
+    return f"{name}@{platform.node()}"  # not in the key: for records, which are no results

@@ -25,7 +25,7 @@ from exmesh_graph.graph.cache.syntax import LOADERS, imports_in, last_of, text_o
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 
-_ENVIRONMENT = re.compile(r"os\.(?:environb?(?:\.get)?|getenvb?)\Z")
+_ENVIRONMENT = re.compile(r"(?:.*\.)?(?:environb?(?:\.get)?|getenvb?)\Z", re.DOTALL)  # of `os`, whatever it is called
 _OF_ENVIRONMENT = ("environ", "environb", "get", "getenv", "getenvb")  # what such a name ends in: asked first
 _OF_MACHINE = {
     "os.getcwd": "the working folder", "os.getcwdb": "the working folder", "pathlib.Path.cwd": "the working folder",
@@ -34,12 +34,21 @@ _OF_MACHINE = {
     **dict.fromkeys(("os.system", "os.popen", "subprocess.run", "subprocess.Popen", "subprocess.call",
                      "subprocess.check_call", "subprocess.check_output", "subprocess.getoutput",
                      "asyncio.create_subprocess_exec", "asyncio.create_subprocess_shell"), "another program"),
+    **dict.fromkeys(("urllib.request.urlopen", "urllib.request.urlretrieve", "socket.socket",
+                     "socket.create_connection", "http.client.HTTPConnection", "http.client.HTTPSConnection",
+                     "requests.get", "requests.post", "requests.request", "requests.Session",
+                     "httpx.get", "httpx.Client"), "the network"),
+    **dict.fromkeys(("socket.gethostname", "platform.node", "platform.uname", "getpass.getuser", "os.uname",
+                     "os.getlogin"), "the machine's or the user's name"),
+    **dict.fromkeys(("ctypes.CDLL", "ctypes.PyDLL", "ctypes.cdll.LoadLibrary"), "a library outside of Python"),
 }  # fmt: skip
 _ENDS = {*_OF_ENVIRONMENT, *(name.rpartition(".")[2] for name in _OF_MACHINE)}
 _BESIDE = ("importlib.resources", "importlib_resources", "pkgutil")
 _RUNS = ("exec_module", "run_path", "run_module")
 _READERS = re.compile(
-    r"(?:io\.|os\.)?open|(?:pathlib\.)?(?:Pure)?Path|(?:\w+\.)*(?:(?:im)?read\w*|load\w*|\w*from_?(?:file|txt)\w*|memmap)\Z"
+    r"(?:(?:io|os|codecs|builtins|gzip|bz2|lzma|tarfile|(?:PIL\.)?Image)\.)?open"
+    r"|os\.(?:listdir|scandir|walk)|glob\.i?glob|linecache\.getlines?|sqlite3\.connect"
+    r"|(?:pathlib\.)?(?:Pure)?Path|(?:\w+\.)*(?:(?:im)?read\w*|load\w*|\w*from_?(?:file|txt)\w*|memmap)\Z"
 )
 _PSEUDO = ("/proc/", "/sys/", "/dev/")
 _HARMLESS = "# not in the key"
@@ -152,6 +161,8 @@ def _words(item: ast.AST, names: Mapping[str, str]) -> str:
         return f"code that is a text ({name})"
     if isinstance(item.func, ast.Name) and name == "globals":
         return "names that are texts (globals)"
+    if name == "getattr" and len(item.args) > 1 and getattr(item.args[1], "value", "") in _OF_ENVIRONMENT:
+        return "the environment"
     if name in LOADERS and not text:
         return f"code by a computed name ({ast.unparse(item)[:60]})"
     if name in _RUNS:
