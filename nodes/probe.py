@@ -4,7 +4,18 @@ from typing import Annotated, NamedTuple
 
 from exmesh_graph.gpu.settings import CoreSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.params import param
 from exmesh_graph.types import Carrier, Metrics, SceneNeeds, Views
+
+
+class ProbeParams(CoreSettings):
+    """What the probe looks at, and the cores that it may take."""
+
+    thorough: bool = param(
+        True,
+        doc="Ask with two more fits of 500 steps, half of the probe's time, whether the light should move alone at "
+        "first (light_first); false: it does not.",
+    )
 
 
 class ProbeOut(NamedTuple):
@@ -14,7 +25,7 @@ class ProbeOut(NamedTuple):
 
 @node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources={"cpu": 0})
 def probe(
-    ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: CoreSettings
+    ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: ProbeParams
 ) -> ProbeOut:
     """Measure on a few coarse training views whether indirect light, a metallic map, finer maps or sky pay.
 
@@ -24,7 +35,7 @@ def probe(
     from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
 
     with sharing(p.threads):
-        probed = probe_scene(carrier, views, seed=ctx.seed, progress=ctx.progress)
+        probed = probe_scene(carrier, views, seed=ctx.seed, thorough=p.thorough, progress=ctx.progress)
     for name, decision in probed.needs.decisions.items():
         ctx.log(f"{name}: {decision.value}. {decision.reason}")
     return ProbeOut(probed.needs, Metrics(decision_rows(probed)))

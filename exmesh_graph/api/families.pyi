@@ -722,10 +722,11 @@ class _Regulariser(Family):
         strength: lambda of the paper; the filter reaches about its root, in edges. [>= 0]
         """
 class _Scene(Family):
-    def probe(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> NeedsDecisionsNode:
+    def probe(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, threads: int | Parameter = 0, thorough: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> NeedsDecisionsNode:
         """Measure on a few coarse training views whether indirect light, a metallic map, finer maps or sky pay.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
+        thorough: Ask with two more fits of 500 steps, half of the probe's time, whether the light should move alone at first (light_first); false: it does not.
         """
 class _Stage1(Family):
     def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, beyond_gloss: float | Parameter = 0.5, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> ViewsDecisionsNode:

@@ -5,7 +5,6 @@ from exmesh_nodes import probe, stage2, transport
 from pydantic import ValidationError
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.gpu.settings import CoreSettings
 from exmesh_graph.shading.settings import BounceSettings, TransportSettings
 from exmesh_graph.stage2.probe import scene as probe_scene
 from exmesh_graph.stage2.probe import short
@@ -20,11 +19,12 @@ def _needs(**values):
 def test_the_node_decides_and_says_so(scene, monkeypatch):
     monkeypatch.setattr(probe_scene, "BASE_STEPS", 4)
     monkeypatch.setattr(probe_scene, "STEPS", 4)
+    monkeypatch.setattr(probe_scene, "LONG_STEPS", 8)
     monkeypatch.setattr(probe_scene, "SKIES", (16,))
     monkeypatch.setattr(short, "TRANSPORT", short.TRANSPORT.replaced(points=100))
     monkeypatch.setattr(short, "SHORT", short.SHORT.replaced(environment_height=8))
     context = FakeContext()
-    found = probe.probe(context, scene.asset, scene.train, p=CoreSettings())
+    found = probe.probe(context, scene.asset, scene.train, p=probe.ProbeParams())
     assert found.needs.decisions["bounces"].value == 0  # an octahedron
     assert [row["name"] for row in found.decisions.values["decisions"]] == list(found.needs.decisions)
     assert any(line.startswith("metallic: ") for line in context.lines)

@@ -119,6 +119,14 @@ def test_many_colours_move_with_the_light_from_the_first_step(matte_probe):
     assert set(decision.evidence) == {"image_ratio", "tint_ratio"}
 
 
+def test_a_probe_that_is_not_thorough_leaves_the_light_out(matte, matte_probe):
+    quick = probe_scene(carrier_of(matte[0]), matte[1], thorough=False).needs
+    assert "thorough" in quick.decisions["light_first"].reason
+    assert quick.decisions["light_first"].value == 0
+    rest = {name: decision for name, decision in matte_probe.needs.decisions.items() if name != "light_first"}
+    assert {name: quick.decisions[name] for name in rest} == rest
+
+
 def test_metal_turns_metallic_on_and_matte_does_not(matte_probe, hollow_probe):
     metal = asset(ball(), metallic=1.0, roughness=0.35)
     found = probe_scene(carrier_of(metal), photographed(metal)).needs.decisions["metallic"]

@@ -82,12 +82,16 @@ class Probed:
     seconds: dict[str, float]
 
 
-def probe_scene(carrier: Carrier, views: Views, *, seed: int = 0, progress: Progress | None = None) -> Probed:
+def probe_scene(
+    carrier: Carrier, views: Views, *, seed: int = 0, thorough: bool = True, progress: Progress | None = None
+) -> Probed:
     """Measure what `carrier`, seen by the training `views`, needs (docs/probe.md).
+
+    thorough  whether to fit as long as `light_first` takes to be judged, which without it is 0
 
     Equal arguments give equal `needs` on a CPU. Raises DataError when no pixel sees the mesh.
     """
-    return _Probe(carrier, views, seed, progress).run()
+    return _Probe(carrier, views, seed, progress).run(thorough)
 
 
 class _Probe:
@@ -98,18 +102,19 @@ class _Probe:
         self.fit = ShortFit(carrier, self.sample, self._side(), seed)
         self.shape = measure_shape(self.fit.transport, carrier.vertices, carrier.faces)
         self.decisions: dict[str, Decision] = {}
+        self.long: ShortFit | None = None
         self.seconds: dict[str, float] = {}
         self.placebo = Gain(0.0, 0.0)
         self.work = self._texture()
 
-    def run(self) -> Probed:
+    def run(self, thorough: bool = True) -> Probed:
         concave = self.shape.concavity >= CONVEX
         start = self.fit.forked(Part(bounces=int(concave)))
         self.fit = start.forked(Part()).run(BASE_STEPS)
         self._tick()
         anew = {c.name: [self._gain(self.fit, self._anew(start, c))] for c in CANDIDATES if c.anew}
         self._again(anew, int(concave))
-        self._light_first(start)
+        self._light_first(start, thorough)
         self._sharp(start, int(concave))
         self.fit.measure()
         reference = self._compared("reference", Part(), draw=1)
@@ -174,17 +179,27 @@ class _Probe:
         other = ShortFit(self.carrier, sample_views(self.views, other=True), self._side(), self.seed + 1)
         return other.forked(Part(bounces=bounces))
 
-    def _light_first(self, start: ShortFit) -> None:
+    def _light_first(self, start: ShortFit, thorough: bool) -> None:
         """Decide whether the fit's first steps move the light alone. What is the light's and what the paint's on walls
         of one normal each, no photograph tells: of two fits that explain the photographs alike, the one under the more
         natural light is kept."""
-        self.long = start.restarted(Part()).run(LONG_STEPS)
-        self._tick()
+        if not thorough:
+            reason = "Not looked at (thorough: false): base colour and light move from the first step."
+            self.decisions["light_first"] = Decision(0.0, None, None, 1.0, reason)
+            return
+        together = self._long(start)
         alone = start.restarted(Part()).run(LONG_STEPS, light_first=LIGHT_FIRST)
         self._tick()
-        terms = self.long.fitted_term(), alone.fitted_term()
-        tints = unnatural(self.long.sky()), unnatural(alone.sky())
+        terms = together.fitted_term(), alone.fitted_term()
+        tints = unnatural(together.sky()), unnatural(alone.sky())
         self.decisions["light_first"] = decide_light_first(terms, tints, LIGHT_FIRST)
+
+    def _long(self, start: ShortFit) -> ShortFit:
+        """The long fit of the first split, made once."""
+        if self.long is None:
+            self.long = start.restarted(Part()).run(LONG_STEPS)
+            self._tick()
+        return self.long
 
     def _sharp(self, start: ShortFit, bounces: int) -> None:
         """Decide on the roughness to start from. From a rough start, a sky is found that is smooth enough for it, and
@@ -197,7 +212,7 @@ class _Probe:
 
         gains = [gain(self.fit, start, BASE_STEPS)]
         if gains[0].gain > SHARP_HINT:
-            gains = [gain(self.long, start, LONG_STEPS)]
+            gains = [gain(self._long(start), start, LONG_STEPS)]
             if pays(gains[0], 1.0, least=SHARP_LEAST):
                 other = self._other(bounces)
                 gains.append(gain(other.restarted(Part()).run(LONG_STEPS), other, LONG_STEPS))
