@@ -37,7 +37,7 @@ nodes:
   probe: null
   neutral: {roughness: 0.5, needs: null}
   bounce: {bounces: 1, needs: null}
-  pbr: {needs: null, metallic: false, texture_size: 64, environment_height: 16}
+  pbr: {needs: null, metallic: false, light_first: 0, texture_size: 64, environment_height: 16}
   look: null
   score: {before: null}
   look_pictures: null
