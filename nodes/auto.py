@@ -53,7 +53,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="5",
+    version="6",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -131,7 +131,26 @@ def auto(
         cleaning = CleanSettings(faces=p.faces, tolerance=p.tolerance, components=0)
     else:
         cleaning = CleanSettings(faces=p.faces, close_holes=p.close_holes, components=0, min_area=_LEAST_BARE_PART)
-    return AutoOut(init.clean(ctx, mesh, p=cleaning).mesh, Metrics({"decisions": rows}))
+    mesh = init.clean(ctx, mesh, p=cleaning).mesh
+    if method == "stereo" and not masks:
+        rows.append(_mirrors(ctx, views, mesh, p))
+    return AutoOut(mesh, Metrics({"decisions": rows}))
+
+
+def _mirrors(ctx: Context, views: Views, mesh: Mesh, p: AutoParams) -> dict[str, Any]:
+    """Whether stereo found reflections, which is warned of."""
+    from exmesh_graph.evaluate.metrics.agreement import reflected
+    from exmesh_graph.geometry.coarse_start import mirror_row
+    from exmesh_graph.gpu.torch_setup import sharing
+
+    with sharing(p.threads):
+        row = mirror_row(*reflected(mesh.vertices, mesh.faces, views))
+    told = f"{row['name']}: {row['value']}. {row['reason']}"
+    if row["value"] == "none":
+        ctx.log(told)
+    else:
+        ctx.warn(told)
+    return row
 
 
 def _depths(

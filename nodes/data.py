@@ -188,7 +188,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 
 @node(
     "data.photos",
-    version="1",
+    version="2",
     libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow", "torch", "warp-lang"),
     sources=_photo_files,
     resources={"cpu": 1},

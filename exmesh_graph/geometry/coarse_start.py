@@ -88,6 +88,31 @@ def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> di
     return {"name": "surface", "value": value, "gain": gain, "error": error, "reason": reason}
 
 
+_MIRRORED = 0.04
+_COMPARED = 0.01
+
+
+def mirror_row(share: float, compared: float) -> dict[str, Any]:
+    """Whether what the photographs show is mirrored, as a row for the report; "likely" is to be warned of.
+
+    share, compared  exmesh_graph.evaluate.metrics.agreement.reflected; scenes for choosing have shares of 0.001 to
+                     0.016, a mirror ball 0.08
+    """
+    likely = share > _MIRRORED and compared > _COMPARED
+    reason = (
+        f"Of the windows on which neighbouring photographs agree, {share:.1%} show something else from about 35 "
+        f"degrees away (more than {_MIRRORED:.0%} tell of mirrors)."
+    )
+    if likely:
+        reason += (
+            " What stereo found there are reflections, and the surface is wrong. Dull it (chalk or scanning spray, "
+            "talcum powder), or photograph it under crossed polarisers; where it must stay as it is, give masks, which "
+            "place its outline without looking at what it mirrors (mask.files, or masks/ beside the pictures)."
+        )
+    return {"name": "mirrors", "value": "likely" if likely else "none", "reason": reason,
+            "evidence": {"share": share, "compared": compared}}  # fmt: skip
+
+
 def reduction(width: int, height: int, side: int) -> int:
     """The least whole factor by which a picture's longer side comes down to `side` pixels."""
     return max(1, math.ceil(max(width, height) / side))

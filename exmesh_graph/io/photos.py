@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.io.cameras import rotation_to_y, scene_from_dataset
 from exmesh_graph.io.formats import OPAQUE, PICTURES, VIDEOS, need_libraries
 from exmesh_graph.io.images import read_mask, read_photo
 from exmesh_graph.io.motion import Motion, Through, find_motion, renamed
@@ -25,6 +24,7 @@ from exmesh_graph.io.selection import choose
 from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.shots import Shot, need_file, need_folder, relative_names, split
 from exmesh_graph.io.undistort import pinhole
+from exmesh_graph.io.vertical import upright_world
 from exmesh_graph.io.video import extract_frames
 from exmesh_graph.io.working import Working, common_size, prepare, upright
 from exmesh_graph.types import PointCloud
@@ -113,7 +113,7 @@ def load_photos(
     train, test = split(shots, options.holdout, options.first, path)
     poses = np.stack([shot.camera_to_world for shot in shots])
     placed = [one for one in working if one.name in motion.camera_to_world]
-    turn, note = _upright(np.stack([upright(motion.camera_to_world[one.name], one.quarter) for one in placed]))
+    turn, note = upright_world(np.stack([upright(motion.camera_to_world[one.name], one.quarter) for one in placed]))
     notes += [note] if note else []
     train, test = ([replace(s, camera_to_world=turn @ s.camera_to_world) for s in part] for part in (train, test))
     points = motion.points @ turn[:3, :3].T
@@ -244,14 +244,3 @@ def _shots(working: list[Working], motion: Motion, size: tuple[int, int]) -> tup
 
 def _centres(width: int, height: int) -> np.ndarray:
     return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
-
-
-def _upright(poses: np.ndarray) -> tuple[np.ndarray, str]:
-    """(rotation [4, 4] that makes the world Y-up, a note where it is a guess)."""
-    try:
-        return scene_from_dataset("auto", poses), ""
-    except DataError:
-        up = -poses[:, :3, 1].mean(0)
-        rotation = np.eye(4)
-        rotation[:3, :3] = rotation_to_y(up / max(np.linalg.norm(up), 1e-12))
-        return rotation, "the cameras do not tell which way is up: the mean of their own is taken"

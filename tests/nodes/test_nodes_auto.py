@@ -170,7 +170,11 @@ def test_stereo_carves_and_fuses(views):
     larger = load_blender(SAMPLE, BlenderOptions(downscale=2, max_views=20)).train
     bare = replace(larger, alpha=np.ones_like(larger.alpha), has_masks=False)
     fused = auto.auto(context, bare, p=auto.AutoParams(resolution=32, faces=400))
-    assert [row["value"] for row in fused.decisions.values["decisions"]] == ["stereo", "none"]
+    assert [row["value"] for row in fused.decisions.values["decisions"]] == [
+        "stereo",
+        "none",
+        "none",
+    ]  # start, table, mirrors
     assert len(fused.mesh.faces) > 50
 
 
