@@ -89,7 +89,7 @@ def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> di
 
 
 _MIRRORED = 0.04
-_COMPARED = 0.01
+_COMPARED = 0.004
 
 
 def mirror_row(share: float, compared: float) -> dict[str, Any]:

@@ -147,7 +147,8 @@ def object_sphere(points: np.ndarray, tracks: np.ndarray, camera_to_world: np.nd
     if near.sum() < 10:
         raise DataError(
             f"{int(near.sum())} sparse points lie where the cameras look, too few to locate the object",
-            fix="add masks, or take pictures from more sides",
+            fix="take pictures closer together and from more sides, or add masks; an object that mirrors or has no "
+            "paint has no points of its own: dull it with spray or powder",
         )
     many = np.repeat(points[near], tracks[near], axis=0)
     centre = np.median(many, axis=0)
