@@ -58,7 +58,7 @@ def _mask_files(p: RegionSettings) -> Mapping[str, Path]:
     return mask_files(p.masks)
 
 
-@node("evaluate.region", version="2", libraries=_FOUND, sources=_mask_files)
+@node("evaluate.region", version="3", libraries=_FOUND, sources=_mask_files)
 def region(ctx: Context, views: TestViews, train: TrainViews | None = None, *, p: RegionSettings) -> RegionOut:
     """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
 

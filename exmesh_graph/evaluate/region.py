@@ -125,7 +125,9 @@ def _own_depth(views: Views, train: Views | None, settings: RegionSettings) -> n
     """Confirmed depth float32 [N, H, W] of the held-out views, 0 where there is none or it is not to be trusted."""
     ratio = 1 if train is None else views.width // max(train.width, 1)
     if train is not None and ratio > 1 and train.alpha.shape[1:] == (views.height // ratio, views.width // ratio):
-        small = _own_depth(reduced(views, ratio), train, settings)  # the training pictures were reduced by their loader
+        # the training pictures were reduced by their loader: what is left of `downscale` is done to both
+        left = settings.replaced(downscale=max(1, settings.downscale // ratio))
+        small = _own_depth(reduced(views, ratio), train, left)
         large = small.repeat(ratio, axis=1).repeat(ratio, axis=2)
         return np.pad(large, ((0, 0), (0, views.height - large.shape[1]), (0, views.width - large.shape[2])))
     factor = settings.downscale

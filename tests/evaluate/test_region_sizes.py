@@ -26,7 +26,9 @@ def photographs():
     return views.subset([0, 2]), views.subset([1, 3])
 
 
-def test_depth_is_found_at_the_size_of_the_training_pictures(photographs, monkeypatch):
+@pytest.mark.parametrize("downscale", [1, 2])
+def test_depth_is_found_at_the_size_of_the_training_pictures(photographs, monkeypatch, downscale):
+    """What a loader has reduced is not reduced once more."""
     held, train = photographs
     ramp = np.arange(1.0, 145.0, dtype=np.float32).reshape(12, 12)
 
@@ -38,7 +40,7 @@ def test_depth_is_found_at_the_size_of_the_training_pictures(photographs, monkey
     monkeypatch.setattr(region, "patch_match", found_by)
     monkeypatch.setattr(region, "_structured", lambda grey: torch.ones_like(grey, dtype=torch.bool))
     monkeypatch.setattr(region, "_grazing", lambda depth, *_: torch.zeros_like(depth, dtype=torch.bool))
-    found = region._own_depth(held, reduced(train, 2), SETTINGS)
+    found = region._own_depth(held, reduced(train, 2), SETTINGS.replaced(downscale=downscale))
     assert found.shape == held.alpha.shape
     np.testing.assert_array_equal(found[1, :24, :24], ramp.repeat(2, axis=0).repeat(2, axis=1))
     assert not found[:, 24:].any()
