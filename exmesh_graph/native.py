@@ -43,8 +43,8 @@ APT_PACKAGES = {
 
 def import_open3d() -> ModuleType:
     """The `open3d` module. MissingLibraryError if it, or a system library it needs, is not there."""
-    if "open3d" in sys.modules:
-        return sys.modules["open3d"]
+    if "open3d" in sys.modules:  # not in the key: libraries=
+        return sys.modules["open3d"]  # not in the key: libraries=
     _preload_libusb()
     return _import("open3d", "open3d")
 

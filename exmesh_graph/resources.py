@@ -14,10 +14,11 @@ from typing import Any
 
 from exmesh_graph.version import __version__
 
-_CONTROL_GROUPS = Path("/sys/fs/cgroup")
+_CONTROL_GROUPS = Path("/sys/fs/cgroup")  # not in the key: for limits
 _granted = 0
 
 
+# not in the key: how much there is of this machine, for limits and records
 def usable_cores() -> int:
     """The cores to use now: those of the process's affinity, or fewer where a run shares them with other nodes.
 
@@ -33,6 +34,7 @@ def grant_cores(count: int) -> None:
     _granted = count
 
 
+# not in the key: how much there is of this machine, for limits and records
 def machine_tokens() -> dict[str, float]:
     """cpu (those this process may use), gpu (NVIDIA devices that are visible), ram_gb (physical)."""
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")  # not in the key: which GPU
@@ -58,9 +60,11 @@ def gpu_memory() -> float:
 def reset_peak_memory() -> None:
     """Start a new peak for `peak_memory`, where the system allows it (Linux)."""
     with contextlib.suppress(OSError):
+        # not in the key: for limits
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
+# not in the key: how much there is of this machine, for limits and records
 def memory_in_use() -> int:
     """Resident bytes of this process now."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -79,6 +83,7 @@ def memory_of(pid: int) -> int:
     return size
 
 
+# not in the key: how much there is of this machine, for limits and records
 def confine(pid: int, most: int) -> Path | None:
     """Put a process into a control group (Linux, v2 or v1) in which it and all it starts get `most` bytes of memory.
 
@@ -110,6 +115,7 @@ def was_overdrawn(group: Path) -> bool:
     return any(count not in ("", "0") for count in counted)
 
 
+# not in the key: how much there is of this machine, for limits and records
 def peak_memory() -> int:
     """Peak resident bytes since `reset_peak_memory` (since the process began where that is not possible)."""
     peak = told_by_kernel("/proc/self/status", "VmHWM")
@@ -125,6 +131,7 @@ def told_by_kernel(file: str, label: str, sign: str = ":") -> str:
     return ""
 
 
+# not in the key: how much there is of this machine, for limits and records
 def machine_facts() -> dict[str, Any]:
     """Versions and hardware of this process; looks at torch only where it is loaded already."""
     facts: dict[str, Any] = {
@@ -143,6 +150,7 @@ def machine_facts() -> dict[str, Any]:
     return facts
 
 
+# not in the key: how much there is of this machine, for limits and records
 def user_and_host() -> str:
     """`name@machine`, for records of what people decided."""
     try:

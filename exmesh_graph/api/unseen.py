@@ -14,45 +14,19 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
+from exmesh_graph.api.reach import looked_at, unseen_in
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.files import sha256_file
 from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.cache.moduletext import OWN, ModuleText
-from exmesh_graph.graph.cache.syntax import LOADERS, imports_in, last_of, text_of
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 
-_ENVIRONMENT = re.compile(r"(?:.*\.)?(?:environb?(?:\.get)?|getenvb?)\Z", re.DOTALL)  # of `os`, whatever it is called
-_OF_ENVIRONMENT = ("environ", "environb", "get", "getenv", "getenvb")  # what such a name ends in: asked first
-_OF_MACHINE = {
-    "os.getcwd": "the working folder", "os.getcwdb": "the working folder", "pathlib.Path.cwd": "the working folder",
-    "pathlib.Path.home": "the home folder", "os.path.expanduser": "the home folder",
-    "os.path.expandvars": "the environment", "sys.argv": "the command line", "shutil.which": "another program",
-    **dict.fromkeys(("os.system", "os.popen", "subprocess.run", "subprocess.Popen", "subprocess.call",
-                     "subprocess.check_call", "subprocess.check_output", "subprocess.getoutput",
-                     "asyncio.create_subprocess_exec", "asyncio.create_subprocess_shell"), "another program"),
-    **dict.fromkeys(("urllib.request.urlopen", "urllib.request.urlretrieve", "socket.socket",
-                     "socket.create_connection", "http.client.HTTPConnection", "http.client.HTTPSConnection",
-                     "requests.get", "requests.post", "requests.request", "requests.Session",
-                     "httpx.get", "httpx.Client"), "the network"),
-    **dict.fromkeys(("socket.gethostname", "platform.node", "platform.uname", "getpass.getuser", "os.uname",
-                     "os.getlogin"), "the machine's or the user's name"),
-    **dict.fromkeys(("ctypes.CDLL", "ctypes.PyDLL", "ctypes.cdll.LoadLibrary"), "a library outside of Python"),
-}  # fmt: skip
-_ENDS = {*_OF_ENVIRONMENT, *(name.rpartition(".")[2] for name in _OF_MACHINE)}
-_BESIDE = ("importlib.resources", "importlib_resources", "pkgutil")
-_RUNS = ("exec_module", "run_path", "run_module")
-_READERS = re.compile(
-    r"(?:(?:io|os|codecs|builtins|gzip|bz2|lzma|tarfile|(?:PIL\.)?Image)\.)?open"
-    r"|os\.(?:listdir|scandir|walk)|glob\.i?glob|linecache\.getlines?|sqlite3\.connect"
-    r"|(?:pathlib\.)?(?:Pure)?Path|(?:\w+\.)*(?:(?:im)?read\w*|load\w*|\w*from_?(?:file|txt)\w*|memmap)\Z"
-)
-_PSEUDO = ("/proc/", "/sys/", "/dev/")
-_HARMLESS = "# not in the key"
-_looked_at: dict[str, list[tuple[int, str]]] = {}
+_looked_at: dict[str, dict[str, Any]] = {}
 """What was found in modules of these bytes (`ModuleText.key`), for where there is no store whose memo knows."""
 
 
@@ -86,11 +60,14 @@ def outside_imports(definition: NodeDef, but_not_of: tuple[str, ...] = ()) -> se
 def _of(definition: NodeDef) -> list[str]:
     sources, own = current().part(Sources), definition.function.__module__
     made = sources.fingerprint(definition)
+    found = {name: _in_module(sources, sources.module(name)) for name in made.modules}
+    lent = {f"{name}.{short}": words for name, one in found.items() for short, words in one["lent"].items()}
     told = []
-    for name in made.modules:
-        text = sources.module(name)
-        found = sources.fact(text, _fact(), functools.partial(_in_module, text))
-        told += [f"{name}:{line}: {words}" for line, words in found if name != own or line in made.lines]
+    for name, one in found.items():
+        places = [*one["places"], *((line, lent[full]) for line, full in one["taken"] if full in lent)]
+        told += [
+            f"{name}:{line}: {words}" for line, words in sorted(map(tuple, places)) if name != own or line in made.lines
+        ]
     if own == "__main__":
         with contextlib.suppress(OSError, TypeError, SyntaxError):
             source = textwrap.dedent(inspect.getsource(definition.function))
@@ -98,87 +75,22 @@ def _of(definition: NodeDef) -> list[str]:
     return told
 
 
-def _in_module(text: ModuleText) -> list[tuple[int, str]]:
+def _in_module(sources: Sources, text: ModuleText) -> dict[str, Any]:
+    return dict(sources.fact(text, _fact(), functools.partial(_looked, text)))
+
+
+def _looked(text: ModuleText) -> dict[str, Any]:
     if text.key not in _looked_at:
-        _looked_at[text.key] = unseen_in(text.tree, text.data.decode("utf-8", "replace").splitlines())
+        lines = text.data.decode("utf-8", "replace").splitlines()
+        _looked_at[text.key] = looked_at(text.tree, lines, text.package)
     return _looked_at[text.key]
 
 
 @functools.cache
 def _fact() -> str:
-    return f"unseen {sha256_file(Path(__file__))}"
+    rules = (Path(__file__).with_name(f"{name}.py") for name in ("reach", "fixed", "standard"))
+    return "unseen " + " ".join(sha256_file(path)[:16] for path in rules)
 
 
 def _canonical(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
-
-
-def unseen_in(tree: ast.AST, lines: list[str]) -> list[tuple[int, str]]:
-    """(line, words) of every such place; `lines` are those of the whole file."""
-    told: dict[int, str] = {}
-    names = _imported(tree)
-    for item in ast.walk(tree):
-        if isinstance(item, ast.expr | ast.stmt) and (words := _words(item, names)) and not _harmless(lines, item):
-            told.setdefault(item.lineno, words)
-    return sorted(told.items())
-
-
-def _imported(tree: ast.AST) -> dict[str, str]:
-    """{name: dotted origin} of what is imported under a name, whatever it is called then."""
-    names: dict[str, str] = {"environ": "os.environ", "getenv": "os.getenv"}  # also where `import *` brought them
-    for item in ast.walk(tree):
-        if isinstance(item, ast.Import):
-            names |= {alias.asname: alias.name for alias in item.names if alias.asname}
-        elif isinstance(item, ast.ImportFrom) and item.module and not item.level:
-            names |= {alias.asname or alias.name: f"{item.module}.{alias.name}" for alias in item.names}
-    return names
-
-
-def _dotted(item: ast.expr, names: Mapping[str, str]) -> str:
-    """What an expression like `a.b.c` stands for, its first name as it was imported."""
-    first, dot, rest = ast.unparse(item).partition(".")
-    return names.get(first, first) + dot + rest
-
-
-def _harmless(lines: list[str], item: ast.expr | ast.stmt) -> bool:
-    """Whether a line, or a comment above it, says that what it does changes no result."""
-    line = item.lineno
-    above = lines[line - 2].strip() if line > 1 else ""
-    return _HARMLESS in lines[line - 1] or above.startswith(_HARMLESS)
-
-
-def _words(item: ast.AST, names: Mapping[str, str]) -> str:
-    """What one piece of syntax depends on; an empty text for nothing else."""
-    if isinstance(item, ast.Name | ast.Attribute):
-        return _of_machine(item, names)
-    if isinstance(item, ast.Import | ast.ImportFrom):
-        beside = any(f"{module}.{name}".startswith(_BESIDE) for module, name in imports_in(item, ""))
-        return "files beside the module (resources of a package)" if beside else ""
-    if not isinstance(item, ast.Call):
-        return ""
-    name, text = last_of(item.func), text_of(item)
-    if isinstance(item.func, ast.Name) and name in ("eval", "exec"):
-        return f"code that is a text ({name})"
-    if isinstance(item.func, ast.Name) and name == "globals":
-        return "names that are texts (globals)"
-    if name == "getattr" and len(item.args) > 1 and getattr(item.args[1], "value", "") in _OF_ENVIRONMENT:
-        return "the environment"
-    if name in LOADERS and not text:
-        return f"code by a computed name ({ast.unparse(item)[:60]})"
-    if name in _RUNS:
-        return f"code that is run by {'its' if text else 'a computed'} name ({ast.unparse(item)[:60]})"
-    if text and not text.startswith(_PSEUDO) and _READERS.fullmatch(_dotted(item.func, names)):
-        return f"the file {text!r}"
-    what = _of_machine(item.func, names) if text else ""
-    return f"{what} ({text})" if what.startswith("the environment") else what
-
-
-def _of_machine(item: ast.expr, names: Mapping[str, str]) -> str:
-    """What a name stands for of what lies around a process. Syntax is turned into text slowly: its end comes first."""
-    end = last_of(item)
-    if end in ("__file__", "__path__", "__loader__", "__spec__"):
-        return f"files beside the module ({end})"
-    if end not in _ENDS and names.get(end, "").rpartition(".")[2] not in _ENDS:
-        return ""
-    dotted = _dotted(item, names)
-    return "the environment" if _ENVIRONMENT.match(dotted) else _OF_MACHINE.get(dotted, "")

@@ -109,7 +109,7 @@ class _Mover:
 
     def _path_keys(self, kind: str) -> set[str]:
         known = self.graph.signature(kind)
-        return set() if known is None else {old for name in known.path_fields() for old in known.names_of(name)}
+        return set() if known is None else {old for name in known.path_fields for old in known.names_of(name)}
 
     def _path_params_of(self, file: Path) -> set[str]:
         """The path parameters of the file that a sub-graph is made from."""

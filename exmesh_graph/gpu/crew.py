@@ -52,7 +52,7 @@ def _taken(tickets: list[None]) -> bool:
 
 def _ready(helpers: int) -> None:
     """So many threads, but no more than there are cores beside the caller's (three at least: solvers share them)."""
-    wanted = min(helpers, max(len(os.sched_getaffinity(0)) - 1, 3))
+    wanted = min(helpers, max(len(os.sched_getaffinity(0)) - 1, 3))  # not in the key: how many work
     if len(_started) >= wanted:
         return
     with _starting:

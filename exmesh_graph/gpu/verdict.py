@@ -42,7 +42,7 @@ def cuda_fault() -> str:
 
 def run_check(device: str) -> list[dict[str, Any]]:
     """The outcomes of `exmesh_graph.device_check` in a new process: operation, fault, seconds."""
-    command = [sys.executable, "-m", "exmesh_graph.device_check", device]
+    command = [sys.executable, "-m", "exmesh_graph.device_check", device]  # not in the key: as below
     try:
         # not in the key: this project's own check of the device
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
@@ -68,9 +68,9 @@ def remember(outcomes: list[dict[str, Any]]) -> None:
 
 def _machine() -> str:
     """Device, driver and versions that the outcome of a check holds for."""
-    driver = Path("/proc/driver/nvidia/version")
+    driver = Path("/proc/driver/nvidia/version")  # not in the key: which verdicts are known
     try:
-        warp = version("warp-lang")
+        warp = version("warp-lang")  # not in the key: which verdicts are known
     except PackageNotFoundError:
         warp = "none"
     facts = [
@@ -96,7 +96,7 @@ def _keep(kept: dict[str, list[dict[str, Any]]]) -> None:
     place = _place()
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        draft = place.with_suffix(f".{os.getpid()}")
+        draft = place.with_suffix(f".{os.getpid()}")  # not in the key: a draft's name
         draft.write_text(json.dumps(kept, indent=1), encoding="utf-8")
         os.replace(draft, place)
     except OSError:  # a read-only home: the check runs again in the next process

@@ -45,7 +45,8 @@ def _initialised() -> Any:
         wp.config.quiet = True  # type: ignore[attr-defined]
     if not _cache_is_writable():
         # a read-only home would make every first launch fail: fall back to a private folder of this user
-        wp.config.kernel_cache_dir = str(Path(tempfile.gettempdir()) / f"exmesh-warp-{os.getuid()}")
+        home = Path(tempfile.gettempdir())  # not in the key: a cache
+        wp.config.kernel_cache_dir = str(home / f"exmesh-warp-{os.getuid()}")  # not in the key: a cache
     with _without_driver_notice():
         wp.init()
     return wp

@@ -47,6 +47,6 @@ def kernels(of: Literal["project", "blend", "adam", "camera", "harmonics"], dtyp
         functions = vars(kernels(used, dtype)).items()  # type: ignore[arg-type]
         names |= {name: function for name, function in functions if isinstance(function, wp.Function)}
     vars(module).update(names)
-    sys.modules[name] = module
+    sys.modules[name] = module  # not in the key: code=
     spec.loader.exec_module(module)  # not in the key: code=
     return module

@@ -67,6 +67,7 @@ class Document:
         self.begun: list[Op] = list(self.history[0])
         self._real = os.path.realpath(self.file)
         self._judged: tuple[list[Op], Judged] | None = None
+        self._drawn: tuple[Judged, TypeFacts, dict[str, Any]] | None = None
         self._read()
 
     # --- state
@@ -166,6 +167,20 @@ class Document:
         """DOCUMENT of the contract, but for the plan."""
         with self.lock:
             judged, used = self.judged(ops), list(self.ops if ops is None else ops)
+            return {
+                "revision": self.revision, "file": str(self.file.relative_to(self.folder)) if self._near() else
+                str(self.file), "path": str(self.file), "name": str(judged.top.get("name", self.file.stem)),
+                "doc": str(judged.top.get("doc") or ""), "variant": self.variant, "variants": self.variants(),
+                "folder": str(self.folder), "seed": judged.top.get("seed", 0),
+                "params": [] if judged.tree is None else self._params(judged.tree, judged.top),
+                **self._shown(judged), "ops": used, "can_undo": self.place > 0,
+                "can_redo": self.place + 1 < len(self.history), "dirty": used != self.begun,
+                "disk": "changed" if self.changed_on_disk() else "same",
+            }  # fmt: skip
+
+    def _shown(self, judged: Judged) -> dict[str, Any]:
+        """Nodes, wires and faults of a judged graph: the same for every page that asks, until something changes."""
+        if self._drawn is None or self._drawn[0] is not judged or self._drawn[1] is not self.types:
             reading = self.reading(judged)
             nodes = list(reading.nodes())
             names: dict[str, list[str]] = {}
@@ -178,17 +193,11 @@ class Document:
                     node["names"] = unrolled
                 if node["id"] in counts:
                     node["problems"] = counts[node["id"]]
-            return {
-                "revision": self.revision, "file": str(self.file.relative_to(self.folder)) if self._near() else
-                str(self.file), "path": str(self.file), "name": str(judged.top.get("name", self.file.stem)),
-                "doc": str(judged.top.get("doc") or ""), "variant": self.variant, "variants": self.variants(),
-                "folder": str(self.folder), "seed": judged.top.get("seed", 0),
-                "params": [] if judged.tree is None else self._params(judged.tree, judged.top),
-                "types": self.types.used(node.get("type", "") for node in nodes), "nodes": nodes,
-                "wires": list(reading.wires()), "outputs": reading.outputs(), "problems": problems,
-                "ops": used, "can_undo": self.place > 0, "can_redo": self.place + 1 < len(self.history),
-                "dirty": used != self.begun, "disk": "changed" if self.changed_on_disk() else "same",
-            }  # fmt: skip
+            types = self.types.used(node.get("type", "") for node in nodes)
+            shown = {"types": types, "nodes": nodes, "wires": list(reading.wires()), "outputs": reading.outputs(),
+                     "problems": problems}  # fmt: skip
+            self._drawn = judged, self.types, shown
+        return self._drawn[2]
 
     def reading(self, judged: Judged) -> Reading:
         """A judged graph as it is shown."""

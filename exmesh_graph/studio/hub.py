@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import json
 import threading
 from collections import deque
@@ -49,12 +48,13 @@ class Hub:
     def __init__(self) -> None:
         self.clients: set[Client] = set()
         self._lock = threading.Lock()
-        self._numbers = itertools.count(1)
+        self.number = 0  # of the last event
 
     def publish(self, kind: str, data: Mapping[str, Any]) -> None:
         """Send an event to all pages; from any thread."""
         with self._lock:
-            clients, number = list(self.clients), next(self._numbers)
+            self.number += 1
+            clients, number = list(self.clients), self.number
         if clients:
             text = framed(kind, data, number)
             for client in clients:

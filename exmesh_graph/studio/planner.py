@@ -36,6 +36,11 @@ class Planner:
         """The plan of a graph without faults."""
         return self._planning(judged).result()
 
+    def ahead(self, judged: Judged) -> None:
+        """Begin a plan that nobody asked for yet: most of the first one is reading the code of all nodes."""
+        if judged.checked is not None:
+            self._planning(judged)
+
     def soon(self, judged: Judged, wait: float, later: Callable[[], None]) -> Plan | None:
         """The plan where it is ready within `wait` seconds; else None, and `later` is called once it is."""
         known = self._known

@@ -183,7 +183,7 @@ def _entry_of(path: tuple[Any, ...], after: Map) -> tuple[Any, ...] | None:
 def _check_paths(entry: Map, path: tuple[Any, ...], file: Path, packs: Packs) -> None:
     """Refuse to copy an entry whose relative paths start from another folder."""
     kind = signature_of(packs, entry.get("type"))
-    for name in kind.path_fields() if kind is not None else ():
+    for name in kind.path_fields if kind is not None else ():
         value, where = entry.get(name), entry.lines.get(name)
         far = where is not None and where.file is not None and where.file.name != EDIT and (
             where.file.parent.resolve() != file.parent.resolve()

@@ -132,7 +132,7 @@ def parameter_facts(kind: Signature, name: str) -> dict[str, Any]:
         "optional": type(None) in leaves,
         "tuning": bool(extra.get("tuning")),
         "auto": next((note.port for note in _notes(annotation) if isinstance(note, Auto)), ""),
-        "path": name in kind.path_fields(),
+        "path": name in kind.path_fields,
     }
 
 

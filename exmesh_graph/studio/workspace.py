@@ -84,10 +84,11 @@ class Workspace:
         return cls(file, store=used, shared=shared, runs=real.parent, variant=variant, sets=sets, run=real.name)
 
     def start(self) -> None:
-        """Begin to follow the runs, and check the graph before the first page asks for it."""
+        """Begin to follow the runs; check, read and begin to plan the graph before the first page asks for it."""
         self.jobs.sweep()
         self.watcher.start()
-        self.document.judged()
+        self.document.facts()
+        self.planner.ahead(self.document.judged())
 
     def close(self) -> None:
         self.hub.close()
@@ -98,12 +99,12 @@ class Workspace:
 
     def facts(self, ops: Sequence[Op] | None = None, wait: float = PLAN_WAIT) -> dict[str, Any]:
         """DOCUMENT of the contract, with its plan where that is ready in time."""
-        document = self.document
+        document, events = self.document, self.hub.number
         with document.lock:
             judged = document.judged(ops)
             told = document.facts(ops)
-        told |= {"store": str(self.store_folder), "runs": str(self.runs), "run": self.shown_run, "plan": None,
-                 "plan_pending": False}  # fmt: skip
+        told |= {"events": events, "store": str(self.store_folder), "runs": str(self.runs), "run": self.shown_run,
+                 "plan": None, "plan_pending": False}  # fmt: skip
         if judged.checked is not None:
             if ops is None:
                 told["plan"] = self.planner.soon(judged, wait, lambda: self._tell_plan(document.revision))

@@ -234,7 +234,7 @@ def _own_folder() -> tempfile.TemporaryDirectory[str]:
 
 def _check_space(folder: Path, size: int) -> None:
     """DataError unless `size` bytes are free: what 8-bit codes take."""
-    free = shutil.disk_usage(folder).free
+    free = shutil.disk_usage(folder).free  # not in the key: a reason to stop
     if free < size:
         raise DataError(
             f"the pictures are too many for memory, and {free / 2**30:.1f} GiB of disk are free", where=str(folder),

@@ -30,7 +30,11 @@ def xatlas_charts(
     np.savez(given, points=points.astype(np.float32), faces=faces.astype(np.uint32), o=options)
     try:
         done = subprocess.run(  # not in the key: this module
-            [sys.executable, "-c", code], input=given.getvalue(), capture_output=True, timeout=settings.max_seconds
+            # not in the key: this Python
+            [sys.executable, "-c", code],
+            input=given.getvalue(),
+            capture_output=True,
+            timeout=settings.max_seconds,
         )
     except subprocess.TimeoutExpired:
         return f"xatlas was not done after {settings.max_seconds:g} s"
@@ -45,7 +49,7 @@ def _serve() -> None:
     """The child: arrays on standard input, charts on standard output."""
     import xatlas
 
-    with np.load(BytesIO(sys.stdin.buffer.read())) as given:
+    with np.load(BytesIO(sys.stdin.buffer.read())) as given:  # not in the key: what this module sent
         points, faces, (max_cost, max_iterations) = given["points"], given["faces"], given["o"]
     atlas = xatlas.Atlas()
     atlas.add_mesh(points, faces)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import pkgutil
 import shutil
 import sys
 import types
@@ -13,8 +15,10 @@ from typing import Any
 import pytest
 
 from exmesh_graph import Session
+from exmesh_graph.api import standard
 from exmesh_graph.api.doctor import examine
 from exmesh_graph.api.planning import plan, why
+from exmesh_graph.api.reach import unseen_in
 from exmesh_graph.api.unseen import undeclared, unseen
 from exmesh_graph.graph.cache import fingerprint as fp
 from exmesh_graph.graph.cache import moduletext
@@ -40,8 +44,8 @@ except ImportError:
 def tuned(x, *, by=param(101, doc="No field of parameters.")):
     return x + by
 
-match os.name:
-    case "posix" as system:
+match os.sep:
+    case "/" as system:
         FLAVOUR = 102
     case _:
         FLAVOUR = 103
@@ -257,7 +261,7 @@ TOLD = {
     "import numpy as np\nnp.load('weights.npy')": "the file 'weights.npy'",
     "__file__": "files beside the module (__file__)",
     "from importlib import resources": "files beside the module (resources of a package)",
-    "import os\no = os\no.environ['FLAVOUR']": "the environment",
+    "import os\no = os": "the module os, as a value",
     "__import__('os').environ['FLAVOUR']": "the environment",
     "import sys\nsys.modules['os'].environ['FLAVOUR']": "the environment",
     "import os\ngetattr(os, 'environ')['FLAVOUR']": "the environment",
@@ -274,7 +278,52 @@ TOLD = {
     "import requests\nrequests.get(address)": "the network",
     "import socket\nsocket.gethostname()": "the machine's or the user's name",
     "model.eval()\n'a/b'.split('/')\np.open('rb')": "",
-    "open('/proc/self/status')": "",
+    "open('/proc/self/environ', 'rb')": "the file '/proc/self/environ'",
+    "import os\nvars(os)['environ']": "the module os, as a value",
+    "import os\nos.__dict__['en' + 'viron']": "os.__dict__",
+    "import os, functools\nfunctools.reduce(getattr, ['getpid'], os)()": "the module os, as a value",
+    "import random\nrandom._os.getpid()": "random._os.getpid",
+    "import json\njson.codecs.open('weights.txt')": "the file 'weights.txt'",
+    "import queue\nqueue.time()": "the module time, as a value",
+    "import concurrent.futures\nconcurrent.futures._base.time.time()": "time.time",
+    "import numpy as np\nnp.lib.os.getpid()": "np.lib.os.getpid",
+    "import unseen_pack.tools as t\nt._sys.hexversion": "t._sys.hexversion",
+    "from os import *": "os, all of it",
+    "class Held:\n    import os as o": "the module os, as a value",
+    "import os\nos.cpu_count()": "os.cpu_count",
+    "import time\ntime.time()": "time.time",
+    "from datetime import datetime as d\nd(2020, 1, 1).now()": "the clock (now)",
+    "import uuid\nuuid.uuid4()": "uuid.uuid4",
+    "import pickle\npickle.loads(b'cos\\ngetenv')": "pickle.loads",
+    "import typing\ntyping.get_type_hints(it)": "typing.get_type_hints",
+    "import locale\nlocale.getlocale()": "locale.getlocale",
+    "import random\nrandom.Random()": "chance (random.Random without a seed)",
+    "import numpy as np\nnp.random.default_rng()": "chance (numpy.random.default_rng without a seed)",
+    "import platform": "platform",
+    "f.__doc__": "docstrings, which are in no key (__doc__)",
+    "hash('x')": "hash(), which is another in each process",
+    "f = eval": "code that is a text (eval)",
+    "__builtins__": "what lies around code (__builtins__)",
+    "(lambda: 0).__globals__": "what lies around code (__globals__)",
+    "print.__self__": "what lies around code (__self__)",
+    "list(map(open, names))": "open, as a value",
+    "import os\nf = os.listdir": "os.listdir, as a value",
+    "NAME = 'weights.bin'\nopen(NAME)": "the file 'weights.bin'",
+    "NAMES = ['weights.bin']\nopen(NAMES[0])": "a file that no input names (NAMES[0])",
+    "open('wei' + 'ghts')": "a file that no input names ('wei' + 'ghts')",
+    "for n in ('a', 'b'):    open(n)": "a file that no input names (n)",
+    "def read(p='weights.bin'):    return open(p)": "the file 'weights.bin'",
+    "from unseen_pack.tools import WHERE\nopen(WHERE)": "a file that no input names (WHERE)",
+    "open(bytes([119]))": "a file that no input names (bytes([119]))",
+    "from pathlib import Path\nPath()": "the working folder",
+    "import os\nos.stat('weights.bin')": "the file 'weights.bin'",
+    "it = table_of('weights.csv')": "the file 'weights.csv'",
+    "class Table:\n    path: str = 'weights.csv'": "the file 'weights.csv'",
+    "open(p.path)\nround(p.now_and_then)": "",
+    "def read(p):\n    q = p / 'x'\n    return open(q).read(4)": "",
+    "import os, pathlib, time\nos.path.join(a, 'b.c')\npathlib.PurePath\ntime.perf_counter()": "",
+    "import random, numpy as np\nrandom.choice(a)\nrandom.Random(3)\nnp.random.default_rng(3)": "",
+    "# not in the key: for records\ndef machine():\n    import os\n    return os.uname()": "",
     "import os\nos.environ['A']  # not in the key: a cache": "",
     "import os\n# not in the key: a cache\nos.environ['A']": "",
 }
@@ -284,7 +333,13 @@ TOLD = {
 @pytest.mark.reliability(
     "code depends on the environment, on files, on computed imports or texts", "told as not in the key"
 )
-def test_what_no_key_holds_is_told(pack: tuple[Path, Take], code: str) -> None:
+def test_what_no_key_holds_is_told(code: str) -> None:
+    found = [words for _, words in unseen_in(ast.parse(code), code.splitlines())]
+    assert found == ([TOLD[code]] if TOLD[code] else [])
+
+
+@pytest.mark.parametrize("code", [*TOLD][::9])
+def test_what_no_key_holds_is_told_where_it_counts(pack: tuple[Path, Take], code: str) -> None:
     """In a helper module, in the node's function; not of a neighbour in the node's module."""
     root, _ = pack
     (root / "plug.py").write_text(code + "\n")
@@ -292,10 +347,50 @@ def test_what_no_key_holds_is_told(pack: tuple[Path, Take], code: str) -> None:
     assert [text.partition(": ")[2] for text in found] == ([TOLD[code]] if TOLD[code] else [])
     assert all(text.startswith("unseen_pack.plug:") for text in found)
     (root / "plug.py").write_text("")
-    edit(root / "nodes.py", "    plug = ", f"    {code.splitlines()[-1].split('  #')[0]}\n    plug = ")
+    edit(root / "nodes.py", "    plug = ", f"    {code.splitlines()[-1].split('  #')[0].strip()}\n    plug = ")
     edit(root / "nodes.py", "@node(", "def neighbour():\n    eval('1')\n    return 1\n\n@node(")
     current().parts.pop(fp.Sources, None)
     assert all("eval" not in text or "eval" in code for text in unseen([definition()]))
+
+
+@pytest.mark.parametrize(
+    ("lent", "taken"),
+    [
+        ("import os\n", "from .tools import os\nos.getpid()"),
+        ("import os as o\nJOINED = o.path.join('a', 'b')\n", "from .tools import o as q\nq.getpid()"),
+        ("import os as o\nJOINED = o.path.join('a', 'b')\n", "from . import tools\ntools.o.getpid()"),
+        ("from time import time as n\n", "from . import tools\ntools.n()"),
+    ],
+)
+def test_modules_that_others_lend(pack: tuple[Path, Take], lent: str, taken: str) -> None:
+    root, _ = pack
+    edit(root / "tools.py", "def param", f"{lent}def param")
+    assert not any("unseen_pack.plug" in place for place in unseen([definition()]))
+    (root / "plug.py").write_text(f"{taken}\n")
+    current().parts.pop(fp.Sources, None)
+    assert any(place.startswith("unseen_pack.plug:") for place in unseen([definition()]))
+
+
+def test_each_name_that_is_known_to_be_harmless_is_there() -> None:
+    known = [*standard.PURE.split(), *standard.MIXED, *standard.READERS]
+    known += [f"{m}.{n}" for m, names in (*standard.MIXED.items(), *standard.READERS.items()) for n in names.split()]
+    for name in known:
+        assert pkgutil.resolve_name(name) is not None, name
+        assert standard.is_standard(name), name
+
+
+def test_what_nobody_thought_of_is_told() -> None:
+    """Each module of the standard library that is in no list, and each name of a mixed one that is not in its own."""
+    thought_of = {name.partition(".")[0] for name in (*standard.PURE.split(), *standard.MIXED, *standard.READERS)}
+    rest = sys.stdlib_module_names - thought_of
+    assert len(rest) > 150
+    assert all(standard.beyond(f"{name}.anything") and standard.beyond(name) for name in rest)
+    for module in standard.MIXED:
+        allowed = {*standard.MIXED[module].split(), *standard.READERS.get(module, "").split()}
+        submodules = {one[len(module) + 1 :].partition(".")[0] for one in (*standard.MIXED, *standard.READERS)
+                      if one.startswith(f"{module}.")}  # fmt: skip
+        names = set(dir(importlib.import_module(module))) - allowed - submodules
+        assert all(standard.beyond(f"{module}.{name}") for name in names), module
 
 
 def test_nothing_of_ours_is_outside_the_key(packs: Any) -> None:

@@ -6,6 +6,9 @@ from typing import Any
 
 from starlette.testclient import TestClient
 
+from exmesh_graph.studio.web.app import STATIC
+from exmesh_graph.studio.workspace import Workspace
+
 
 def post(client: TestClient, path: str, **body: Any) -> dict[str, Any]:
     answer = client.post(path, json=body)
@@ -38,6 +41,41 @@ def test_the_document_folds_rounds_and_tells_ends(client: TestClient) -> None:
     assert node(told, "rounds.step")["given"] == {"amount": {"value": 2}}
     (amount,) = told["types"]["toy.step"]["parameters"]
     assert (amount["name"], amount["default"]) == ("amount", 1.0)  # of each type, once
+
+
+def test_the_first_answers_are_made_before_a_page_asks(client: TestClient, workspace: Workspace) -> None:
+    """What most of a first paint was: reading all nodes, and their code for the plan."""
+    known = workspace.planner._known
+    assert known is not None
+    assert known[0] is workspace.document.judged()
+    first, again = workspace.facts(wait=60), workspace.facts(wait=60)
+    assert first["plan"]["counts"]["run"] == 1
+    assert again["nodes"] is first["nodes"]
+    edited(client, {"set": "one.value", "to": 5})
+    assert node(workspace.facts(), "one")["given"]["value"]["value"] == 5
+
+
+def test_the_pages_files_are_compressed_once(client: TestClient) -> None:
+    (script,) = (STATIC / "assets").glob("index-*.js")
+    for _ in range(2):
+        answer = client.get(f"/static/assets/{script.name}")
+        assert answer.headers["content-encoding"] == "gzip"
+        assert answer.headers["vary"] == "Accept-Encoding"
+        assert answer.content == script.read_bytes()
+    plain = client.get(f"/static/assets/{script.name}", headers={"accept-encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert plain.content == script.read_bytes()
+    assert client.get("/static/assets/nothing.js").status_code == 404
+
+
+def test_a_page_knows_whether_it_missed_an_event(client: TestClient, workspace: Workspace) -> None:
+    """The document is asked for before the stream of events is open; each tells how many events there were."""
+    hub = workspace.hub
+    told = client.get("/api/document").json()
+    assert told["events"] <= hub.number
+    edited(client, {"set": "one.value", "to": 5})
+    assert hub.number > told["events"]
+    assert client.get("/api/document").json()["events"] >= told["events"] + 1
 
 
 def test_edits_are_checked_undone_and_done_again(client: TestClient) -> None:

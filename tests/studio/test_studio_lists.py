@@ -80,8 +80,7 @@ def test_a_run_of_lists(folder: Path) -> None:
     run = ex.run(folder / "graphs" / "lists.yaml", workers=0, progress=False, report=False, **places)
     workspace = Workspace(folder / "graphs" / "lists.yaml", **places)
     with opened(workspace) as browser:
-        told = browser.get("/api/document").json()
-        assert told["plan"]["nodes"]["moved"]["state"] == "hit"
+        assert browser.get("/api/plan").json()["plan"]["nodes"]["moved"]["state"] == "hit"
         graph = browser.get(f"/api/runs/{run.id}/graph").json()
         assert {"n", "parts", "moved", "all", "two", "end"} <= {node["id"] for node in graph["nodes"]}
         ends = {(wire["from"][0], wire["to"][0]) for wire in graph["wires"]}

@@ -52,10 +52,10 @@ def preimage_of(
     bound: Bound, code: str, sources: Mapping[str, str], inputs: Mapping[str, tuple[str, str]]
 ) -> dict[str, Any]:
     """The pre-image of a node's key. `inputs` maps connected ports to (type name, artifact digest)."""
-    leave_out = bound.signature.path_fields() | bound.signature.tuning_fields()
+    leave_out = bound.signature.path_fields | bound.signature.tuning_fields()
     params = bound.params.model_dump(mode="python")
     kept = {name: value for name, value in params.items() if name not in leave_out}
-    beside = {name: _without_paths(params[name]) for name in sorted(bound.signature.path_fields())}
+    beside = {name: _without_paths(params[name]) for name in sorted(bound.signature.path_fields)}
     kept.update({name: value for name, value in beside.items() if value is not None})
     return {
         "epoch": EPOCH,

@@ -107,6 +107,7 @@ class Signature:
         name = self.renamed.get(key, key)
         return {name, *(old for old, new in self.renamed.items() if new == name)}
 
+    @functools.cached_property
     def path_fields(self) -> set[str]:
         """Names of the parameters that hold file paths."""
         return {name for name, info in self.params.model_fields.items() if _holds(info.annotation, pathlib.PurePath)}
@@ -122,15 +123,14 @@ class Signature:
 
     def extra(self, name: str) -> dict[str, Any]:
         """Unit and tuning mark of a parameter."""
-        extra = self.params.model_fields[name].json_schema_extra
-        return dict(extra) if isinstance(extra, dict) else {}
+        return dict(extra) if isinstance(extra := self.params.model_fields[name].json_schema_extra, dict) else {}
 
 
 def signature(definition: NodeDef) -> Signature:
     """The signature of a node or component type. Raises TypeError when the declaration cannot be used."""
     own = _signature(definition.function)
-    if own.path_fields() and definition.sources is None:
-        names = ", ".join(sorted(own.path_fields()))
+    if own.path_fields and definition.sources is None:
+        names = ", ".join(sorted(own.path_fields))
         raise TypeError(
             f"node type {definition.type!r} has path parameters ({names}) but declares no sources=: "
             "the contents of the files it reads would not be part of its key"

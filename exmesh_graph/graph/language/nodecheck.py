@@ -155,7 +155,7 @@ class NodeCheck:
             if any(isinstance(item, float) and not math.isfinite(item) for item in every(value)):
                 self._refuse_value({"loc": (key,), "type": "finite", "msg": "infinities and nan are no values"})
                 return None
-        paths = self.kind.path_fields() & set(self.given)
+        paths = self.kind.path_fields & set(self.given)
         return model.model_copy(update={key: _absolute(getattr(model, key), self.given[key].base) for key in paths})
 
     def limits(self) -> dict[str, float]:
@@ -203,7 +203,7 @@ class NodeCheck:
         """The files that the node reads, by name."""
         if self.definition.sources is None:
             return {}
-        paths = self.kind.path_fields() & set(self.given)
+        paths = self.kind.path_fields & set(self.given)
         where = self.given[min(paths)].where if paths else self.spec.where
         try:
             files = {str(name): Path(path) for name, path in self.definition.sources(model).items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import secrets
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -27,6 +28,9 @@ _KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".
           ".txt": "text/plain", ".map": "application/json", ".ico": "image/x-icon"}  # fmt: skip
 
 
+_PACKED: dict[Path, tuple[int, bytes]] = {}
+
+
 def application(
     workspace: Workspace, hosts: set[str], token: str, cookie: str = "exmesh_studio", secret: bytes = b""
 ) -> Any:
@@ -35,6 +39,8 @@ def application(
     @contextlib.asynccontextmanager
     async def living(app: Starlette) -> AsyncIterator[None]:
         workspace.start()
+        for path in (STATIC / "assets").glob("index-*"):
+            _packed(path, _KINDS[path.suffix])
         yield
         workspace.close()
 
@@ -57,7 +63,11 @@ async def page(request: Request) -> Response:
 
 
 async def static(request: Request) -> Response:
-    return _file(STATIC, request.path_params["path"])
+    answer = _file(STATIC, request.path_params["path"])
+    asked = request.headers
+    if isinstance(answer, FileResponse) and "gzip" in asked.get("accept-encoding", "") and "range" not in asked:
+        return _packed(Path(answer.path), str(answer.media_type))
+    return answer
 
 
 async def vendored(request: Request) -> Response:
@@ -70,6 +80,16 @@ def _file(home: Path, name: str) -> Response:
     if not path.is_relative_to(home.resolve()) or not path.is_file() or path.suffix not in _KINDS:
         return error_answer(404, {"code": "unknown", "what": f"there is no file {name[:80]!r}"})
     return FileResponse(path, media_type=_KINDS[path.suffix], headers={"cache-control": "no-cache"})
+
+
+def _packed(path: Path, kind: str) -> Response:
+    """A file of the page, compressed once: while a graph is read, a stream of small pieces would wait for each."""
+    status = path.stat()
+    known = _PACKED.get(path)
+    if known is None or known[0] != status.st_mtime_ns:
+        known = _PACKED[path] = status.st_mtime_ns, gzip.compress(path.read_bytes(), 6, mtime=0)
+    headers = {"cache-control": "no-cache", "content-encoding": "gzip", "vary": "Accept-Encoding"}
+    return Response(known[1], media_type=kind, headers=headers)
 
 
 async def _not_found(request: Request, error: Exception) -> Response:

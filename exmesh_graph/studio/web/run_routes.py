@@ -128,7 +128,7 @@ async def events(request: Request) -> Response:
     client = workspace.hub.open()
     if client is None:
         return error_answer(429, {"code": "busy", "what": "too many pages are open", "fix": "close some"})
-    hello = {"revision": workspace.document.revision, **workspace.session_facts()}
+    hello = {"revision": workspace.document.revision, "events": workspace.hub.number, **workspace.session_facts()}
     return StreamingResponse(workspace.hub.stream(client, hello), media_type="text/event-stream",
                              headers={"x-accel-buffering": "no"})  # fmt: skip
 

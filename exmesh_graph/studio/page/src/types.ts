@@ -53,7 +53,7 @@ export interface Graph {
 export interface Document extends Graph {
   revision: number; file: string; path: string; name: string; doc: string; variant: string; variants: Variant[];
   folder: string; store: string; runs: string; seed: number; params: Parameter[]; problems: Problem[]; patch: string;
-  ops: Op[]; can_undo: boolean; can_redo: boolean; dirty: boolean; plan: Plan | null; plan_pending?: boolean; disk: "same" | "changed";
+  ops: Op[]; can_undo: boolean; can_redo: boolean; dirty: boolean; plan: Plan | null; plan_pending?: boolean; disk: "same" | "changed"; events: number;
 }
 
 export interface NodeType {

@@ -57,13 +57,13 @@ export function Canvas() {
   }), [edges, chosenEdges, selected]);
 
   const far = useStore((s) => s.transform[2] < 0.42);
-  const { fitView, setCenter, getZoom, getViewport, setViewport } = useReactFlow();
+  const flowing = useReactFlow(), { setCenter, getZoom, getViewport, setViewport } = flowing;
   const width = useStore((s) => s.width), height = useStore((s) => s.height), before = useRef(0);
   useEffect(() => { // when the part below opens or closes, the middle stays the middle
     if (before.current && height && before.current !== height) { const at = getViewport(); void setViewport({ ...at, y: at.y + (height - before.current) / 2 }); }
     before.current = height;
   }, [height, getViewport, setViewport]);
-  useFit(drawn, fitView, setCenter);
+  const { place, start } = useFit(drawn, flowing);
   const reveal = useCallback((id: string, duration = still() ? 0 : 200) => {
     const rect = drawn?.layout.boxes.get(id) ?? drawn?.layout.frames.get(id);
     if (rect) void setCenter(rect.x + rect.width / 2, rect.y + rect.height / 2, { zoom: Math.max(getZoom(), 0.7 * large()), duration });
@@ -113,10 +113,10 @@ export function Canvas() {
     if (targets.length) await edit(...[...new Set(targets)].map((target) => ({ disconnect: target })));
   }, []);
 
-  if (!graph || !drawn) return <div className="canvas empty" />;
+  if (!graph || !drawn) return <div ref={place} className="canvas empty" />;
   return (
-    <div className={`canvas${far ? " far" : ""}${readOnly ? " read-only" : ""}`}>
-      <ReactFlow nodes={nodes} edges={shownEdges} nodeTypes={nodeTypes} edgeTypes={edgeTypes} onlyRenderVisibleElements minZoom={0.05} maxZoom={2.5}
+    <div ref={place} className={`canvas${far ? " far" : ""}${readOnly ? " read-only" : ""}`}>
+      <ReactFlow nodes={nodes} edges={shownEdges} nodeTypes={nodeTypes} edgeTypes={edgeTypes} defaultViewport={start} onlyRenderVisibleElements minZoom={0.05} maxZoom={2.5}
         nodesDraggable={false} nodesConnectable={!readOnly} elementsSelectable deleteKeyCode={null} selectionOnDrag={false} multiSelectionKeyCode={null} zoomOnDoubleClick={false}
         disableKeyboardA11y connectionLineComponent={DrawnWire} connectionRadius={26} isValidConnection={valid} proOptions={{ hideAttribution: true }}
         onConnectStart={(_, { nodeId, handleId }) => { if (nodeId && handleId) void begin(nodeId, handleId); }}
@@ -156,20 +156,30 @@ function mapColour(node: Node): string {
   return `var(--state-${state === "idle" ? "none" : state})`;
 }
 
-// The first picture of a graph is fitted, or begins at its left where it would be too small to read.
-function useFit(drawn: Picture | null, fitView: ReturnType<typeof useReactFlow>["fitView"], setCenter: ReturnType<typeof useReactFlow>["setCenter"]): void {
+// Where a graph that is too large to be read as a whole begins: at its left. Null where it fits.
+function beginning(drawn: Picture, width: number, height: number): { x: number; y: number; zoom: number } | null {
+  const tall = height / drawn.layout.height;
+  if (Math.min(width / drawn.layout.width, tall) >= 0.5 * large()) return null;
+  const zoom = large() * Math.min(0.95, Math.max(0.55, (0.96 * tall) / large()));
+  const first = drawn.boxes.map((box) => drawn.layout.boxes.get(box.id)!).reduce((best, box) => (box.x < best.x ? box : best));
+  const middle = tall > 0.55 * large() ? drawn.layout.height / 2 : first.y + first.height / 2;
+  return { x: 10 * zoom, y: height / 2 - middle * zoom, zoom };
+}
+
+// The first picture of a graph is fitted, or begins at its left. What the page draws first stands there from the start, so that
+// nothing is drawn that is out of view at once.
+function useFit(drawn: Picture | null, { fitView, setViewport }: ReturnType<typeof useReactFlow>) {
   const fitted = useRef(""), file = useStudio((s) => (s.runGraph ? s.runGraph.run : `${s.document?.path}|${s.document?.variant}`));
-  const width = useStore((s) => s.width), height = useStore((s) => s.height);
+  const width = useStore((s) => s.width), height = useStore((s) => s.height), place = useRef<HTMLDivElement>(null), start = useRef<ReturnType<typeof beginning> | undefined>(undefined);
+  if (drawn?.boxes.length && start.current === undefined) start.current = place.current && beginning(drawn, place.current.clientWidth, place.current.clientHeight);
   useEffect(() => {
-    if (!drawn || !width || !height || fitted.current === file) return;
+    if (!drawn?.boxes.length || !width || !height || fitted.current === file) return;
+    const there = !fitted.current && start.current, view = there ? null : beginning(drawn, width, height);
     fitted.current = file;
-    const whole = Math.min(width / drawn.layout.width, height / drawn.layout.height), tall = height / drawn.layout.height;
-    if (whole >= 0.5 * large()) void fitView({ padding: 0.04, maxZoom: 1.1 * large() });
-    else {
-      const zoom = large() * Math.min(0.95, Math.max(0.55, (0.96 * tall) / large())), first = drawn.boxes.map((box) => drawn.layout.boxes.get(box.id)!).sort((a, b) => a.x - b.x)[0];
-      void setCenter(width / zoom / 2 - 10, tall > 0.55 * large() ? drawn.layout.height / 2 : first.y + first.height / 2, { zoom });
-    }
-  }, [drawn, file, width, height, fitView, setCenter]);
+    if (view) void setViewport(view);
+    else if (!there) void fitView({ padding: 0.04, maxZoom: 1.1 * large() });
+  }, [drawn, file, width, height, fitView, setViewport]);
+  return { place, start: start.current ?? undefined };
 }
 
 // Arrow keys: along wires to the left and right, to the next box above or below.

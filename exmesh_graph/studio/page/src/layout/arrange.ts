@@ -7,7 +7,7 @@ import type { BoxShape, FrameShape, Layout, Point, WireEnd, WireShape } from "./
 
 const GAP_ALONG = 40, GAP_ACROSS = 18, MARGIN = 22, TITLE = 30, WAY = 8;
 
-interface Key { kind: "box" | "way" | "in" | "out"; name: string; column: number; text: string }
+interface Key { kind: "box" | "way" | "in" | "out"; name: string; column: number; text: string; at: number } // `at`: its number
 interface Link { left: Key; right: Key; source: string; wires: WireShape[]; from: WireEnd; to: WireEnd | null }
 
 export function arrange(boxes: BoxShape[], frames: FrameShape[], wires: WireShape[]): Layout {
@@ -24,8 +24,8 @@ class Scope {
   private readonly column = new Map<string, number>();
   private readonly links = new Map<string, Link>();
   private readonly chains = new Map<string, Key[]>(); // wire -> the keys it runs through
-  private readonly before = new Map<string, [Key, Link][]>();
-  private readonly after = new Map<string, [Key, Link][]>();
+  private readonly before: [Key, Link][][] = []; // of each key by its number: what is wired to it from the left, and how
+  private readonly after: [Key, Link][][] = [];
   private readonly keys = new Map<string, Key>();
   private last = 0;
 
@@ -105,7 +105,7 @@ class Scope {
   private key(kind: Key["kind"], name: string, column: number): Key {
     const text = `${kind}|${name}|${column}`;
     let key = this.keys.get(text);
-    if (!key) this.keys.set(text, (key = { kind, name, column, text }));
+    if (!key) this.keys.set(text, (key = { kind, name, column, text, at: this.keys.size }));
     return key;
   }
 
@@ -130,32 +130,36 @@ class Scope {
         else this.links.set(text, { left: chain[k - 1], right: chain[k], source, wires: [wire], from: wire.from, to: lands ? wire.to : null });
       }
     }
-    for (const key of this.keys.values()) { this.before.set(key.text, []); this.after.set(key.text, []); }
+    for (const { at } of this.keys.values()) { this.before[at] = []; this.after[at] = []; }
     for (const link of this.links.values()) {
-      this.before.get(link.right.text)!.push([link.left, link]);
-      this.after.get(link.left.text)!.push([link.right, link]);
+      this.before[link.right.at].push([link.left, link]);
+      this.after[link.left.at].push([link.right, link]);
     }
   }
 
   private order(): Key[][] {
     const rows: Key[][] = Array.from({ length: this.last + 1 }, () => []);
     for (const key of this.keys.values()) rows[key.column].push(key);
-    const place = new Map<string, number>();
-    const settle = (row: Key[]) => row.forEach((key, k) => place.set(key.text, k / Math.max(1, row.length - 1)));
+    const place = new Float64Array(this.keys.size), mean = new Float64Array(this.keys.size);
+    const settle = (row: Key[]) => row.forEach((key, k) => { place[key.at] = k / Math.max(1, row.length - 1); });
+    const [before, after] = [this.before, this.after].map((near) => near.map((found) => ({ others: found.map(([other]) => other.at), leans: found.map(([, link]) => 1e-3 * this.lean(link)) })));
+    const count = this.counter();
     rows.forEach(settle);
-    let best = rows.map((row) => [...row]), fewest = this.count(rows);
-    for (let sweep = 0; sweep < 12 && fewest; sweep++) {
-      const near = sweep % 2 ? this.after : this.before;
+    let best = rows.map((row) => [...row]), fewest = count(rows), found = 0;
+    for (let sweep = 0; sweep < 12 && fewest && sweep < found + 4; sweep++) { // three that find nothing better: it goes to and fro
+      const near = sweep % 2 ? after : before;
       for (const row of sweep % 2 ? [...rows].reverse() : rows) {
-        const mean = new Map(row.map((key) => {
-          const others = near.get(key.text)!;
-          return [key.text, others.length ? others.reduce((sum, [other, link]) => sum + place.get(other.text)! + 1e-3 * this.lean(link), 0) / others.length : place.get(key.text)!];
-        }));
-        row.sort((a, b) => mean.get(a.text)! - mean.get(b.text)!);
+        for (const { at } of row) {
+          const { others, leans } = near[at];
+          let sum = 0;
+          for (let k = 0; k < others.length; k++) sum += place[others[k]] + leans[k];
+          mean[at] = others.length ? sum / others.length : place[at];
+        }
+        row.sort((a, b) => mean[a.at] - mean[b.at]);
         settle(row);
       }
-      const found = this.count(rows);
-      if (found < fewest) { best = rows.map((row) => [...row]); fewest = found; }
+      const crossed = count(rows);
+      if (crossed < fewest) { best = rows.map((row) => [...row]); fewest = crossed; found = sweep; }
     }
     return best;
   }
@@ -165,17 +169,14 @@ class Scope {
     return this.port(link.left, link, true) / 1000;
   }
 
-  private count(rows: Key[][]): number {
-    const place = new Map<string, number>();
-    for (const row of rows) row.forEach((key, k) => place.set(key.text, k));
-    const columns = new Map<number, [number, number][]>();
-    for (const link of this.links.values()) {
-      if (!columns.has(link.left.column)) columns.set(link.left.column, []);
-      columns.get(link.left.column)!.push([place.get(link.left.text)!, place.get(link.right.text)!]);
-    }
-    let total = 0;
-    for (const [column, lines] of columns) total += crossings(lines, rows[column + 1]?.length ?? 0);
-    return total;
+  // Counts the crossings of all wires.
+  private counter(): (rows: Key[][]) => number {
+    const between: [number, number][][] = Array.from({ length: this.last + 1 }, () => []), rank = new Int32Array(this.keys.size);
+    for (const { left, right } of this.links.values()) between[left.column].push([left.at, right.at]);
+    return (rows) => {
+      for (const row of rows) row.forEach((key, k) => { rank[key.at] = k; });
+      return between.reduce((total, lines, column) => total + (lines.length ? crossings(lines, rank, rows[column + 1].length) : 0), 0);
+    };
   }
 
   private across(key: Key): number {
@@ -192,46 +193,47 @@ class Scope {
     return ((start ? frame.outs : frame.ins).get(name) ?? half) - half;
   }
 
-  private straighten(rows: Key[][]): Map<string, number> {
-    const ys = new Map<string, number>();
+  private straighten(rows: Key[][]): Float64Array {
+    const keys = [...this.keys.values()], ys = new Float64Array(keys.length), across = keys.map((key) => this.across(key));
     for (const row of rows) {
       let y = 0;
-      for (const key of row) { ys.set(key.text, y + this.across(key) / 2); y += this.across(key) + GAP_ACROSS; }
+      for (const { at } of row) { ys[at] = y + across[at] / 2; y += across[at] + GAP_ACROSS; }
     }
-    const gaps = rows.map((row) => row.slice(1).map((key, k) => (this.across(row[k]) + this.across(key)) / 2 + (key.kind === "way" || row[k].kind === "way" ? 10 : GAP_ACROSS)));
-    const sweeps = this.keys.size > 800 ? 16 : 60, all = rows.map((row) => row.map((key) => this.pulls(key)));
+    const gaps = rows.map((row) => row.slice(1).map((key, k) => (across[row[k].at] + across[key.at]) / 2 + (key.kind === "way" || row[k].kind === "way" ? 10 : GAP_ACROSS)));
+    const sweeps = keys.length > 800 ? 16 : 60, pulls = keys.map((key) => this.pulls(key));
+    const weights = rows.map((row) => row.map(({ at }) => pulls[at].weight.reduce((sum, one) => sum + one, 0)));
+    const firm = weights.map((row) => row.map((weight) => weight || 0.05));
     for (let sweep = 0; sweep < sweeps; sweep++) {
       let moved = 0;
       for (let k = 0; k < rows.length; k++) {
-        const index = sweep % 2 ? rows.length - 1 - k : k, row = rows[index], weights: number[] = [];
-        const wanted = all[index].map(({ others, by, weight }, at) => {
-          let sum = 0, total = 0;
-          for (let n = 0; n < others.length; n++) { sum += weight[n] * (ys.get(others[n])! + by[n]); total += weight[n]; }
-          weights.push(total || 0.05);
-          return total ? sum / total : ys.get(row[at].text)!;
+        const index = sweep % 2 ? rows.length - 1 - k : k, row = rows[index];
+        const wanted = row.map(({ at }, place) => {
+          const { others, by, weight } = pulls[at], total = weights[index][place];
+          let sum = 0;
+          for (let n = 0; n < others.length; n++) sum += weight[n] * (ys[others[n]] + by[n]);
+          return total ? sum / total : ys[at];
         });
-        apart(wanted, weights, gaps[index]).forEach((y, at) => { moved = Math.max(moved, Math.abs(y - ys.get(row[at].text)!)); ys.set(row[at].text, y); });
+        apart(wanted, firm[index], gaps[index]).forEach((y, place) => { const { at } = row[place]; moved = Math.max(moved, Math.abs(y - ys[at])); ys[at] = y; });
       }
       if (moved < 0.3) break;
     }
-    const top = Math.min(0, ...[...this.keys.values()].map((key) => ys.get(key.text)! - this.across(key) / 2));
-    for (const [text, y] of ys) ys.set(text, y - top + MARGIN + (this.path ? TITLE : 0));
-    return ys;
+    const top = keys.reduce((least, { at }) => Math.min(least, ys[at] - across[at] / 2), 0), down = MARGIN + (this.path ? TITLE : 0) - top;
+    return ys.map((y) => y + down);
   }
 
   // What a key is drawn to: its neighbours, how far from their centres its own wants to be, and how strongly.
-  private pulls(key: Key): { others: string[]; by: number[]; weight: number[] } {
-    const others: string[] = [], by: number[] = [], weight: number[] = [];
-    for (const [near, left] of [[this.before.get(key.text)!, true], [this.after.get(key.text)!, false]] as const)
+  private pulls(key: Key): { others: number[]; by: number[]; weight: number[] } {
+    const others: number[] = [], by: number[] = [], weight: number[] = [];
+    for (const [near, left] of [[this.before[key.at], true], [this.after[key.at], false]] as const)
       for (const [other, link] of near) {
-        others.push(other.text);
+        others.push(other.at);
         by.push(this.port(other, link, left) - this.port(key, link, !left));
         weight.push([3, 1, 12][Number(key.kind === "way") + Number(other.kind === "way")]);
       }
     return { others, by, weight };
   }
 
-  private draw(rows: Key[][], ys: Map<string, number>): { layout: Layout; ins: Map<string, number>; outs: Map<string, number> } {
+  private draw(rows: Key[][], ys: Float64Array): { layout: Layout; ins: Map<string, number>; outs: Map<string, number> } {
     const left: number[] = [], right: number[] = [];
     let x = this.path ? 0 : MARGIN;
     rows.forEach((row, column) => {
@@ -240,13 +242,13 @@ class Scope {
       x += width + (border || (this.path && column === this.last - 1) ? 64 : GAP_ALONG + Math.min(50, 1.5 * row.length));
     });
     const end = right[right.length - 1] + (this.path ? 0 : MARGIN);
-    const bottom = Math.max(0, ...[...this.keys.values()].map((key) => ys.get(key.text)! + this.across(key) / 2)) + MARGIN;
+    const bottom = Math.max(0, ...[...this.keys.values()].map((key) => ys[key.at] + this.across(key) / 2)) + MARGIN;
     const layout: Layout = { width: Math.max(end, this.path ? 190 : 0), height: Math.max(bottom, this.path ? 90 : 0), boxes: new Map(), frames: new Map(), paths: new Map() };
     const ins = new Map<string, number>(), outs = new Map<string, number>();
     for (const key of this.keys.values()) {
-      if (key.kind === "in") ins.set(key.name, ys.get(key.text)!);
-      if (key.kind === "out") outs.set(key.name, ys.get(key.text)!);
-      if (key.kind === "box") this.put(layout, key.name, (left[key.column] + right[key.column]) / 2, ys.get(key.text)!);
+      if (key.kind === "in") ins.set(key.name, ys[key.at]);
+      if (key.kind === "out") outs.set(key.name, ys[key.at]);
+      if (key.kind === "box") this.put(layout, key.name, (left[key.column] + right[key.column]) / 2, ys[key.at]);
     }
     for (const wire of this.wires) {
       const chain = this.chains.get(wire.id), corners: Point[] = [];
@@ -255,7 +257,7 @@ class Scope {
       if (chain) {
         const link = { from: wire.from, to: wire.to, source: sourceOf(wire.from) } as Link;
         chain.forEach((key, k) => {
-          const y = ys.get(key.text)!, { width } = key.kind === "box" ? this.size(key.name) : { width: 0 }, middle = (left[key.column] + right[key.column]) / 2;
+          const y = ys[key.at], { width } = key.kind === "box" ? this.size(key.name) : { width: 0 }, middle = (left[key.column] + right[key.column]) / 2;
           if (k === 0) corners.push([key.kind === "box" ? middle + width / 2 : left[0], y + this.port(key, link, true)]);
           else if (k === chain.length - 1) corners.push([key.kind === "box" ? middle - width / 2 : layout.width, y + this.port(key, link, false)]);
           else { corners.push([left[key.column] - 8, y]); corners.push([right[key.column] + 8, y]); }

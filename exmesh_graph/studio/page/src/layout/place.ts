@@ -1,16 +1,16 @@
 // Two small solvers of the layout: crossings between two columns, and places under separation.
 
-// Crossings among lines that join places of one column (a) to places of the next (b): inversions, by a Fenwick tree.
-export function crossings(lines: [number, number][], rows: number): number {
-  lines.sort((one, two) => one[0] - two[0] || one[1] - two[1]);
-  const tree = new Int32Array(rows + 2);
+// Crossings among lines that join keys of one column to keys of the next, which has `rows`: inversions of their ranks, by a Fenwick tree.
+export function crossings(lines: [number, number][], rank: Int32Array, rows: number): number {
+  const sorted = Float64Array.from(lines, ([a, b]) => rank[a] * rows + rank[b]).sort(), tree = new Int32Array(rows + 2);
   let total = 0;
-  lines.forEach(([, b], before) => {
+  for (let before = 0; before < sorted.length; before++) {
+    const b = sorted[before] % rows;
     let notAbove = 0;
     for (let k = b + 1; k > 0; k -= k & -k) notAbove += tree[k];
     total += before - notAbove;
     for (let k = b + 1; k <= rows + 1; k += k & -k) tree[k] += 1;
-  });
+  }
   return total;
 }
 
@@ -27,5 +27,7 @@ export function apart(wanted: number[], weights: number[], gaps: number[]): numb
     }
     pools.push(pool);
   });
-  return pools.flatMap((pool) => Array<number>(pool.count).fill(pool.mean)).map((place, k) => place + offsets[k]);
+  const places: number[] = [];
+  for (const { mean, count } of pools) for (let k = 0; k < count; k++) places.push(mean + offsets[places.length]);
+  return places;
 }

@@ -22,8 +22,11 @@ function take(sent: object): Document {
   return document;
 }
 
-export async function loadDocument(): Promise<void> {
-  take(await get<object>("/api/document"));
+// With `keep` what is drawn stays where the graph is the same: then only its plan, or its file on the disk, may be others.
+export async function loadDocument(keep = false): Promise<void> {
+  const sent = await get<Document>("/api/document"), { document } = now();
+  if (keep && document?.revision === sent.revision) set({ document: { ...document, plan: sent.plan, plan_pending: sent.plan_pending, disk: sent.disk } });
+  else take(sent);
 }
 
 export async function loadCatalog(): Promise<void> {

@@ -13,11 +13,13 @@ export function listen(): () => void {
   const on = <T,>(kind: string, act: (data: T) => void) =>
     source.addEventListener(kind, (event) => { act(JSON.parse((event as MessageEvent<string>).data) as T); });
 
-  on<{ server: string }>("hello", (hello) => {
+  const first = server ? null : loadDocument().then(() => now().document!.events, () => null); // index.html asks for it; a failure is told by the refresh
+  on<{ server: string; events: number }>("hello", async (hello) => {
     if (server && server !== hello.server) set({ catalog: null }); // another process: its packs may differ
     server = hello.server;
     set({ connection: "open" });
-    void refresh();
+    const events = await first;
+    void refresh(typeof events !== "number" ? "anew" : events === hello.events ? "known" : "checked");
   });
   on("lagged", () => void refresh());
   on<{ revision: number }>("document", ({ revision }) => {
@@ -37,11 +39,12 @@ export function listen(): () => void {
   return () => { clearTimeout(retry); source.close(); };
 }
 
-async function refresh(): Promise<void> {
+// The document is known where nothing happened between its answer and this stream; what did may be no more than its plan.
+async function refresh(document: "anew" | "checked" | "known" = "anew"): Promise<void> {
   try {
-    await Promise.all([loadDocument(), loadRuns(), now().catalog ? null : loadCatalog()]);
-    const { followed, runs, document } = now();
-    const live = runs.find((run) => ["starting", "running", "stopping"].includes(run.state) && run.graph === document?.name);
+    await Promise.all([document === "known" ? null : loadDocument(document === "checked"), loadRuns(), now().catalog ? null : loadCatalog()]);
+    const { followed, runs, document: open } = now();
+    const live = runs.find((run) => ["starting", "running", "stopping"].includes(run.state) && run.graph === open?.name);
     const id = followed ?? live?.id;
     if (id) { set({ followed: id }); await loadDetails(id); }
   } catch (error) { tell(error); }
