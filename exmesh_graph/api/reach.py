@@ -40,11 +40,15 @@ _BUILTINS = {
 _OF_ANYTHING = {
     **dict.fromkeys(("__file__", "__path__", "__loader__", "__spec__", "__cached__"), "files beside the module ({})"),
     **dict.fromkeys(("__globals__", "__builtins__", "__subclasses__", "__code__", "__self__", "f_globals", "f_locals",
-                     "f_builtins", "f_back", "gi_frame", "cr_frame", "ag_frame", "tb_frame"),
+                     "f_builtins", "f_back", "gi_frame", "cr_frame", "ag_frame", "tb_frame", "tb_lineno",
+                     "__traceback__"),
                     "what lies around code ({})"),
+    **dict.fromkeys(("st_mtime", "st_mtime_ns", "st_ctime", "st_ctime_ns", "st_atime", "st_ino", "st_uid", "st_mode"),
+                    "what a file's contents do not tell ({})"),
     "expanduser": "the home folder", "__doc__": "docstrings, which are in no key ({})",
     **dict.fromkeys(("now", "today", "utcnow"), "the clock ({})"),
 }  # fmt: skip
+_AROUND = re.compile("__(?:globals|builtins|subclasses|code|self|traceback|import)__")  # as a text: "{0.__globals__}"
 _THROUGH = {
     "os",
     "sys",
@@ -133,6 +137,7 @@ class _Module:
         self.bound = set(_bound(self.items)) | {*self.names}
         self.tree = tree
         self.used = {item.id for item in self.items if isinstance(item, ast.Name) and isinstance(item.ctx, ast.Load)}
+        self.prose = {id(item.value) for item in self.items if isinstance(item, ast.Expr)}
         self.held = {id(part) for item in self.items if isinstance(item, ast.ClassDef) for part in item.body}
         self.called = {id(item.func) for item in self.items if isinstance(item, ast.Call)}
 
@@ -157,6 +162,10 @@ class _Module:
                 words = f"the file {item.value.value!r}"  # of each object of a class
             elif isinstance(item, ast.Call):
                 words = self._of_call(item)
+            elif isinstance(item, ast.Constant) and isinstance(item.value, str) and id(item) not in self.prose:
+                words = (
+                    f"what lies around code ({_AROUND.findall(item.value)[0]})" if _AROUND.search(item.value) else ""
+                )
             if words and isinstance(item, ast.expr | ast.stmt):
                 yield item, words
 
@@ -189,7 +198,8 @@ class _Module:
             return _OF_MACHINE[dotted]
         if dotted in _BUILTINS:
             return _BUILTINS[dotted]
-        if (dotted == "open" or is_reader(dotted)) and id(item) not in self.called:
+        taken = dotted in ("open", *LOADERS) or dotted.endswith(".import_module") or is_reader(dotted)
+        if taken and id(item) not in self.called:
             return f"{dotted}, as a value"
         return beyond(dotted) if is_standard(dotted) else ""
 
@@ -224,7 +234,7 @@ class _Module:
             return f"chance ({dotted} without a seed)"
         if dotted in _PATHS and not item.args:
             return "the working folder"
-        if dotted in _PATHS or is_reader(dotted) or (dotted and _READS.fullmatch(dotted)):
+        if dotted in _PATHS or is_reader(dotted) or (not is_standard(dotted) and _READS.fullmatch(dotted)):
             return self._of_path(item, dotted)
         if not dotted and text and _READS.fullmatch(f"it.{name}"):
             return f"the file {text!r}"  # a method of something, as `loader.load("weights.npy")`
@@ -241,8 +251,6 @@ class _Module:
             return "" if item.keywords or not is_reader(dotted) else "the working folder"
         if (text := self.fixed.text(given)) is not None:
             return "" if not text else f"the file {text!r}"
-        if isinstance(given, ast.Constant):
-            return ""
         return f"a file that no input names ({ast.unparse(given)[:60]})" if self.fixed(given) else ""
 
 

@@ -38,32 +38,33 @@ MIXED = {
     "lzma": "compress decompress LZMAError FORMAT_XZ FORMAT_RAW FILTER_LZMA2",
     "mmap": "ACCESS_COPY ACCESS_READ ACCESS_WRITE mmap",
     "os": "F_OK curdir pardir O_CREAT O_EXCL O_RDONLY O_RDWR O_WRONLY PathLike R_OK SEEK_CUR SEEK_END SEEK_SET W_OK "
-    "X_OK chmod close dup dup2 error extsep fdopen fsdecode fsencode fspath fsync link lseek makedirs mkdir "
-    "path pipe register_at_fork remove removedirs rename renames replace rmdir sep symlink truncate unlink "
+    "X_OK chmod close dup dup2 error extsep fsdecode fsencode fspath fsync lseek makedirs mkdir "
+    "path pipe register_at_fork remove removedirs rmdir sep truncate unlink "
     "utime write",
     "os.path": "basename commonpath commonprefix dirname extsep isabs join normcase normpath sep split splitdrive "
     "splitext supports_unicode_filenames",
     "pathlib": "Path PosixPath PurePath PurePosixPath PureWindowsPath",
-    "shutil": "Error SameFileError move rmtree",
+    "shutil": "Error SameFileError rmtree",
     "signal": "SIGINT SIGKILL SIGTERM SIG_DFL SIG_IGN Signals",
     "subprocess": "CalledProcessError CompletedProcess DEVNULL PIPE STDOUT SubprocessError TimeoutExpired",
-    "sys": "byteorder exc_info exit float_info getrefcount getsizeof int_info intern maxsize maxunicode stderr stdout",
+    "sys": "byteorder exit float_info int_info intern maxsize maxunicode stderr stdout",
     "tarfile": "TarInfo TarError",
     "tempfile": "NamedTemporaryFile SpooledTemporaryFile TemporaryDirectory TemporaryFile mkdtemp mkstemp",
     "time": "monotonic monotonic_ns perf_counter perf_counter_ns process_time sleep thread_time",
     "uuid": "NAMESPACE_DNS NAMESPACE_OID NAMESPACE_URL NAMESPACE_X500 UUID uuid3 uuid5",
     "xml.etree.ElementTree": "Element ElementTree ParseError SubElement XML dump fromstring indent iselement tostring",
-    "zipfile": "BadZipFile LargeZipFile ZIP_BZIP2 ZIP_DEFLATED ZIP_LZMA ZIP_STORED ZipInfo is_zipfile",
+    "zipfile": "BadZipFile LargeZipFile ZIP_BZIP2 ZIP_DEFLATED ZIP_LZMA ZIP_STORED ZipInfo ",
 }  # fmt: skip
 """Modules that do both, with the names of them that depend on their arguments alone, or only write."""
 
 READERS = {
-    "bz2": "BZ2File open", "codecs": "open", "fileinput": "input", "glob": "glob iglob", "gzip": "GzipFile open",
+    "builtins": "open", "bz2": "BZ2File open", "codecs": "open", "fileinput": "input", "glob": "glob iglob",
+    "gzip": "GzipFile open",
     "io": "FileIO open open_code", "linecache": "getline getlines", "lzma": "LZMAFile open",
-    "os": "access listdir lstat open read readlink scandir stat walk fwalk",
+    "os": "access fdopen link listdir lstat open read readlink rename renames replace scandir stat symlink walk fwalk",
     "os.path": "exists getmtime getsize isdir isfile islink lexists samefile",
-    "shutil": "copy copy2 copyfile copyfileobj copytree make_archive unpack_archive", "sqlite3": "connect",
-    "tarfile": "TarFile open", "xml.etree.ElementTree": "parse iterparse", "zipfile": "Path ZipFile",
+    "shutil": "copy copy2 copyfile copyfileobj copytree make_archive move unpack_archive", "sqlite3": "connect",
+    "tarfile": "TarFile open", "xml.etree.ElementTree": "parse iterparse", "zipfile": "Path ZipFile is_zipfile",
 }  # fmt: skip
 """What reads what lies at a path: the first argument must come from an input."""
 
