@@ -395,6 +395,8 @@ def test_what_nobody_thought_of_is_told() -> None:
     rest = sys.stdlib_module_names - thought_of
     assert len(rest) > 150
     assert all(standard.beyond(f"{name}.anything") and standard.beyond(name) for name in rest)
+    assert standard.beyond("json.codecs") == "the module codecs, as a value"
+    assert standard.beyond("copy.copy") == ""
     for module in standard.MIXED:
         allowed = {*standard.MIXED[module].split(), *standard.READERS.get(module, "").split()}
         submodules = {one[len(module) + 1 :].partition(".")[0] for one in (*standard.MIXED, *standard.READERS)
