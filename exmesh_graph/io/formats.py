@@ -113,8 +113,8 @@ def need_libraries(files: Sequence[Path]) -> dict[str, Path]:
         first = next((file for file in files if file.suffix.lower() in endings), None)
         if first is not None:
             need(first)
-            files = metadata.files(package) or ()  # not in the key: libraries=
-            told = next(file for file in files if file.name == "METADATA")
+            listed = metadata.files(package) or ()  # not in the key: libraries=
+            told = next(file for file in listed if file.name == "METADATA")
             needed[f"{package}/METADATA"] = Path(str(told.locate()))
     return needed
 
