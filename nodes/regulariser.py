@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 class Smoothness(Component):
     """Base of what keeps the surface smooth; an `exmesh_graph.stage1.regularise.Smoothness`."""
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
-        """Of the start's vertices [V, 3] and undirected edges [E, 2]; None where there is nothing to do."""
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
+        """Of the start's vertices [V, 3] and undirected edges [E, 2], of which the mean one spans `pixels` of the
+        photographs; None where there is nothing to do."""
         raise NotImplementedError
 
 

@@ -30,7 +30,7 @@ class LargeSteps(Params):
 
     strength: float = param(19.0, ge=0, doc="lambda of the paper; the filter reaches about its root, in edges.")
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.regularise import PreparedSmoothness
 
         return PreparedSmoothness(

@@ -26,8 +26,9 @@ REFERENCE_DECAY = 0.99
 class Smoothness(Protocol):
     """What `refine` takes as its L_s: made once for every call, hence for every topology."""
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
-        """Of the start's vertices [V, 3] and undirected edges [E, 2]; None where there is nothing to do."""
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
+        """Of the start's vertices [V, 3] and undirected edges [E, 2], of which the mean one spans `pixels` of the
+        photographs; None where there is nothing to do."""
 
 
 class PreparedSmoothness(NamedTuple):

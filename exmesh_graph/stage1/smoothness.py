@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 
+_LEAST = 0.25
+"""Share of the weight on long edges: what they take away is bounded by what was measured (docs/stage1.md)."""
+
+
 class Laplacian(Params):
     """The paper's L_s times `weight`; a `regularise.Smoothness`."""
 
@@ -20,7 +24,7 @@ class Laplacian(Params):
         "edges", doc="What distances are measured in: mean edge lengths, or units of the normalised world (the paper)."
     )
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.regularise import mean_edge, weighted
 
         square = mean_edge(vertices, edges) ** 2 if self.units == "world" else 1.0
@@ -31,8 +35,21 @@ class Bilaplacian(Params):
     """Its square, which does not shrink round shapes, times `weight`; a `regularise.Smoothness`."""
 
     weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
+    edge: float = param(
+        0.0,
+        ge=0,
+        unit="pixels",
+        doc="Edge that the weight suits: where edges span more pixels, it falls with their square, to a quarter at "
+        "most; 0: any edge.",
+    )
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor) -> PreparedSmoothness | None:
+    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.regularise import weighted
 
-        return weighted("bilaplacian", self.weight, vertices, edges)
+        return weighted("bilaplacian", self.weight * self.share(pixels), vertices, edges)
+
+    def share(self, pixels: float) -> float:
+        """Of the weight, where the mean edge spans so many pixels: as many times more of them tell where it lies."""
+        if self.edge == 0 or pixels <= self.edge:
+            return 1.0
+        return max(_LEAST, (self.edge / pixels) ** 2)

@@ -10,14 +10,16 @@ L_f, of closed surfaces, is ours: the share of pixels that show a face from behi
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from exmesh_graph import losses
+from exmesh_graph.geometry.pixels import pixel_width
 from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.facing import behind
 from exmesh_graph.stage1.image_terms import ImageTerms
-from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, smoother
+from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, mean_edge, smoother
 from exmesh_graph.stage1.render import Picture, draw
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.targets import Gains, Targets
@@ -41,7 +43,8 @@ class Terms:
         self.fused = ImageTerms(targets, settings) if fused and usual and on_cpu else None
         self.targets, self.settings, self.faces = targets, settings, surface.faces
         vertices = surface.vertices.detach()
-        self.smoothness = smoothness.prepare(vertices, surface.edges.edges)
+        edges = surface.edges.edges
+        self.smoothness = smoothness.prepare(vertices, edges, mean_edge(vertices, edges) / _pixel(vertices, targets))
         self.smoother: Smoother | None = None
         # the running mean that L_b measures from starts anew with every call, hence after every change of topology
         self.reference: torch.Tensor | None = None
@@ -137,6 +140,12 @@ class Terms:
 
 
 @torch.no_grad()
+def _pixel(vertices: torch.Tensor, targets: Targets) -> float:
+    """Width of a pixel of the photographs at the middle of the vertices, world units."""
+    cameras = (np.asarray(x.cpu(), np.float64) for x in (targets.intrinsics, targets.world_to_camera))
+    return pixel_width(*cameras, np.asarray(vertices.mean(dim=0).cpu(), np.float64))
+
+
 def _initial_gains(surface: Surface, targets: Targets) -> Gains:
     """Factors of all views for the surface as it is."""
     gains = Gains(targets)

@@ -86,6 +86,6 @@ def test_in_the_loop_it_recovers_a_ball_and_keeps_it_smooth():
 
 
 def test_the_component_makes_the_filter():
-    prepared = regulariser.LargeSteps(strength=3.0).prepare(torch.zeros(3, 3), torch.tensor([[0, 1], [1, 2]]))
+    prepared = regulariser.LargeSteps(strength=3.0).prepare(torch.zeros(3, 3), torch.tensor([[0, 1], [1, 2]]), 2.0)
     assert prepared.loss is None
     assert prepared.uniform

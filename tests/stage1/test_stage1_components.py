@@ -55,13 +55,47 @@ def test_the_plugged_in_smoothness_is_the_one_in_the_loss(views):
     assert losses[Laplacian, 0.1] != losses[Bilaplacian, 0.1]
 
 
+def test_a_weight_made_for_an_edge_falls_where_edges_span_more_pixels(views):
+    """The term itself is asked, in pictures of which one has half the other's pixels to a side."""
+    assert [Bilaplacian(edge=2).share(pixels) for pixels in (0.5, 2, 3, 4, 40)] == [
+        1,
+        1,
+        pytest.approx(4 / 9),
+        0.25,
+        0.25,
+    ]
+    assert Bilaplacian().share(40) == 1
+    base = RefineSettings(iterations=1, vertex_lr=0.0, texture_lr=0.0)
+
+    def term(edge, **changes):
+        with_, without = (
+            refine(rough(), views, base.replaced(**changes), smoothness=Bilaplacian(weight=w, edge=edge))[1]["loss"][0]
+            for w in (1.0, 0.0)
+        )
+        return with_ - without
+
+    whole, pixels = term(0), _edge_in_pixels(views)
+    assert term(pixels / 1.5) == pytest.approx(whole / 1.5**2, rel=1e-3)
+    assert term(pixels / 1.5, downscale=2) == pytest.approx(whole, rel=1e-3)
+
+
+def _edge_in_pixels(views):
+    state = rough()
+    ends = np.sort(np.concatenate([state.faces[:, [0, 1]], state.faces[:, [1, 2]], state.faces[:, [2, 0]]]), axis=1)
+    ends = np.unique(ends, axis=0)
+    length = np.linalg.norm(state.vertices[ends[:, 0]] - state.vertices[ends[:, 1]], axis=1).mean()
+    middle = np.append(state.vertices.mean(axis=0), 1)
+    depth = [(camera @ middle)[2] for camera in views.world_to_camera]
+    return length * np.median(views.intrinsics[:, 0, 0] / depth)
+
+
 class Filtered:
     """A smoothness that is a filter alone: `factor` times the identity, or the mean over all vertices."""
 
     def __init__(self, factor):
         self.factor = factor
 
-    def prepare(self, vertices, edges):
+    def prepare(self, vertices, edges, pixels):
         if self.factor is None:
             return PreparedSmoothness(None, lambda x: x.mean(dim=0, keepdim=True).expand_as(x).contiguous())
         return PreparedSmoothness(None, lambda x: self.factor * x)
