@@ -705,10 +705,11 @@ class _Prior(Family):
         device: Where to compute; auto takes a CUDA device if there is one.
         """
 class _Regulariser(Family):
-    def bilaplacian(self, name: str = "", *, weight: float | Parameter = 0.3) -> Node:
+    def bilaplacian(self, name: str = "", *, weight: float | Parameter = 0.3, edge: float | Parameter = 0.0) -> Node:
         """The Laplacian's square, which does not shrink round shapes; the default.
 
         weight: Weight of L_s in its scale-free form; 0: no smoothness. [>= 0]
+        edge: Edge that the weight suits: where edges span more pixels, it falls with their square, to a quarter at most; 0: any edge. [pixels, >= 0]
         """
     def laplacian(self, name: str = "", *, weight: float | Parameter = 0.3, units: Literal["edges", "world"] | Parameter = "edges") -> Node:
         """The paper's Laplacian, divided by the squared mean edge length.
@@ -775,7 +776,7 @@ class _Stage1(Family):
         deviation_units: Unit of the distances in L_b: mean edges of the round's mesh, or the world's (the paper).
         """
 class _Stage2(Family):
-    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, light_first: float | Literal["auto"] | Parameter = 0.0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
+    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, light_first: float | Literal["auto"] | Parameter = 0.0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, metal_weight: float | Parameter = 0.0, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Parameter = 4.0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
         """Recover base colour, roughness and environment from the training views (paper, section 5).
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
@@ -796,7 +797,8 @@ class _Stage2(Family):
         chroma_weight: lambda_chroma at the start; falls linearly to 0. [>= 0]
         indirect_weight: Target of lambda_ind, the weight of interreflection. [>= 0]
         indirect_ramp: Iterations until lambda_ind is reached. [iterations, >= 0]
-        metallic: Fit a metallic map, from `start`'s or 0. [or auto, by needs]
+        metallic: Fit a metallic map, from `start`'s or 0.2. [or auto, by needs]
+        metal_weight: Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second half of the steps, when the light is found, to all of it. [>= 0]
         normal_map: Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it.
         corrections: How often rays re-measure the specular term; 0 = never. [>= 0, <= 100]
         correction_samples: Rays per pixel each time. [rays, >= 1, <= 1024]

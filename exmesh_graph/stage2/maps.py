@@ -17,6 +17,10 @@ from exmesh_graph.types import Asset
 #: infinite parameter for a matt surface (docs/stage2.md).
 PAST_ONE = 0.02
 
+#: Where metallic starts that the start does not give. Nearer to 0 its sigmoid is flat: metal is found late or never;
+#: from 0.5 much that is no metal stays half of one (docs/stage2.md).
+START_METALLIC = 0.2
+
 #: Slope of the normal map per unit of its parameter, so that one learning rate serves all maps.
 SLOPE = 0.1
 
@@ -92,7 +96,7 @@ class MaterialMaps:
         columns = [logit(texels_of(start.base_color), NARROW_MARGIN), logit(roughness, NARROW_MARGIN)]
         if settings.metallic:
             if start.metallic is None:
-                columns.append(logit(texels_of(np.zeros((1, 1), np.float32))))
+                columns.append(logit(texels_of(np.full((1, 1), START_METALLIC, np.float32))))
             else:
                 columns.append(logit(texels_of(start.metallic), NARROW_MARGIN))
         if settings.normal_map:
@@ -111,6 +115,11 @@ class MaterialMaps:
         roughness = raw - (raw - 1).clamp_min(0).detach()  # cut at 1; the gradient passes, so that it can come back
         slopes = SLOPE * self.parameter[:, count:]
         return torch.cat([values[:, :3], roughness, values[:, 4:], slopes], dim=1)
+
+    def undecided(self) -> torch.Tensor:
+        """Mean of m (1 - m) over the texels' metallic m, a scalar: 0 where each is metal or none."""
+        metallic = torch.sigmoid(self.parameter[:, 4])
+        return (metallic * (1 - metallic)).mean()
 
     def read(self, values: torch.Tensor, index: torch.Tensor, weight: torch.Tensor) -> Material:
         """The material at N points from `values` and the points' texel rows int64 [N, 4] and weights [N, 4].

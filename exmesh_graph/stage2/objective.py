@@ -26,6 +26,11 @@ def chroma_strength(settings: DecompositionSettings, step: int) -> float:
     return settings.chroma_weight * (1 - step / settings.iterations)
 
 
+def metal_strength(settings: DecompositionSettings, step: int) -> float:
+    """Weight of undecided metallic at `step`: 0 in the first half, whole from seven tenths of the steps on."""
+    return settings.metal_weight * min(1.0, max(0.0, (step / settings.iterations - 0.5) / 0.2))
+
+
 def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
     """The weighted terms of one view, and its predicted radiance [N, 3] (detached).
 
@@ -43,7 +48,7 @@ def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple
         terms["ssim"] = settings.ssim_weight * found.d_ssim
     if settings.material_weight > 0:
         terms["material"] = settings.material_weight * found.variation
-    return terms | _sky_terms(model, found.environment, step), found.predicted
+    return terms | _own_terms(model, found.environment, step), found.predicted
 
 
 def plain_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
@@ -59,7 +64,7 @@ def plain_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[di
         counted = torch.ones_like(material.table[:1])
         counted[:, 3:] = settings.gloss_weight
         terms["material"] = settings.material_weight * pair_variation(counted * material.table, buffer.pairs)
-    return terms | _sky_terms(model, prepared.environment, step), predicted.detach()
+    return terms | _own_terms(model, prepared.environment, step), predicted.detach()
 
 
 def image_terms(
@@ -76,9 +81,12 @@ def image_terms(
     return terms
 
 
-def _sky_terms(model: Decomposition, environment: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
+def _own_terms(model: Decomposition, environment: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
+    """Terms of metallic and sky alone, which no pixel has a say in."""
     settings = model.settings
     terms: dict[str, torch.Tensor] = {}
+    if settings.metallic and (strength := metal_strength(settings, step)) > 0:
+        terms["metal"] = strength * model.maps.undecided()
     if not environment.requires_grad:  # a known light
         return terms
     if settings.environment_weight > 0:

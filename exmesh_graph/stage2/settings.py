@@ -66,7 +66,13 @@ class DecompositionSettings(Params):
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
     indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")
-    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, from `start`'s or 0.")
+    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, from `start`'s or 0.2.")
+    metal_weight: float = param(
+        0.0,
+        ge=0,
+        doc="Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second "
+        "half of the steps, when the light is found, to all of it.",
+    )
     normal_map: bool = param(
         False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
     )

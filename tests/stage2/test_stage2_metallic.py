@@ -15,6 +15,7 @@ SETTINGS = DecompositionSettings(
     texture_size=N, environment_height=16, iterations=200, material_rate=0.2, environment_rate=0.1, factor_rate=0.02,
     ssim_weight=0.0, material_weight=0.003, environment_weight=0.001, chroma_weight=0.0, indirect_ramp=10,
     corrections=3, correction_samples=8, metallic=True,
+    metal_weight=0.1,
 )  # fmt: skip
 
 
