@@ -142,8 +142,8 @@ class Terms:
 @torch.no_grad()
 def _pixel(vertices: torch.Tensor, targets: Targets) -> float:
     """Width of a pixel of the photographs at the middle of the vertices, world units."""
-    cameras = (np.asarray(x.cpu(), np.float64) for x in (targets.intrinsics, targets.world_to_camera))
-    return pixel_width(*cameras, np.asarray(vertices.mean(dim=0).cpu(), np.float64))
+    intrinsics, poses = (np.asarray(x.cpu(), np.float64) for x in (targets.intrinsics, targets.world_to_camera))
+    return pixel_width(intrinsics, poses, np.asarray(vertices.mean(dim=0).cpu(), np.float64))
 
 
 def _initial_gains(surface: Surface, targets: Targets) -> Gains:

@@ -191,7 +191,7 @@ def test_the_choices_in_the_docs(tmp_path: Path) -> None:
         params = check_file(tmp_path / "doc.yaml", list(settings), load_packs()).params
         return params["rounds"], params["faces"]
 
-    assert given() == (4, 60000)
+    assert given() == (4, 26000)
     assert given("budget=1min") == (2, 8000)
     assert given("budget=1min", "rounds=3") == (3, 8000)
     assert given("budget=5min") == (5, 40000)
