@@ -10,11 +10,9 @@ L_f, of closed surfaces, is ours: the share of pixels that show a face from behi
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 
 from exmesh_graph import losses
-from exmesh_graph.geometry.pixels import pixel_width
 from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.facing import behind
@@ -139,13 +137,15 @@ class Terms:
         return losses.pearson_depth(z, reference[view].view(-1)[pixels], seen)
 
 
-@torch.no_grad()
 def _pixel(vertices: torch.Tensor, targets: Targets) -> float:
     """Width of a pixel of the photographs at the middle of the vertices, world units."""
-    intrinsics, poses = (np.asarray(x.cpu(), np.float64) for x in (targets.intrinsics, targets.world_to_camera))
-    return pixel_width(intrinsics, poses, np.asarray(vertices.mean(dim=0).cpu(), np.float64))
+    middle = torch.cat([vertices.mean(dim=0).double(), vertices.new_ones(1).double()])
+    depth = (targets.world_to_camera.to(middle) @ middle)[:, 2].clamp(min=1e-6)
+    focal = (targets.intrinsics[:, 0, 0] * targets.intrinsics[:, 1, 1]).sqrt().to(middle)
+    return float((depth / focal).median())
 
 
+@torch.no_grad()
 def _initial_gains(surface: Surface, targets: Targets) -> Gains:
     """Factors of all views for the surface as it is."""
     gains = Gains(targets)
