@@ -22,10 +22,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from exmesh_nodes import data, transport
 
@@ -33,17 +35,19 @@ from benchmarks import register
 from benchmarks.stage2 import QUICK, Quiet, stored_carrier, true_carrier
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.evaluate.settings import Quality
+from exmesh_graph.io.images import read_mask
 from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.transport import with_bounces
 from exmesh_graph.stage2.alike import Alike
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.probe.scene import probe_scene
+from exmesh_graph.stage2.render import render_views
 from exmesh_graph.stage2.settings import StartSettings
-from exmesh_graph.types import Carrier, SceneTruth, Views
+from exmesh_graph.types import Asset, Carrier, SceneTruth, Transport, Views
 
 #: Stage II as graphs/quickstart.yaml has it, but for the number of steps.
-SHIPPED = QUICK.replaced(corrections=3, rates_for=400, gloss_weight=8.0, indirect_ramp=40)
+SHIPPED = QUICK.replaced(corrections=3, rates_for=400, gloss_weight=8.0, indirect_ramp=40, metal_weight=0.1)
 #: Row: what it changes of the fit's settings, of the transport's, and of what it is given.
 ROWS: dict[str, tuple[dict[str, Any], dict[str, int], set[str]]] = {
     "shipped": ({}, {}, set()),
@@ -60,8 +64,8 @@ ROWS: dict[str, tuple[dict[str, Any], dict[str, int], set[str]]] = {
         {"light"},
     ),
 }
-#: Figures in dB, and the mean squared error of roughness.
-FIGURES = ("held-out", "relit", "unscaled", "albedo", "roughness")
+#: Figures in dB; the mean squared error of roughness; the share of pixels whose metallic is on the wrong side of 0.5.
+FIGURES = ("held-out", "relit", "unscaled", "albedo", "roughness", "wrong side")
 
 
 def main() -> None:
@@ -94,13 +98,22 @@ def budget(folder: Path, options: argparse.Namespace) -> dict[str, list[float]]:
             if views.clipped:  # the scene has 8-bit pictures only
                 continue
         figures[name] = _row(
-            carriers["own" if "mesh" in given else "true"], scene, views, needs, settings, traced, given, options
+            folder,
+            carriers["own" if "mesh" in given else "true"],
+            scene,
+            views,
+            needs,
+            settings,
+            traced,
+            given,
+            options,
         )
         _show(folder.name, name, figures)
     return figures
 
 
 def _row(
+    folder: Path,
     carrier: Carrier,
     scene: data.BlenderOut,
     views: Views,
@@ -115,9 +128,14 @@ def _row(
     if needs["bounces"]:
         light = with_bounces(light, needs["bounces"])
     chosen = {"texture_size": needs["texture_size"], "metallic": needs["metallic"], "iterations": options.iterations}
-    chosen["light_first"] = options.light_first
+    chosen |= {"light_first": options.light_first, "metal_weight": options.metal_weight}
+    chosen["metallic"] |= options.metallic
     settings = SHIPPED.replaced(**chosen, **changes, keep_light="light" in given)
-    start = neutral_asset(carrier, StartSettings(base_color=options.start, roughness=options.start_roughness))
+    begun = StartSettings(
+        base_color=options.start, roughness=options.start_roughness,
+        metallic=options.start_metallic if chosen["metallic"] else 0.0,
+    )  # fmt: skip
+    start = neutral_asset(carrier, begun)
     if "light" in given:
         start = replace(start, environment=_true_sky(scene.truth))
     prior = None if "no prior" in given else Alike()
@@ -126,7 +144,31 @@ def _row(
     values = score_asset(asset, scene.test, scene.truth, scene.train, max_views=options.views, quality=quality).values
     relit, material = values["relit"], values["material"]
     return [values["held_out"]["psnr"], relit["psnr"], relit["psnr_unscaled"],
-            material["albedo_psnr_linear"], material["roughness_mse"]]  # fmt: skip
+            material["albedo_psnr_linear"], material["roughness_mse"],
+            wrong_side(asset, folder, scene.test, light, options)]  # fmt: skip
+
+
+def wrong_side(asset: Asset, folder: Path, test: Views, light: Transport, options: argparse.Namespace) -> float:
+    """Share of the covered pixels of the first test views whose metallic is on the other side of 0.5 than the truth's
+    picture beside the photograph (`..._metallic.png`); NaN for a scene without these."""
+    names = [name.removeprefix("test_") for name in test.names[: options.views]]
+    pictures = [folder / "test" / f"{name}_metallic.png" for name in names]
+    if not all(file.is_file() for file in pictures):
+        return math.nan
+    metallic = asset.metallic if asset.metallic is not None else np.zeros_like(asset.roughness)
+    cameras = (test.intrinsics[: options.views], test.camera_to_world[: options.views], test.height, test.width)
+    # a map that is shown in roughness's place is averaged over a pixel as the truth's pictures were
+    shown = render_views(
+        replace(asset, roughness=metallic), *cameras, supersampling=2, specular_samples=1, transport=light
+    )
+    true = np.stack([_reduced(read_mask(file), options.downscale) for file in pictures])
+    counts = (shown.alpha > 0.99) & (test.alpha[: options.views] > 0.99)
+    return float(((shown.roughness > 0.5) != (true > 0.5))[counts].mean())
+
+
+def _reduced(picture: np.ndarray, factor: int) -> np.ndarray:
+    height, width = (size // factor for size in picture.shape)
+    return picture[: height * factor, : width * factor].reshape(height, factor, width, factor).mean(axis=(1, 3))
 
 
 def _scene(folder: Path, downscale: int, hdr: str) -> data.BlenderOut:
@@ -141,7 +183,11 @@ def _true_sky(truth: SceneTruth) -> Any:
 
 def _show(scene: str, name: str, figures: dict[str, list[float]]) -> None:
     def line(title: str, values: list[float], sign: str) -> str:
-        return f"{title:28s}" + "".join(f"{v:{sign}11.2f}" for v in values[:4]) + f"{values[4]:{sign}11.5f}"
+        return (
+            f"{title:28s}"
+            + "".join(f"{v:{sign}11.2f}" for v in values[:4])
+            + f"{values[4]:{sign}11.5f}{values[5]:{sign}11.3f}"
+        )
 
     print(line(f"{scene}: {name}", figures[name], ""), flush=True)
     if name != "shipped" and "shipped" in figures:
@@ -160,6 +206,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--start", choices=["gray", "tint", "texture"], default="tint")
     parser.add_argument("--start-roughness", type=float, default=0.5)
     parser.add_argument("--light-first", type=float, default=0.0, help="share of the steps that move the light alone")
+    parser.add_argument("--metallic", action="store_true", help="fit a metallic map whatever the probe says")
+    parser.add_argument("--start-metallic", type=float, default=0.0, help="where it starts; 0: where fits start it")
+    parser.add_argument("--metal-weight", type=float, default=SHIPPED.metal_weight)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     return parser.parse_args()

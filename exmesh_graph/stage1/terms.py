@@ -13,6 +13,7 @@ from __future__ import annotations
 import torch
 
 from exmesh_graph import losses
+from exmesh_graph.geometry.pixels import pixel_width
 from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.facing import behind
@@ -139,10 +140,8 @@ class Terms:
 
 def _pixel(vertices: torch.Tensor, targets: Targets) -> float:
     """Width of a pixel of the photographs at the middle of the vertices, world units."""
-    middle = torch.cat([vertices.mean(dim=0).double(), vertices.new_ones(1).double()])
-    depth = (targets.world_to_camera.to(middle) @ middle)[:, 2].clamp(min=1e-6)
-    focal = (targets.intrinsics[:, 0, 0] * targets.intrinsics[:, 1, 1]).sqrt().to(middle)
-    return float((depth / focal).median())
+    middle = vertices.mean(dim=0).double().cpu().numpy()
+    return pixel_width(targets.intrinsics.cpu().numpy(), targets.world_to_camera.cpu().numpy(), middle)
 
 
 @torch.no_grad()

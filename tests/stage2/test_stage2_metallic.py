@@ -3,8 +3,12 @@
 import dataclasses
 
 import numpy as np
+import pytest
+import torch
 
+from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.objective import plain_terms, weighted_terms
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Views
@@ -52,3 +56,24 @@ def test_metal_and_dielectric_side_by_side(true_asset, cameras, carrier, transpo
     without, worse = fit(carrier, views, transport, SETTINGS.replaced(metallic=False), seed=1)
     assert without.metallic is None
     assert np.mean(curves["image"][-5:]) < 0.65 * np.mean(worse["image"][-5:])
+
+
+def test_each_texel_is_drawn_to_one_side_once_the_light_is_found(true_asset, cameras, carrier, transport):
+    """The term is the weight's share of mean m (1 - m): none in the first half, all of it from seven tenths on."""
+    intrinsics, poses = cameras
+    views = Views(
+        names=("v0",), images=np.full((1, SIZE, SIZE, 3), 0.3, np.float32), alpha=np.ones((1, SIZE, SIZE), np.float32),
+        intrinsics=intrinsics[:1], camera_to_world=poses[:1], split="train", clipped=False,
+    )  # fmt: skip
+    model = Decomposition(carrier, views, transport, SETTINGS, "cpu")
+    model.start()
+    wanted = 0.1 * 0.2 * 0.8  # all texels stand where metallic starts
+    for share, part in ((0.0, None), (0.5, None), (0.6, 0.5), (0.7, 1.0), (0.99, 1.0)):
+        step = round(share * SETTINGS.iterations)
+        for terms in (weighted_terms, plain_terms):
+            found, _ = terms(model, model.buffers[0], step)
+            assert ("metal" in found) == (part is not None)
+            assert part is None or float(found["metal"].detach()) == pytest.approx(part * wanted, rel=1e-4)
+    (slope,) = torch.autograd.grad(found["metal"], model.maps.parameter)
+    assert (slope[:, 4] > 0).all()  # from 0.2 down: to no metal
+    assert not slope[:, :4].any()

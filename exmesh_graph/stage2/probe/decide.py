@@ -18,9 +18,9 @@ SIGMAS, LEAST_GAIN, GAIN_PER_DOUBLING = 2.0, 0.05, 0.25
 #: The spread between parts of a surface, of which only some see others, is large where it matters most.
 SIGMAS_OF_LIGHT = 1.0
 
-#: Of an image term and of a light's green and purple after steps of the light alone, over those without: the first is
-#: noise of a fit up to here, the second is clear from here down (docs/probe.md).
-ALIKE, CLEARLY = 1.02, 0.95
+#: Of an image term and of a light's green and purple after steps of the light alone, over those without: the first at
+#: most as high, since it moves by two hundredths from mesh to mesh; the second is clear from here down (docs/probe.md).
+ALIKE, CLEARLY = 1.0, 0.95
 
 
 def required(cost: float, least: float = LEAST_GAIN) -> float:
