@@ -3,6 +3,9 @@
     python -m benchmarks.error_budget graphs/samples/chair graphs/samples/spot --downscale 2
     python -m benchmarks.error_budget FOLDER/idol --downscale 4 --only shipped,sky,light
     python -m benchmarks.error_budget FOLDER/idol --carrier FOLDER_OF_STATE       # and what our own mesh costs
+    python -m benchmarks.error_budget FOLDER/phone --scoring --downscale 2        # a scene for scoring
+
+With --scoring nothing can be chosen: settings are those of the graphs, and every option that changes one is refused.
 
 The base is the quickstart's Stage II on the *true* mesh. One line per row and scene, figures as by evaluate.asset; the
 second line is the difference to the base. Rows:
@@ -23,6 +26,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,6 +68,8 @@ ROWS: dict[str, tuple[dict[str, Any], dict[str, int], set[str]]] = {
         {"light"},
     ),
 }
+#: Options that change a setting of the graphs.
+SETTINGS = ("iterations", "start", "start_roughness", "light_first", "metallic", "start_metallic", "metal_weight")
 #: Figures in dB; the mean squared error of roughness; the share of pixels whose metallic is on the wrong side of 0.5.
 FIGURES = ("held-out", "relit", "unscaled", "albedo", "roughness", "wrong side")
 
@@ -74,7 +80,8 @@ def main() -> None:
     found: dict[str, dict[str, list[float]]] = {}
     print(f"{'':28s}" + "".join(f"{name:>11s}" for name in FIGURES))
     for folder in options.scene:
-        register.choosing(folder)
+        if not options.scoring:
+            register.choosing(folder)
         found[folder.name] = budget(folder, options)
         if options.json:
             options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -195,7 +202,7 @@ def _show(scene: str, name: str, figures: dict[str, list[float]]) -> None:
         print(line("", gain, "+"), flush=True)
 
 
-def arguments() -> argparse.Namespace:
+def arguments(command: Sequence[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, nargs="+")
     parser.add_argument("--carrier", type=Path, help="folder of a stored Stage1State, for the row `mesh`")
@@ -211,7 +218,15 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--metal-weight", type=float, default=SHIPPED.metal_weight)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
-    return parser.parse_args()
+    parser.add_argument("--scoring", action="store_true", help="scenes for scoring too; no setting can be changed then")
+    options = parser.parse_args(command)
+    changed = [name for name in SETTINGS if getattr(options, name) != parser.get_default(name)]
+    if options.scoring and changed:
+        named = ", ".join("--" + name.replace("_", "-") for name in changed)
+        parser.error(
+            f"--scoring measures the shipped settings, so that nothing is chosen on these scenes: leave out {named}"
+        )
+    return options
 
 
 if __name__ == "__main__":

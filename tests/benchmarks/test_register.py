@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import register, stage1, stage2, stage2_mitsuba
+from benchmarks import error_budget, register, stage1, stage2, stage2_mitsuba
 from benchmarks.register import WrongRoleError, choosing, find, of_role, role_of, scenes
 
 
@@ -68,3 +68,15 @@ def test_the_command_tells_a_scene(capsys):
     assert "choose" in capsys.readouterr().out
     assert register.main(["nowhere"]) == 1
     assert find("nowhere") is None
+
+
+def test_an_error_budget_of_a_scoring_scene_changes_no_setting(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "padlock"
+    folder.mkdir()
+    monkeypatch.setattr(sys, "argv", ["error_budget", str(folder)])
+    with pytest.raises(WrongRoleError, match="kept for scoring"):
+        error_budget.main()
+    assert error_budget.arguments([str(folder), "--scoring", "--downscale", "2"]).scoring
+    with pytest.raises(SystemExit):
+        error_budget.arguments([str(folder), "--scoring", "--metal-weight", "0.2"])
+    assert "leave out --metal-weight" in capsys.readouterr().err
