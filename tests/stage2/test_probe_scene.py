@@ -136,6 +136,13 @@ def test_metal_turns_metallic_on_and_matte_does_not(matte_probe, hollow_probe):
     assert _value(hollow_probe, "metallic") is False
 
 
+def test_gloss_that_no_coat_explains_is_not_taken_for_metal():
+    """As of rubber under another BRDF: every texel gains by being a quarter of a metal, which none is."""
+    tinted = asset(ball(), metallic=0.25, roughness=0.3)
+    found = probe_scene(carrier_of(tinted), photographed(tinted), thorough=False).needs.decisions["metallic"]
+    assert found.value is False, found.reason
+
+
 def test_dark_glaze_starts_smooth_and_matte_does_not(matte_probe, hollow_probe):
     """Windows in a dark room, mirrored by a dark ball: from a rough start they are lost in a smooth sky."""
     glaze = asset(ball(), roughness=0.12, bright=0.05)
