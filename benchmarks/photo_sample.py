@@ -1,6 +1,9 @@
 """The sample of photographs (graphs/samples/photos) against its truth: cameras and surface.
 
-    exmesh run graphs/photos.yaml && python -m benchmarks.photo_sample [--run runs/latest]
+    exmesh run graphs/photos.yaml && python -m benchmarks.photo_sample [--run runs/latest] [--steps]
+
+--steps follows the surface: the coarse start, after each round, the end. `inside` is how far it lies inside the true
+one on average, `pits` what 95 % of it are nearer than.
 
 Cameras and surface are found up to a similarity (Umeyama, PAMI 1991, eq. 40 to 42). It is fitted from the cameras'
 places, and for the surface refined by nearest points (ICP), so that its figures tell of its shape. The surface counts
@@ -10,8 +13,10 @@ where photographs can show it: higher than a fiftieth of the object's radius abo
 from __future__ import annotations
 
 import argparse
+import contextlib
+import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,25 +27,49 @@ from benchmarks.photos import similarity
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.evaluate.metrics.mesh import bounding_radius
 from exmesh_graph.native import import_open3d
+from exmesh_graph.types import Mesh
 
 SAMPLE = Path(__file__).parent.parent / "graphs" / "samples" / "photos"
 ABOVE = 0.02  # of the radius
+_SURFACE = ("chamfer", "accuracy", "completeness", "inside", "pits")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", type=Path, default=Path("runs/latest"))
-    for name, value in against_truth(ex.open_run(parser.parse_args().run)).items():
-        print(f"{name:22} {value:.3g}")
+    parser.add_argument("--steps", action="store_true", help="figures of the start, each round and the end")
+    options = parser.parse_args()
+    run = ex.open_run(options.run)
+    if not options.steps:
+        for name, value in against_truth(run).items():
+            print(f"{name:22} {value:.3g}")
+        return
+    print(f"{'':10} {'faces':>7} " + " ".join(f"{name:>12}" for name in _SURFACE))
+    for name, mesh in steps(run):
+        figures = against_truth(run, mesh=mesh)
+        print(f"{name:10} {len(mesh.faces):7d} " + " ".join(f"{figures[one]:12.2f}" for one in _SURFACE), flush=True)
 
 
-def against_truth(run: ex.Run, sample: Path = SAMPLE) -> dict[str, float]:
-    """Figures of a run of graphs/photos.yaml on the sample.
+def steps(run: ex.Run) -> Iterator[tuple[str, Mesh]]:
+    """Name and surface of the run's coarse start, of each round of Stage I, and of its end."""
+    yield "start", run["coarse"]["mesh"]
+    for number in itertools.count(1):
+        try:
+            state = run[f"rounds[{number}].refine"]["state"]
+        except KeyError:  # no further round
+            break
+        yield f"round {number}", state
+    with contextlib.suppress(KeyError):  # a run up to the rounds
+        yield "end", run["settle"]["state"]
+
+
+def against_truth(run: ex.Run, sample: Path = SAMPLE, mesh: Mesh | None = None) -> dict[str, float]:
+    """Figures of a run of graphs/photos.yaml on the sample: of its end, or of another `mesh` of it.
 
     Optical axes in degrees, centres in per cent of their mean distance from their middle (as `benchmarks.photos` does),
     the surface in thousandths of its radius.
     """
-    views, mesh = run["views"]["train"], run["settle"]["state"]
+    views, mesh = run["views"]["train"], run["settle"]["state"] if mesh is None else mesh
     truth = json.loads((sample / "truth" / "cameras.json").read_text(encoding="utf-8"))["camera_to_world"]
     cameras = np.array([truth[f"{Path(name).stem}.jpg"] for name in views.names]) @ np.diag([1.0, -1, -1, 1])
     scale, rotation, offset = similarity(views.camera_to_world[:, :3, 3], cameras[:, :3, 3])
@@ -69,6 +98,8 @@ def against_truth(run: ex.Run, sample: Path = SAMPLE) -> dict[str, float]:
         "accuracy": 1000 / radius * float(accuracy.mean()),
         "completeness": 1000 / radius * float(completeness.mean()),
         "chamfer": 1000 / radius * float(accuracy.mean() + completeness.mean()) / 2,
+        "inside": 1000 / radius * float(_inside(ours, true).mean()),
+        "pits": 1000 / radius * float(np.quantile(accuracy, 0.95)),
     }
 
 
@@ -85,6 +116,14 @@ def _nearer(
         scale, rotation, offset = similarity(ours[kept], aims[nearest[kept]])
         points = scale * points @ rotation.T + offset
     return points
+
+
+def _inside(points: np.ndarray, true: object) -> np.ndarray:
+    """Signed distance of points [P, 3] to Open3D's mesh, positive inside it."""
+    o3d = import_open3d()
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(true))
+    return -scene.compute_signed_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
 
 
 def _seen(points: np.ndarray, faces: Sequence | np.ndarray, floor: float, seed: int) -> np.ndarray:
