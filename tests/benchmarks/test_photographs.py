@@ -12,10 +12,11 @@ from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
 import exmesh_graph as ex
-from benchmarks.photo_sample import SAMPLE, against_truth
+from benchmarks.photo_sample import SAMPLE, _inside, against_truth, steps
 from benchmarks.photos import similarity
 from benchmarks.scenes import photographs as shots
 from benchmarks.scenes.cameras import FIELD
+from exmesh_graph.native import import_open3d
 
 GRAPH = Path(__file__).parent.parent.parent / "graphs" / "photos.yaml"
 
@@ -45,6 +46,19 @@ def test_a_similarity_is_found():
     assert scale == pytest.approx(2.5)
     assert found == pytest.approx(rotation)
     assert offset == pytest.approx([1, 2, 3])
+
+
+def test_the_surface_is_followed_from_start_to_end():
+    """As many rounds as there were; a run that was stopped after its rounds has no end."""
+    whole = {"coarse": {"mesh": 0}, "rounds[1].refine": {"state": 1}, "rounds[2].refine": {"state": 2}}
+    assert list(steps(whole)) == [("start", 0), ("round 1", 1), ("round 2", 2)]
+    assert list(steps({**whole, "settle": {"state": 3}}))[-1] == ("end", 3)
+
+
+def test_what_lies_inside_the_true_surface_counts_as_inside():
+    ball = import_open3d().geometry.TriangleMesh.create_sphere(1.0, 100)
+    points = np.array([[0, 0, 0.9], [0, 1.1, 0]])
+    assert _inside(points, ball) == pytest.approx([0.1, -0.1], abs=2e-3)
 
 
 def test_the_sample_is_small_and_as_a_camera_gives_it():
