@@ -9,12 +9,14 @@ import ast
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 LIBRARY, NODES, PAGE = ROOT / "exmesh_graph", ROOT / "nodes", ROOT / "docs" / "architecture.md"
 BEGIN, END = "<!-- rooms: written by python -m docs.architecture -->\n", "<!-- end of rooms -->\n"
 Arrows = dict[str, set[str]]
+HOLDS_STATEMENTS = (ast.stmt, ast.ExceptHandler, ast.match_case)  # an expression holds no import
 
 
 def rooms(table: str = "rooms") -> dict[str, str]:
@@ -37,7 +39,7 @@ def imports(path: Path, name: str, *, top_only: bool = False) -> Iterator[str]:
     todo: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
     while todo:
         item = todo.pop()
-        if top_only and isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+        if top_only and isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
         if isinstance(item, ast.If) and "TYPE_CHECKING" in ast.dump(item.test):
             todo += item.orelse
@@ -48,11 +50,12 @@ def imports(path: Path, name: str, *, top_only: bool = False) -> Iterator[str]:
             base = ".".join([*above, *([item.module] if item.module else [])])
             yield from (f"{base}.{alias.name}" for alias in item.names)
         else:
-            todo += ast.iter_child_nodes(item)
+            todo += [child for child in ast.iter_child_nodes(item) if isinstance(child, HOLDS_STATEMENTS)]
 
 
+@cache
 def arrows() -> Arrows:
-    """{module: modules of this project that it imports}, imports inside functions included."""
+    """{module: modules of this project that it imports}, imports inside functions included; read once per process."""
     known = modules()
     graph: Arrows = {}
     for name, path in known.items():
