@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tokenize
@@ -105,23 +106,48 @@ def test_nothing_heavy_at_the_top(room: str) -> None:
             assert {n.split(".")[0] for n in imports(path, module, top_only=True)}.isdisjoint(HEAVY), module
 
 
-@pytest.mark.parametrize("room", ["raster", "rays", "shading", "splat"])
-def test_kernels_need_torch_numpy_and_warp_only(room: str) -> None:
+KERNELS = ("raster", "rays", "shading", "splat")
+OTHERS = ("pydantic", "open3d", "pymeshlab", "pxr", "OpenImageIO", "skimage", "embreex", "xatlas", "networkx")
+
+
+@pytest.fixture(scope="module")
+def loaded_by_kernels() -> dict[str, set[str]]:
+    """{room: those of OTHERS that are imported once its modules are}, the rooms one after another in one process."""
+    rooms = {}
+    for room in KERNELS:
+        names = sorted(module for module in modules() if room_of(module) == room and "kernels" not in module)
+        # parameters are declared for nodes; the kernels' functions take any object with these attributes
+        rooms[room] = [name for name in names if name != "exmesh_graph.rays.embree" and not name.endswith(".settings")]
+        assert rooms[room]
+    code = f"""
+import importlib, json, sys
+loaded = {{}}
+for room, names in {rooms!r}.items():
+    for name in names:
+        importlib.import_module(name)
+    loaded[room] = [name for name in {OTHERS!r} if name in sys.modules]
+print("LOADED" + json.dumps(loaded))
+"""
+    return {room: set(names) for room, names in json.loads(printed_by(code)).items()}
+
+
+@pytest.mark.parametrize("room", KERNELS)
+def test_kernels_need_torch_numpy_and_warp_only(room: str, loaded_by_kernels: dict[str, set[str]]) -> None:
     """So that they run on a machine with a GPU and little else."""
-    names = sorted(module for module in modules() if room_of(module) == room and "kernels" not in module)
-    # parameters are declared for nodes; the kernels' functions take any object with these attributes
-    names = [name for name in names if name != "exmesh_graph.rays.embree" and not name.endswith(".settings")]
-    code = f"import importlib\nfor name in {names!r}: importlib.import_module(name)"
-    others = ("pydantic", "open3d", "pymeshlab", "pxr", "OpenImageIO", "skimage", "embreex", "xatlas", "networkx")
-    assert loaded_by(code, others) == set()
+    assert loaded_by_kernels[room] == set()
+
+
+def printed_by(code: str) -> str:
+    """What a new process that runs `code` prints after the word LOADED."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split("LOADED")[1]
 
 
 def loaded_by(code: str, of: tuple[str, ...] = HEAVY) -> set[str]:
     """Those of the libraries `of` that `code` leaves imported."""
     probe = f"{code}\nimport sys\nprint('LOADED', *[name for name in {of!r} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return set(done.stdout.split("LOADED")[1].split())
+    return set(printed_by(probe).split())
 
 
 @pytest.mark.parametrize("module", ["exmesh_graph.types", "exmesh_graph.graph", "exmesh_graph.cli.app", "exmesh_nodes"])

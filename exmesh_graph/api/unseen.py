@@ -26,9 +26,6 @@ from exmesh_graph.graph.cache.moduletext import OWN, ModuleText
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 
-_looked_at: dict[str, dict[str, Any]] = {}
-"""What was found in modules of these bytes (`ModuleText.key`), for where there is no store whose memo knows."""
-
 
 def unseen(definitions: Iterable[NodeDef]) -> list[str]:
     """`module:line: words` of every place in the code of nodes and components; what cannot be read is left out."""
@@ -80,10 +77,7 @@ def _in_module(sources: Sources, text: ModuleText) -> dict[str, Any]:
 
 
 def _looked(text: ModuleText) -> dict[str, Any]:
-    if text.key not in _looked_at:
-        lines = text.data.decode("utf-8", "replace").splitlines()
-        _looked_at[text.key] = looked_at(text.tree, lines, text.package)
-    return _looked_at[text.key]
+    return looked_at(text.tree, text.data.decode("utf-8", "replace").splitlines(), text.package)
 
 
 @functools.cache

@@ -79,6 +79,7 @@ def _is_installed(path: Path) -> bool:
 
 
 _loads: list[int] = []  # one entry for each time that a session found modules edited or loaded anew
+_facts: dict[str, dict[str, Any]] = {}  # of this process: {ModuleText.key: what this text says}, whatever store is open
 _loaded: dict[str, tuple[Any, bytes, int]] = {}  # of this process: {module: (spec, the text it was loaded from, when)}
 
 
@@ -133,12 +134,13 @@ class Sources:
         return any(_loaded[other][2] > own for other in taken & self.modules.keys() & _loaded.keys())
 
     def fact(self, module: ModuleText, name: str, find: Callable[[], Any]) -> Any:
-        """What the memo holds under `name` for a module of exactly these bytes, else what `find` finds out."""
-        facts = {} if self.memo is None else self.memo.known.get(module.key, {})
+        """What `find` finds out about a module of exactly these bytes, once: this process and the memo keep it."""
+        known = {} if self.memo is None else self.memo.known.get(module.key, {})
+        facts = _facts.setdefault(module.key, {})
         if name not in facts:
-            facts = {**facts, name: find()}
-            if self.memo is not None:
-                self.memo.put(module.key, facts)
+            facts[name] = known[name] if name in known else find()
+        if self.memo is not None and name not in known:
+            self.memo.put(module.key, {**known, name: facts[name]})
         return facts[name]
 
     def _with_modules(

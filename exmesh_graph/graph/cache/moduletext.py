@@ -198,7 +198,6 @@ def sha(text: str) -> str:
 
 def source_file(name: str) -> Path | None:
     top, _, rest = name.partition(".")
-    roots: list[str] = []
     if top in sys.modules:
         loaded = sys.modules[top]
         file, roots = getattr(loaded, "__file__", None), list(getattr(loaded, "__path__", []))
@@ -225,11 +224,10 @@ def spec_of(name: str) -> Any:
 
 
 def stamp_of(path: Path) -> tuple[int, ...] | None:
-    try:
+    with contextlib.suppress(OSError):
         status = path.stat()
-    except OSError:
-        return None
-    return status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size
+        return status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_size
+    return None
 
 
 def drop_stale_bytecode(path: Path, data: bytes) -> bool:
