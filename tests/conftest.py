@@ -7,8 +7,28 @@ to, every process that a test starts would compile the package anew.
 
 import os
 import sys
+from pathlib import Path
 
 import pytest
+
+LONGEST = (
+    "test_end_to_end.py",
+    "stage2/test_probe_scene.py",
+    "stability/test_stability_rows.py",
+    "nodes/test_nodes_evaluate.py",
+    "graph/test_graph_limits.py",
+    "io/test_io_checks.py",
+    "cli/test_cli_commands.py",
+    "stage1/test_stage1_appearance.py",
+    "uv/test_unwrap_hard.py",
+    "graph/test_graph_remote.py",
+    "graph/conformance/test_backends_agree.py",
+    "graph/backends/test_backend_local.py",
+    "graph/reliability/test_reliability.py",
+    "test_architecture.py",
+    "priors/test_priors_patch_match.py",
+)
+"""Files of this folder that take longest, first in the run, so that its end waits for no single one."""
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -19,6 +39,12 @@ from hypothesis import HealthCheck, settings  # noqa: E402 - torch comes with so
 # how long an example takes to draw says something of the machine's load, not of the code
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first; all else in its order."""
+    place = {Path(__file__).parent / name: row for row, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 @pytest.fixture(autouse=True)

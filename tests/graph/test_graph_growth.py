@@ -33,14 +33,26 @@ nodes:
 """
 
 
+def plain_work() -> float:
+    """Processor seconds of naming, keeping and sorting 200 000 records: what this machine does in such a time."""
+    began = time.process_time()
+    records = {name: {"name": name, "of": (k, name)} for k in range(200_000) for name in [f"rounds[{k}].a"]}
+    assert len({name.partition("]")[0] for name in sorted(records)}) == 200_000
+    return time.process_time() - began
+
+
 def test_a_graph_of_many_nodes_is_checked_at_once(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """20 000 nodes took 5.5 s of processor time, a quarter of that for carried values alone; now 2 s."""
+    """20 000 nodes took 5.5 s of processor time where they take 2 s now, a quarter of it for carried values alone.
+
+    Seconds say as much of the machine's load as of the code: they are held to those of plain work around them.
+    """
     (problem,) = bench.problems(CHAIN % 10_000)
     assert "for a file that you trust: EXMESH_LIMITS=rounds=NUMBER" in problem.expected
     monkeypatch.setenv("EXMESH_LIMITS", "nodes=20001 rounds=10000")
-    began = time.process_time()
+    before, began = plain_work(), time.process_time()
     assert len(bench.check(CHAIN % 10_000).nodes) == 20_001
-    assert time.process_time() - began < 5
+    taken = time.process_time() - began
+    assert taken < 9 * max(before, plain_work())  # now 4.3 to 5 times it, at any load; 12 and more before
     monkeypatch.setenv("EXMESH_LIMITS", "nodes=20000 rounds=10000")
     with pytest.raises(GraphErrors, match=r"more than 20000 nodes"):
         bench.check(CHAIN % 10_000)

@@ -25,7 +25,7 @@ from tests.priors.prior_scenes import wall
 SMALL = PatchMatchSettings(sources=3, best=2, step=1)
 
 
-def compared(size=(21, 26), weight=0.0, seed=0, flat=False, radius=2, step=1):
+def compared(size=(16, 19), weight=0.0, seed=0, flat=False, radius=2, step=1):
     """Grey pictures with masks, flat parts and a border nearby, planes of all tilts, and what the kernel takes."""
     views, _ = wall(count=4, size=26)
     random = np.random.default_rng(seed)

@@ -19,10 +19,10 @@ from exmesh_graph.uv.maintain import check_atlas
 from exmesh_graph.uv.settings import DiscSettings, XatlasSettings
 from exmesh_graph.uv.unwrap import unwrap
 
-SIZE = 1024
+SIZE = 512
 
 
-def rough_sphere(level=4):
+def rough_sphere(level=3):
     vertices, faces = icosphere(level)
     noise = np.random.default_rng(1).normal(size=vertices.shape) * 0.15 * np.sqrt(30.0 / len(faces))
     return (vertices + noise).astype(np.float32), faces
@@ -136,11 +136,16 @@ def test_xatlas_charts():
     assert ("xatlas" in sys.modules) == before  # it stays in its own process
 
 
-def test_same_bytes_and_few_charts_on_a_rough_surface():
+def test_few_charts_on_a_rough_surface():
+    vertices, faces = rough_sphere(4)
+    first = unwrap(vertices, faces, 512)
+    report = check_atlas(vertices, faces, *first, 512)
+    assert report.charts <= 12
+    assert report.stretch < 1.2
+
+
+def test_same_bytes_on_a_rough_surface():
     vertices, faces = rough_sphere()
     first, again = (unwrap(vertices, faces, 512) for _ in range(2))
     assert first[0].tobytes() == again[0].tobytes()
     assert first[1].tobytes() == again[1].tobytes()
-    report = check_atlas(vertices, faces, *first, 512)
-    assert report.charts <= 12
-    assert report.stretch < 1.2
