@@ -81,6 +81,7 @@ def pack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Path
 
     def take(function: str = "first", code: tuple[str, ...] = (), memo: Memo | None = None) -> str:
         current().parts.pop(fp.Sources, None)
+        monkeypatch.setattr(fp, "_facts", {})  # as in a new process
         if memo is not None:
             fp.remember_in(memo)
         fake = lambda: None  # noqa: E731
@@ -270,6 +271,29 @@ def test_with_the_memo_nothing_is_parsed(
     memo.save()
     monkeypatch.setattr("ast.parse", lambda *_: pytest.fail("parsed again"))
     assert take(memo=Memo(tmp_path / "code.json", tmp_path / "work")) == before
+
+
+def test_in_one_process_nothing_is_parsed_again_and_every_store_learns_it(
+    pack: tuple[Path, Take], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, take = pack
+    before, facts = take(), fp._facts
+    assert facts
+    memo = Memo(tmp_path / "code.json", tmp_path / "work")
+
+    def fresh() -> str:
+        current().parts.pop(fp.Sources, None)
+        fp.remember_in(memo)
+        fake = lambda: None  # noqa: E731
+        fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
+        return fp.fingerprint(NodeDef("t", fake, "1")).digest
+
+    with monkeypatch.context() as patch:
+        patch.setattr("ast.parse", lambda *_: pytest.fail("parsed again"))
+        assert fresh() == before
+    assert memo.known == facts
+    edit(root, "deep.py", "return x", "return x + 1")
+    assert fresh() != before
 
 
 def test_a_spoilt_memo_is_not_believed(pack: tuple[Path, Take], tmp_path: Path) -> None:

@@ -28,9 +28,9 @@ def rough_sphere(level=3):
     return (vertices + noise).astype(np.float32), faces
 
 
-def broken(kind):
+def broken(kind, level=3):
     """A rough sphere with 5 % of its faces in trouble."""
-    vertices, faces = rough_sphere()
+    vertices, faces = rough_sphere(level)
     rng = np.random.default_rng(0)
     n = len(faces) // 20
     some = faces[rng.choice(len(faces), n, replace=False)]
