@@ -24,6 +24,7 @@ def _group(name: str, *rows: tuple[str, ...]) -> list[Mutant]:
 
 
 _KEYS, _STORE, _RUNS = f"{TESTS}/test_graph_keys.py", f"{TESTS}/test_graph_store.py", f"{TESTS}/test_graph_run.py"
+_HELD = "exmesh_graph/types/contents.py"
 _CODE, _GC = f"{TESTS}/test_graph_fingerprint.py", f"{TESTS}/upkeep/test_upkeep_collect.py"
 
 CORE = _group(
@@ -181,8 +182,8 @@ HOLES = _group(
     (f"{RUN}/hermetic.py", "with decimal.localcontext():", "with contextlib.nullcontext():", _CLEAN, "behind"),
     (
         f"{RUN}/execute.py",
-        '    if lost:\n        what = f"{value.type_name} loses',
-        '    if again is None:\n        what = f"{value.type_name} loses',
+        "if again is None or lost:",
+        "if again is None:",
         _HOLES,
         "save_that_loses",
     ),
@@ -336,15 +337,15 @@ LESSONS = _group(
     (f"{CACHE}/moduletext.py", "            cache.unlink()\n", "            pass\n", _CODE, "bytecode"),
     (f"{CACHE}/lease.py", "if text != before:", "if True:", f"{TESTS}/test_graph_lease.py", "without_a_heartbeat"),
     (
-        f"{RUN}/memory.py",
+        _HELD,
         "return [part for pair in item.items() for part in pair]",
         "return []",
         _RUNS,
         "dicts_of_inputs or marks_see",
     ),
-    (f"{RUN}/memory.py", "        return list(item)\n", "        return []\n", _RUNS, "marks_see"),
-    (f"{RUN}/memory.py", "yield tuple(sorted(map(repr, item)))", 'yield "set"', _RUNS, "marks_see"),
-    (f"{RUN}/memory.py", "    return [kept]\n", "    return []\n", _RUNS, "marks_see"),
+    (_HELD, "        return list(item)\n", "        return []\n", _RUNS, "marks_see"),
+    (_HELD, "yield tuple(sorted(map(repr, item)))", 'yield "set"', _RUNS, "marks_see"),
+    (_HELD, ' | getattr(item, "__dict__", {})', "", _RUNS, "marks_see"),
     (
         f"{RUN}/runner.py",
         "        elif outcome.state == STOPPED:\n",
@@ -383,4 +384,38 @@ LESSONS = _group(
     ),
 )
 
-MUTANTS = [*CORE, *HOLES, *REACH, *LESSONS]
+_KEPT = f"{TESTS}/test_graph_kept.py"
+
+RESULTS = _group(
+    "what was served wrong to a third party that looked at results alone",
+    (
+        f"{CACHE}/syntax.py",
+        "if isinstance(item, ast.Attribute | ast.Subscript) and not isinstance(item.ctx, ast.Load):\n            return",
+        "if False:\n            return",
+        _KEPT,
+        "does_to_others",
+    ),
+    (f"{CACHE}/syntax.py", "called = [*called, *item.args, ", "called = [*called, ", _KEPT, "does_to_others"),
+    (f"{CACHE}/syntax.py", "yield from [item.target.id]", "yield from []", _KEPT, "does_to_others"),
+    (f"{CACHE}/syntax.py", "yield from item.names if", "yield from [] if", _KEPT, "does_to_others"),
+    (f"{CACHE}/syntax.py", "isinstance(item, ast.AugAssign) or", "", _KEPT, "does_to_others"),
+    (f"{CACHE}/moduletext.py", "if calls or not all", "if not all", _KEPT, "re_exports"),
+    (f"{RUN}/execute.py", "    return again\n", "    return value\n", _HOLES, "in_memory"),
+    (f"{RUN}/execute.py", "if alike and stored.bytes > _SMALL", "if stored.bytes > _SMALL", _HOLES, "in_memory"),
+    (_HELD, "made = item.__reduce_ex__(4)", 'made = ""', _KEPT, "marks"),
+    ("exmesh_graph/api/unseen.py", "if fills and", "if False and", _KEPT, "strangers"),
+    ("exmesh_graph/api/unseen.py", "if module not in found", "if False", _KEPT, "somebody_else"),
+    (
+        "exmesh_graph/api/unseen.py",
+        "(line, words) for line, words, owner in",
+        "(line, words) for line, words, owner in () and",
+        _KEPT,
+        "from_a_function",
+    ),
+    ("exmesh_graph/api/unseen.py", "if owner in called or", "if True or", _KEPT, "filling"),
+    ("exmesh_graph/api/kept.py", "if isinstance(item, ast.Global) and", "if False and", _KEPT, "functions_keep"),
+    ("exmesh_graph/api/kept.py", "if end in _GOING_ON or", "if", _KEPT, "functions_keep"),
+    (f"{RUN}/backends/worker.py", ', separators=(",", ":")', "", _HOLES, "spoils_json"),
+)
+
+MUTANTS = [*CORE, *HOLES, *REACH, *LESSONS, *RESULTS]

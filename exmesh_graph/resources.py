@@ -30,7 +30,7 @@ def usable_cores() -> int:
 
 def grant_cores(count: int) -> None:
     """Use `count` cores at most from now on; 0: all that the process may use."""
-    global _granted
+    global _granted  # not in the key: how many cores work
     _granted = count
 
 

@@ -24,9 +24,9 @@ from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.problems import Problems, fail
 from exmesh_graph.graph.run.execute import check_input, check_untouched, outputs_of
 from exmesh_graph.graph.run.lists import arguments
-from exmesh_graph.graph.run.memory import mark_of
 from exmesh_graph.graph.session import Session, current_session
 from exmesh_graph.types import Artifact
+from exmesh_graph.types.contents import mark_of
 
 
 class CallContext:

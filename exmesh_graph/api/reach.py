@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Any, TypeGuard
 
 from exmesh_graph.api.fixed import Fixed
+from exmesh_graph.api.kept import kept_in
 from exmesh_graph.api.standard import beyond, is_reader, is_standard, real
 from exmesh_graph.graph.cache.syntax import LOADERS, imports_in, last_of, text_of
 
@@ -29,6 +30,8 @@ _OF_MACHINE = {
                      "httpx.get", "httpx.Client"), "the network"),
     **dict.fromkeys(("socket.gethostname", "platform.node", "platform.uname", "getpass.getuser", "os.uname",
                      "os.getlogin"), "the machine's or the user's name"),
+    **dict.fromkeys(("torch.set_printoptions", "torch.set_flush_denormal", "torch.autograd.set_detect_anomaly",
+                     "torch.is_anomaly_enabled", "numpy.setbufsize"), "the state of a library"),
     **dict.fromkeys(("ctypes.CDLL", "ctypes.PyDLL", "ctypes.cdll.LoadLibrary"), "a library outside of Python"),
 }  # fmt: skip
 _BUILTINS = {
@@ -45,10 +48,16 @@ _OF_ANYTHING = {
                     "what lies around code ({})"),
     **dict.fromkeys(("st_mtime", "st_mtime_ns", "st_ctime", "st_ctime_ns", "st_atime", "st_ino", "st_uid", "st_mode"),
                     "what a file's contents do not tell ({})"),
+    **dict.fromkeys(("lineno", "f_lineno", "co_firstlineno"), "numbers of lines ({})"),
+    **dict.fromkeys(("model_fields", "model_json_schema", "__pydantic_fields__"),
+                    "words and bounds of parameters, which are in no key ({})"),
+    **dict.fromkeys(("setLevel", "isEnabledFor", "getEffectiveLevel"), "levels of loggers ({})"),
     "expanduser": "the home folder", "__doc__": "docstrings, which are in no key ({})",
     **dict.fromkeys(("now", "today", "utcnow"), "the clock ({})"),
 }  # fmt: skip
-_AROUND = re.compile("__(?:globals|builtins|subclasses|code|self|traceback|import)__")  # as a text: "{0.__globals__}"
+_AROUND = re.compile(
+    "__(?:globals|builtins|subclasses|code|self|traceback|import|doc)__"
+)  # as a text: "{0.__globals__}"
 _THROUGH = {
     "os",
     "sys",
@@ -77,13 +86,24 @@ def unseen_in(tree: ast.AST, lines: list[str]) -> list[tuple[int, str]]:
 
 
 def looked_at(tree: ast.AST, lines: list[str], package: str) -> dict[str, Any]:
-    """`places` as `unseen_in` has them; what a module has `lent` and `taken` (see there), as JSON would hold it."""
+    """`places` as `unseen_in` has them; what a module has `lent` and `taken` (see there), as JSON would hold it;
+    what `kept_in` says, its places as `keeps`."""
     module, quiet, told = _Module(tree), _harmless(tree, lines), dict[int, str]()
     for item, words in module.places():
         if item.lineno not in quiet:
             told.setdefault(item.lineno, words)
     taken = _taken(module.items, package, quiet) if package else []
-    return {"places": sorted(told.items()), "lent": _lent(tree) if package else {}, "taken": taken}
+    kept = kept_in(tree, package) or {"places": [], "inner": [], "state": {}, "uses": [], "hooked": [], "acts": []}
+    keeps = [place for place in kept.pop("places") if place[0] not in quiet]
+    for name in ("uses", "acts"):
+        kept[name] = [place for place in kept[name] if place[0] not in quiet]
+    return {
+        "places": sorted(told.items()),
+        "lent": _lent(tree) if package else {},
+        "taken": taken,
+        "keeps": keeps,
+        **kept,
+    }
 
 
 def _lent(tree: ast.AST) -> dict[str, str]:
@@ -210,6 +230,8 @@ class _Module:
                 return "files beside the module (resources of a package)"
             if getattr(item, "level", 0) or not is_standard(module):
                 continue
+            if name in LOADERS and (alias.asname or name) not in LOADERS:
+                return f"{origin}, under another name"
             bound = alias.asname or alias.name.partition(".")[0]
             if (
                 alias.name == "*" or bound not in self.used or id(item) in self.held

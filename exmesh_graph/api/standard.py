@@ -33,8 +33,8 @@ MIXED = {
     "io": "BufferedIOBase BytesIO IOBase RawIOBase SEEK_CUR SEEK_END SEEK_SET StringIO TextIOBase TextIOWrapper "
     "BufferedReader BufferedWriter UnsupportedOperation",
     "logging": "CRITICAL DEBUG ERROR Filter Formatter Handler INFO Logger LoggerAdapter NOTSET NullHandler "
-    "StreamHandler WARNING addLevelName basicConfig captureWarnings critical debug disable error exception "
-    "getLevelName getLogger info log warning",
+    "StreamHandler WARNING basicConfig captureWarnings critical debug error exception "
+    "getLogger info log warning",
     "lzma": "compress decompress LZMAError FORMAT_XZ FORMAT_RAW FILTER_LZMA2",
     "mmap": "ACCESS_COPY ACCESS_READ ACCESS_WRITE mmap",
     "os": "F_OK curdir pardir O_CREAT O_EXCL O_RDONLY O_RDWR O_WRONLY PathLike R_OK SEEK_CUR SEEK_END SEEK_SET W_OK "
@@ -73,6 +73,7 @@ UNKNOWING = {
     "pathlib.PosixPath": ("cwd", "home"),
     "datetime.date": ("fromtimestamp", "today"),
     "datetime.datetime": ("fromtimestamp", "now", "today", "utcnow"),
+    "csv": ("field_size_limit", "get_dialect", "list_dialects", "register_dialect", "unregister_dialect"),
     "random": ("SystemRandom",),
     "sys.stderr": ("encoding", "errors", "isatty", "name"),
     "sys.stdout": ("encoding", "errors", "isatty", "name"),

@@ -14,15 +14,16 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph.api.kept import is_changed
 from exmesh_graph.api.reach import looked_at, unseen_in
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.files import sha256_file
 from exmesh_graph.graph.cache.fingerprint import Sources
-from exmesh_graph.graph.cache.moduletext import OWN, ModuleText
+from exmesh_graph.graph.cache.moduletext import OWN, ModuleText, is_ignored
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 
@@ -59,9 +60,9 @@ def _of(definition: NodeDef) -> list[str]:
     made = sources.fingerprint(definition)
     found = {name: _in_module(sources, sources.module(name)) for name in made.modules}
     lent = {f"{name}.{short}": words for name, one in found.items() for short, words in one["lent"].items()}
-    told = []
+    told, kept = _strangers(sources, found, made.lines, own), _kept(sources, found, definition)
     for name, one in found.items():
-        places = [*one["places"], *((line, lent[full]) for line, full in one["taken"] if full in lent)]
+        places = [*one["places"], *kept[name], *((line, lent[full]) for line, full in one["taken"] if full in lent)]
         told += [
             f"{name}:{line}: {words}" for line, words in sorted(map(tuple, places)) if name != own or line in made.lines
         ]
@@ -70,6 +71,63 @@ def _of(definition: NodeDef) -> list[str]:
             source = textwrap.dedent(inspect.getsource(definition.function))
             told += [f"{own}:{line}: {words}" for line, words in unseen_in(ast.parse(source), source.splitlines())]
     return told
+
+
+def _kept(sources: Sources, found: Mapping[str, Any], definition: NodeDef) -> dict[str, list[tuple[int, str]]]:
+    """{module: (line, words) of what its functions keep from call to call}; not of those that only imports call."""
+    ends = {part for one in found.values() for _, dotted in one["uses"] for part in dotted.split(".")}
+    methods = {name for one in found.values() for name in one["inner"] if name.startswith(".")}
+    methods |= {f".{part}" for part in ends}
+    told: dict[str, list[tuple[int, str]]] = {}
+    for name, one in found.items():
+        called = {*one["inner"], *ends, definition.function.__name__, ""}
+        told[name] = [
+            (line, words) for line, words, owner in one["keeps"]
+            if owner in called or f".{owner.partition('.')[2]}" in methods or owner.endswith("__")
+        ]  # fmt: skip
+        told[name] += [
+            (line, f"what is kept from call to call ({dotted})") for line, dotted in one["uses"]
+            if any(is_changed(found[module]["state"], rest[0], rest[1:]) for module, rest in _split(found, dotted))
+        ]  # fmt: skip
+        told[name] += [
+            (line, f"a module that nothing here imports ({module})") for line, dotted in one["uses"]
+            for module in _loaded(dotted) if module not in found and _has_code(sources, module)
+        ]  # fmt: skip
+    return told
+
+
+def _loaded(dotted: str) -> list[str]:
+    """The modules of several names that a dotted name goes through, but its first."""
+    parts = dotted.split(".")
+    return [name for k in range(2, len(parts) + 1) if (name := ".".join(parts[:k])) in sys.modules]
+
+
+def _has_code(sources: Sources, name: str) -> bool:
+    return not is_ignored(name) and sources.find(name) is not None and sources.module(name).exports is None
+
+
+def _strangers(sources: Sources, found: Mapping[str, Any], lines: Collection[int], own: str) -> list[str]:
+    """What other modules of the pack, or other lines of the node's own, change in those of a key on import."""
+    top, told = own.partition(".")[0], []
+    for name in sorted(name for name in sys.modules if name.partition(".")[0] == top and not is_ignored(name)):
+        if (name in found and name != own) or top == "__main__" or sources.find(name) is None:
+            continue
+        for line, dotted, is_set in _in_module(sources, sources.module(name))["acts"]:
+            fills = is_set and dotted.partition(".")[0] != top
+            for module, rest in _split(found, dotted):
+                one = found[module]
+                fills |= is_set or rest[0] in (*one["hooked"], *(owner for _, _, owner in one["keeps"]))
+                fills |= is_changed({k: v for k, v in one["state"].items() if v != ["*"]}, rest[0], rest[1:])
+            if fills and (name != own or line not in lines):
+                told.append(f"{name}:{line}: what it changes when it is imported ({dotted})")
+    return told
+
+
+def _split(found: Mapping[str, Any], dotted: str) -> list[tuple[str, list[str]]]:
+    """A dotted name as (module of the key, what it has)."""
+    parts = dotted.split(".")
+    pairs = [(".".join(parts[:k]), parts[k:]) for k in range(1, len(parts))]
+    return [(module, rest) for module, rest in pairs if module in found]
 
 
 def _in_module(sources: Sources, text: ModuleText) -> dict[str, Any]:
@@ -82,7 +140,7 @@ def _looked(text: ModuleText) -> dict[str, Any]:
 
 @functools.cache
 def _fact() -> str:
-    rules = (Path(__file__).with_name(f"{name}.py") for name in ("reach", "fixed", "standard"))
+    rules = (Path(__file__).with_name(f"{name}.py") for name in ("reach", "fixed", "standard", "kept"))
     return "unseen " + " ".join(sha256_file(path)[:16] for path in rules)
 
 

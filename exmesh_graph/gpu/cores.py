@@ -49,7 +49,7 @@ def workers() -> int:
 @contextmanager
 def cores(count: int) -> Iterator[int]:
     """Let `split` and `share` take `count` cores (0, as without a block: all that the process may use)."""
-    token = _count.set(count)
+    token = _count.set(count)  # not in the key: how many cores work
     try:
         yield workers()
     finally:
@@ -69,12 +69,13 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
     # the first launch of a kernel compiles its module: on one thread
     if count <= 1 or device.type != "cpu" or kernel not in _launched:
         launch(kernel, size, 0, *arguments)
+        # not in the key: what is compiled
         _launched.add(kernel)
         return
     if size * _seconds.get(kernel, math.inf) < WORTH:
         began = time.perf_counter()
         launch(kernel, size, 0, *arguments)
-        _seconds[kernel] = (time.perf_counter() - began) / size
+        _seconds[kernel] = (time.perf_counter() - began) / size  # not in the key: how many cores work
         return
     converted = convert(kernel, (0, *arguments))[1:]
     runs = iter(_runs(size, count, grain))  # shared: taking the next one is atomic
@@ -83,7 +84,7 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
         for first, items in runs:
             began = time.perf_counter()
             launch_converted(kernel, items, [first, *converted])
-            _seconds[kernel] = (time.perf_counter() - began) / items
+            _seconds[kernel] = (time.perf_counter() - began) / items  # not in the key: how many cores work
 
     together(work, count - 1)
 
@@ -133,7 +134,7 @@ def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.T
     Fresh memory is paged in by the kernel of the operating system at every step; this is paged in once. Never return
     it, or a view of it, to a caller.
     """
-    kept: dict[str, torch.Tensor] = _own.__dict__
+    kept: dict[str, torch.Tensor] = _own.__dict__  # not in the key: room to be written over
     if name not in kept or len(kept[name]) < size or kept[name].dtype != dtype:
-        kept[name] = torch.empty(size, dtype=dtype)
+        kept[name] = torch.empty(size, dtype=dtype)  # not in the key: the same room
     return kept[name]

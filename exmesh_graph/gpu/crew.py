@@ -27,7 +27,7 @@ def together(work: Callable[[], None], helpers: int) -> None:
     tickets: list[None] = [None] * helpers
     ended: SimpleQueue[BaseException | None] = SimpleQueue()
     for _ in range(helpers):
-        _jobs.put((work, tickets, ended))
+        _jobs.put((work, tickets, ended))  # not in the key: its threads
     faults: list[BaseException | None] = []
     try:
         work()
@@ -58,9 +58,10 @@ def _ready(helpers: int) -> None:
     with _starting:
         while len(_started) < wanted:
             # a daemon: nobody waits for it at the interpreter's end, when no launch is under way
+            # not in the key: its threads
             thread = threading.Thread(target=_serve, args=(_jobs,), name=f"exmesh-core-{len(_started)}", daemon=True)
             thread.start()
-            _started.append(thread)
+            _started.append(thread)  # not in the key: its threads
 
 
 def _serve(jobs: SimpleQueue[Job]) -> None:
@@ -79,9 +80,9 @@ def _serve(jobs: SimpleQueue[Job]) -> None:
 
 def _forget() -> None:
     """A forked child has none of its parent's threads, nor may it wait on their queue."""
-    global _jobs, _starting
+    global _jobs, _starting  # not in the key: its threads
     _jobs, _starting = SimpleQueue(), threading.Lock()
-    _started.clear()
+    _started.clear()  # not in the key: its threads
 
 
 os.register_at_fork(after_in_child=_forget)

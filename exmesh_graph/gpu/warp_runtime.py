@@ -40,9 +40,9 @@ def _initialised() -> Any:
     import warp as wp
 
     if hasattr(wp.config, "log_level"):
-        wp.config.log_level = wp.LOG_WARNING
+        wp.config.log_level = wp.LOG_WARNING  # not in the key: what it prints
     else:  # earlier versions of Warp have a switch
-        wp.config.quiet = True  # type: ignore[attr-defined]
+        wp.config.quiet = True  # type: ignore[attr-defined]  # not in the key: what it prints
     if not _cache_is_writable():
         # a read-only home would make every first launch fail: fall back to a private folder of this user
         home = Path(tempfile.gettempdir())  # not in the key: a cache
@@ -81,7 +81,7 @@ def launch_converted(kernel: Any, size: int | tuple[int, ...], converted: Sequen
         _record(kernel, size, converted).launch()
         return
     if kernel not in _recorded.launches:
-        _recorded.launches[kernel] = (_copy_of_first(kernel, size, converted), None)
+        _recorded.launches[kernel] = (_copy_of_first(kernel, size, converted), None)  # not in the key: a cache
     command, before = _recorded.launches[kernel]
     params = command.params  # after the bounds, the arguments as ctypes has them
     for index, value in enumerate(converted, 1):
@@ -93,7 +93,7 @@ def launch_converted(kernel: Any, size: int | tuple[int, ...], converted: Sequen
             command.set_param_at_index(index - 1, value)
     if size != before:
         command.set_dim(size)
-    _recorded.launches[kernel] = (command, size)
+    _recorded.launches[kernel] = (command, size)  # not in the key: a cache
     command.launch()
 
 
@@ -106,7 +106,7 @@ def _record(kernel: Any, size: Any, converted: Sequence[Any]) -> Any:
 def _copy_of_first(kernel: Any, size: Any, converted: Sequence[Any]) -> Any:
     with _loading:
         if kernel not in _first:
-            _first[kernel] = _record(kernel, size, converted)
+            _first[kernel] = _record(kernel, size, converted)  # not in the key: a cache
     command = copy.copy(_first[kernel])
     # numbers are changed in place, so each copy needs its own
     command.params = [type(p)(p.value) if isinstance(p, ctypes._SimpleCData) else p for p in command.params]
@@ -139,8 +139,8 @@ def _descriptor(tensor: torch.Tensor, slot: Any) -> Any:
         known = warp().from_torch(shaped.detach(), dtype=slot.dtype, requires_grad=False, return_ctype=True)
         known._ref = None  # Warp's hold on the tensor would keep its memory as long as the layout is known
         if len(_layouts) >= _MOST_LAYOUTS:
-            _layouts.clear()
-        _layouts[layout] = known
+            _layouts.clear()  # not in the key: a cache
+        _layouts[layout] = known  # not in the key: a cache
     described = type(known).from_buffer_copy(known)
     described.data = tensor.data_ptr()
     return described
@@ -187,7 +187,7 @@ def _without_driver_notice() -> Iterator[None]:
 
 def _unlock() -> None:
     """A forked child has none of its parent's threads, so nobody would give back what they hold."""
-    global _loading
+    global _loading  # not in the key: a lock
     _loading = threading.RLock()
 
 

@@ -147,6 +147,7 @@ def _pairs(
         return listed, listed
     # on a CPU the slots that are taken are listed and emptied again; elsewhere looking through all of them is cheap
     on_cpu = device.type == "cpu"
+    # not in the key: room that is emptied again
     keys = _keys.empty(size) if on_cpu else torch.full((size,), EMPTY_KEY, dtype=torch.int64, device=device)
     found = torch.empty(_LISTED * (height + width) if on_cpu else 0, dtype=torch.int64, device=device)
     count = torch.zeros(1, dtype=torch.int32, device=device)

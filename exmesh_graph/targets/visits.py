@@ -50,10 +50,10 @@ def shown(
         images[view], alpha[view] = displayed(views, view, downscale, device)
 
     share(put, range(len(views)))
-    _last.clear()
-    # the arrays' ids stand for them only while they live
+    _last.clear()  # not in the key: a cache
+    # not in the key: a cache; the arrays' ids stand for them only while they live
     gone = [weakref.ref(array, lambda _: _last.pop(key, None)) for array in (views.images, views.alpha)]
-    _last[key] = (images, alpha, gone)
+    _last[key] = (images, alpha, gone)  # not in the key: a cache
     return images, alpha
 
 

@@ -91,6 +91,6 @@ def with_decisions(params: P, needs: SceneNeeds | None) -> P:
     """`params` with what `needs` chose for those that are `auto` (params.Auto); validated. Raises as `decided`."""
     from exmesh_graph.params import Auto
 
-    fields = type(params).model_fields.items()
+    fields = type(params).model_fields.items()  # not in the key: which may be `auto`
     names = [name for name, info in fields if any(isinstance(note, Auto) for note in info.metadata)]
     return params.replaced(**{name: decided(getattr(params, name), needs, name) for name in names})

@@ -40,7 +40,7 @@ def too_large(count: int, height: int, width: int) -> bool:
 @contextlib.contextmanager
 def kept_in(folder: Path) -> Iterator[None]:
     """Let `PictureFiles` of this block lie in `folder`, which must outlive them."""
-    token = _home.set(folder)
+    token = _home.set(folder)  # not in the key: where files lie
     try:
         yield
     finally:

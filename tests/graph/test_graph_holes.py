@@ -14,6 +14,7 @@ from exmesh_graph.api import described
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache import keys
+from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import HIT, RUN
 from exmesh_graph.graph.run.runner import NodeFailed
 from exmesh_graph.report.reasons import explained as plan
@@ -88,11 +89,76 @@ def test_a_save_that_loses_is_found(pack: Opened) -> None:
 
 
 def test_values_come_back_in_other_order_and_in_tuples(bench: Any, packs: Any) -> None:
-    from exmesh_graph.graph.run.memory import losses
+    from exmesh_graph.types.contents import losses
 
-    assert losses(Metrics({"b": [1, 2.5], "a": (None, True)}), Metrics({"a": [None, True], "b": [1, 2.5]})) == []
-    assert losses(Metrics({"a": 1}), Metrics({"a": 1.0})) == ["1"]
-    assert losses(Metrics({1: 2}), Metrics({"1": 2})) == ["1"]
+    assert losses(Metrics({"b": [1, 2.5], "a": (None, True)}), Metrics({"a": [None, True], "b": [1, 2.5]}))[0] == []
+    assert losses(Metrics({"a": 1}), Metrics({"a": 1.0}))[0] == ["1"]
+    assert losses(Metrics({1: 2}), Metrics({"1": 2}))[0] == ["1"]
+    assert losses(Metrics({"a": [1, 2]}), Metrics({"a": [1, 2]})) == ([], True)
+    for again in ({"a": [2, 1]}, {"a": (1, 2)}):
+        assert losses(Metrics({"a": [1, 2]}), Metrics(again)) == ([], False), again
+
+
+ROWS = """
+import json
+class Salt(Params):
+    salt: int = param(1, doc="Nothing.")
+@dataclass(frozen=True, eq=False)
+class Rows(Artifact):
+    type_name: ClassVar[str] = "holes.Rows"
+    rows: Any = None
+    def save(self, folder):
+        (folder / "x.json").write_text(json.dumps(SAVED, sort_keys=True))
+    @classmethod
+    def load(cls, folder):
+        return cls(json.loads((folder / "x.json").read_text()))
+class Made(NamedTuple):
+    rows: Rows
+@node("holes.rows", version="1")
+def rows(ctx: Context) -> Made:
+    "Rows."
+    return Made(Rows(VALUE))
+@node("holes.read", version="1")
+def read(ctx: Context, rows: Rows, *, p: Salt) -> Out:
+    "What it gets."
+    return Out(Metrics({"first": list(rows.rows)[:9], "kind": type(rows.rows).__name__}))
+"""
+
+
+@pytest.mark.parametrize(
+    ("value", "saved"),
+    [
+        ("{'b': 1, 'a': 2}", "self.rows"),
+        ("[3, 1, 2]", "sorted(self.rows)"),
+        ("(1, 2)", "self.rows"),
+        ("[j % 7 for j in range(40000)]", "sorted(self.rows)"),
+    ],
+    ids=["order of a dict", "a sorted list", "a tuple", "a large one"],
+)
+@pytest.mark.reliability(
+    "a wire type that comes back in another order or in other containers", "in memory it is what the store gives"
+)
+def test_a_value_in_memory_is_what_the_store_gives(pack: Opened, value: str, saved: str) -> None:
+    bench = pack(ROWS.replace("VALUE", value).replace("SAVED", saved))
+    text = "nodes: {{a: {{type: holes.rows}}, b: {{type: holes.read, rows: '@a.rows', salt: {}}}}}"
+    in_memory, stored = (bench.value(bench.run(text.format(salt)), "b", "metrics").values for salt in (1, 2))
+    assert in_memory == stored
+
+
+@pytest.mark.reliability("a node spoils json in its worker", "it is one failed node; the run does not wait for ever")
+def test_a_node_that_spoils_json_is_one_failed_node(pack: Opened) -> None:
+    bench = pack("""
+@node("holes.spoils", version="1")
+def spoils(ctx: Context) -> Out:
+    "What it says cannot be read."
+    import json
+    json.JSONEncoder.item_separator = json.JSONEncoder.key_separator = ";"
+    return Out(Metrics({"a": 1, "b": 2}))
+""")
+    with pytest.raises(NodeFailed) as caught:
+        bench.run("nodes: {a: {type: holes.spoils, limits: {seconds: 30}}}", backend=Local(1))
+    assert "limit" not in str(caught.value)
+    assert list((bench.store.root / "actions").glob("*/*")) == []
 
 
 @pytest.mark.reliability("a node reads its name in the graph", "it gets what its key holds: its type")

@@ -18,10 +18,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.graph.run.memory import frozen, mark_of
+from exmesh_graph.graph.run.memory import frozen
 from exmesh_graph.graph.run.runner import NodeFailed
 from exmesh_graph.report.reasons import explained as plan
 from exmesh_graph.types import Artifact
+from exmesh_graph.types.contents import mark_of
 
 LOOP = """
 name: loop

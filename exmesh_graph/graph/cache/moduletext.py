@@ -178,7 +178,8 @@ def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
                     origins[alias.asname or alias.name] = item
         elif isinstance(statement, ast.Assign):
             targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
-            if not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
+            calls = any(isinstance(item, ast.Call) for item in ast.walk(statement))
+            if calls or not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
                 return None
         elif not syntax.is_text(statement):
             return None

@@ -19,6 +19,9 @@ def bound_by(statement: ast.stmt) -> Iterator[str]:
     """Module-level names that a top-level statement defines or changes; `import *` binds none that could be told."""
     if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         yield statement.name
+        for item in _run(statement):  # in decorators, defaults and the bodies of classes
+            yield from item.names if isinstance(item, ast.Global) else ()
+            yield from [item.target.id] if isinstance(item, ast.NamedExpr) else ()
         return
     for item in ast.walk(statement):
         yield from (name for name, _ in _bound(item, ""))
@@ -123,28 +126,38 @@ def text_of(call: ast.Call) -> str:
 def acts(statement: ast.stmt, own: Collection[str], skipped: set[int]) -> bool:
     """Whether a top-level statement may change more than the names it binds when the module is imported.
 
-    It calls or is decorated by something of the project (`own` names: registries, tables), or calls for the effect.
-    What is `skipped` only declares.
+    It calls, is decorated by or hands over something of the project (`own` names: registries, tables), calls for the
+    effect, or changes a part of something, which may have other names. What is `skipped` only declares.
     """
-    todo: list[ast.AST] = [statement]
+    for item in _run(statement, skipped):
+        called = [item.func] if isinstance(item, ast.Call) else getattr(item, "decorator_list", [])
+        if isinstance(item, ast.Call) and last_of(item.func) != "field":
+            called = [*called, *item.args, *(word.value for word in item.keywords)]
+        if any(_root(part) in own for part in called if id(part) not in skipped):
+            return True
+        if isinstance(item, ast.AugAssign) or (isinstance(item, ast.Expr) and isinstance(item.value, ast.Call)):
+            return True
+        if isinstance(item, ast.Attribute | ast.Subscript) and not isinstance(item.ctx, ast.Load):
+            return True
+    return False
+
+
+def _run(statement: ast.AST, skipped: Collection[int] = ()) -> Iterator[ast.AST]:
+    """What of a statement runs when the module is imported."""
+    todo = [statement]
     while todo:
         item = todo.pop()
         if isinstance(item, ast.Lambda) or id(item) in skipped:
             continue
-        called = [item.func] if isinstance(item, ast.Call) else getattr(item, "decorator_list", [])
-        if any(_root(part) in own for part in called if id(part) not in skipped):
-            return True
-        if isinstance(item, ast.Expr) and isinstance(item.value, ast.Call):
-            return True
+        yield item
         if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef):
             todo += [*item.decorator_list, *item.args.defaults, *filter(None, item.args.kw_defaults)]
         else:
             todo += ast.iter_child_nodes(item)
-    return False
 
 
 def _root(part: ast.AST) -> str:
-    while isinstance(part, ast.Attribute | ast.Subscript | ast.Call):
+    while isinstance(part, ast.Attribute | ast.Subscript | ast.Call | ast.Starred):
         part = part.func if isinstance(part, ast.Call) else part.value
     return part.id if isinstance(part, ast.Name) else ""
 

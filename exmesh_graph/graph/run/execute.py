@@ -22,11 +22,12 @@ from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.hermetic import apart
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
 from exmesh_graph.graph.run.lists import arguments
-from exmesh_graph.graph.run.memory import Memory, losses, mark_of
+from exmesh_graph.graph.run.memory import Memory
 from exmesh_graph.resources import machine_facts, peak_memory, reset_peak_memory
 from exmesh_graph.types import Artifact
+from exmesh_graph.types.contents import losses, mark_of
 
-_LARGE = 256 * 2**20  # bytes
+_SMALL, _LARGE = 2**16, 256 * 2**20  # bytes
 _read_back: set[tuple[str, str, str]] = set()
 _MOST_SAID = 4 * 2**20  # letters of messages and warnings
 _CHECKPOINT_SHARE = 20  # checkpoints may cost a twentieth of a node's time
@@ -142,8 +143,7 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         stored = {port: store.put(v, attempt) if isinstance(v, Artifact) else v for port, v in values.items()}
         for port, value in values.items():
             if isinstance(value, Artifact) and not value.read_back:  # what lies in the work folder goes away with it
-                check_saved(bound, port, value, stored[port], store)
-                memory.put(stored[port].digest, value)
+                memory.put(stored[port].digest, read_back(bound, port, value, stored[port], store))
     info = {
         "node": job.name, "graph": job.graph, "run": job.run, "seconds": seconds,
         "store_seconds": time.perf_counter() - began - seconds, "peak_rss": peak, "started": started,
@@ -294,20 +294,24 @@ def _check_promise(bound: Bound, port: Port, value: Artifact) -> None:
             )
 
 
-def check_saved(bound: Bound, port: str, value: Artifact, stored: Stored, store: Store) -> None:
-    """Raise when `save` lost something: others would read less than they get in memory. Once in a process for a type
-    of each version of a node; values above 256 MB are believed.
+def read_back(bound: Bound, port: str, value: Artifact, stored: Stored, store: Store) -> Artifact:
+    """What others get of a value in memory: a small one as they would read it from the store, a large one itself.
+
+    Raises when `save` lost something. Of large ones the first in a process is looked at for a type of each version of
+    a node, and where `load` gives it otherwise, in another order say, all are read back; not above 256 MB.
     """
     pair = value.type_name, bound.definition.type, bound.definition.version
-    if pair in _read_back or stored.bytes > _LARGE:
-        return
+    if stored.bytes > _LARGE or (pair in _read_back and stored.bytes > _SMALL):
+        return value
     again = store.load(type(value), stored.digest)
-    lost = ["what `load` can read"] if again is None else losses(value, again)
-    if lost:
+    lost, alike = (["what `load` can read"], False) if again is None else losses(value, again)
+    if again is None or lost:
         what = f"{value.type_name} loses on the way to its files and back: {in_short(lost, 3)}"
         fix = f"mend save and load of {type(value).__name__}, or make the value in the types that they keep"
         raise GraphError(what, where=f"{bound.name}.{port}", fix=fix)
-    _read_back.add(pair)
+    if alike and stored.bytes > _SMALL:
+        _read_back.add(pair)
+    return again
 
 
 def check_untouched(bound: Bound, inputs: Mapping[str, Artifact], before: Mapping[str, int]) -> None:

@@ -112,6 +112,7 @@ class _ImageTerms(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, by_miss, by_ssim, by_steps, _):  # type: ignore[no-untyped-def]
+        # not in the key: it raises
         if ctx.given and _spare.__dict__.get("record") is not ctx.record:
             raise RuntimeError("a view's terms are differentiated again after another view's were computed")
         count, channels = ctx.shared[:2]
@@ -125,7 +126,7 @@ class _ImageTerms(torch.autograd.Function):
             _kernels().pull_back, items, grain, *ctx.shared, *ctx.looked_up, float(by_miss) * ctx.per_pixel,
             float(by_ssim), ctx.to_image, float(by_steps) * ctx.per_step, even, whole, to_material, *tables, grain=1,
         )  # fmt: skip
-        _spare.record, ctx.given = ctx.record, True
+        _spare.record, ctx.given = ctx.record, True  # not in the key: room to be written over
         to_irradiance, to_flux, to_stack = (_sum(table)[:, :3] for table in tables)
         return to_material, to_irradiance[:points], to_stack[:rows] if whole else None, to_flux[:suns], None
 
@@ -135,7 +136,7 @@ _spare = threading.local()
 
 def _record(size: int) -> torch.Tensor:
     """Memory of a view between its two passes: that of an earlier view which has had both, where it is large enough."""
-    kept = _spare.__dict__.pop("record", None)
+    kept = _spare.__dict__.pop("record", None)  # not in the key: room to be written over
     return torch.empty(size) if kept is None or len(kept) < size else kept
 
 

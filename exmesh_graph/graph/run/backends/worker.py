@@ -111,7 +111,7 @@ class _Worker:
         os._exit(1)
 
     def _send(self, message: Mapping[str, Any]) -> None:
-        data = b"\n" + json.dumps(message, default=str).encode() + b"\n"
+        data = b"\n" + json.dumps(message, default=str, separators=(",", ":")).encode() + b"\n"
         try:
             while data:
                 data = data[os.write(self.out, data) :]
