@@ -87,7 +87,7 @@ def _kept(sources: Sources, found: Mapping[str, Any], definition: NodeDef) -> di
         ]  # fmt: skip
         told[name] += [
             (line, f"what is kept from call to call ({dotted})") for line, dotted in one["uses"]
-            if any(is_changed(found[module]["state"], rest[0], rest[1:]) for module, rest in _split(found, dotted))
+            if any(is_changed(found[one]["state"], rest[0], rest[1:]) for one, rest in _split(sources, found, dotted))
         ]  # fmt: skip
         told[name] += [
             (line, f"a module that nothing here imports ({module})") for line, dotted in one["uses"]
@@ -114,7 +114,7 @@ def _strangers(sources: Sources, found: Mapping[str, Any], lines: Collection[int
             continue
         for line, dotted, is_set in _in_module(sources, sources.module(name))["acts"]:
             fills = is_set and dotted.partition(".")[0] != top
-            for module, rest in _split(found, dotted):
+            for module, rest in _split(sources, found, dotted):
                 one = found[module]
                 fills |= is_set or rest[0] in (*one["hooked"], *(owner for _, _, owner in one["keeps"]))
                 fills |= is_changed({k: v for k, v in one["state"].items() if v != ["*"]}, rest[0], rest[1:])
@@ -123,11 +123,18 @@ def _strangers(sources: Sources, found: Mapping[str, Any], lines: Collection[int
     return told
 
 
-def _split(found: Mapping[str, Any], dotted: str) -> list[tuple[str, list[str]]]:
-    """A dotted name as (module of the key, what it has)."""
+def _split(sources: Sources, found: Mapping[str, Any], dotted: str) -> list[tuple[str, list[str]]]:
+    """A dotted name as (module of the key, what it has), also where another module only hands it on."""
     parts = dotted.split(".")
-    pairs = [(".".join(parts[:k]), parts[k:]) for k in range(1, len(parts))]
-    return [(module, rest) for module, rest in pairs if module in found]
+    for _ in range(8):
+        heads = [".".join(parts[:k]) for k in range(1, len(parts))]
+        known = [k for k, head in enumerate(heads, 1) if head in sys.modules or head in found]
+        module, rest = ".".join(parts[: max(known, default=0)]), parts[max(known, default=0) :]
+        exports = (sources.module(module).exports if known and sources.find(module) else None) or {}
+        if rest[0] not in exports:
+            return [(module, rest)] if module in found else []
+        parts = [*".".join(filter(None, exports[rest[0]])).split("."), *rest[1:]]
+    return []
 
 
 def _in_module(sources: Sources, text: ModuleText) -> dict[str, Any]:

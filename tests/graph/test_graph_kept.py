@@ -161,6 +161,17 @@ def test_strangers_are_told(pack: Path, line: str) -> None:
     assert [text.partition(" (")[0] for text in found] == ["kept_pack.stranger:2: what it changes when it is imported"]
 
 
+def test_strangers_are_told_by_another_road_and_for_what_is_in_the_key_alone(pack: Path) -> None:
+    (pack / "__init__.py").write_text("from kept_pack.tools import K\nfrom kept_pack.table import TABLE\n")
+    (pack / "nodes.py").write_text(NODE.replace("from", "import kept_pack\nfrom", 1))
+    (pack / "stranger.py").write_text("from kept_pack import far\nfar.K = 2\n")
+    importlib.import_module("kept_pack.stranger")
+    assert unseen([taken()]) == []
+    (pack / "nearby.py").write_text("import kept_pack\nkept_pack.TABLE.update(k=1)\n")
+    importlib.import_module("kept_pack.nearby")
+    assert [text.partition(" ")[0] for text in unseen([taken()])] == ["kept_pack.nearby:2:"]
+
+
 def test_a_stranger_that_only_uses_is_not_told(pack: Path) -> None:
     text = "from kept_pack import tools\nfrom kept_pack.table import TABLE\nN = tools.get()\nM = TABLE.get('k')\n"
     (pack / "stranger.py").write_text(text)
