@@ -234,6 +234,8 @@ class _Kept:
             if isinstance(item.func, ast.Name) and item.func.id in ("type", "vars") and item.args:
                 return "type" if item.func.id == "type" else self._root(item.args[0], names)
             name = first_of(item.func)
+            if end_of(item.func) in ("getLogger", "current_thread", "main_thread"):
+                return end_of(item.func)
             if name in self.functions and names.get(name) is None and isinstance(item.func, ast.Name):
                 return name if _lends(self.functions[name], self.values) else ""
             return ""

@@ -115,9 +115,11 @@ def _strangers(sources: Sources, found: Mapping[str, Any], lines: Collection[int
         for line, dotted, is_set in _in_module(sources, sources.module(name))["acts"]:
             fills = is_set and dotted.partition(".")[0] != top
             for module, rest in _split(sources, found, dotted):
-                one = found[module]
-                fills |= is_set or rest[0] in (*one["hooked"], *(owner for _, _, owner in one["keeps"]))
-                fills |= is_changed({k: v for k, v in one["state"].items() if v != ["*"]}, rest[0], rest[1:])
+                one, fills = found[module], fills or is_set
+                if module.partition(".")[0] == top:  # deriving from a wire type of the framework is nothing of the kind
+                    tables = {name: methods for name, methods in one["state"].items() if methods != ["*"]}
+                    fills |= rest[0] in (*one["hooked"], *(owner for _, _, owner in one["keeps"]))
+                    fills |= is_changed(tables, rest[0], rest[1:])
             if fills and (name != own or line not in lines):
                 told.append(f"{name}:{line}: what it changes when it is imported ({dotted})")
     return told

@@ -54,6 +54,7 @@ KEPT = {
     "def make():\n    n = 0\n    def f():\n        nonlocal n\n        n += 1\n    return f\nF = make()": True,
     "def make():\n    n = 0\n    def f():\n        nonlocal n\n        n += 1\n    return f()": False,
     "import functools\n@functools.cache\ndef rows():\n    return []\ndef f(k):\n    rows().append(k)": True,
+    "import logging\ndef f(k):\n    logging.getLogger('x').kept = k": True,
     "T = {}\ndef f(k):\n    T['k'] = k  # not in the key: a cache": False,
 }
 
@@ -174,6 +175,8 @@ def test_strangers_are_told_by_another_road_and_for_what_is_in_the_key_alone(pac
 
 def test_a_stranger_that_only_uses_is_not_told(pack: Path) -> None:
     text = "from kept_pack import tools\nfrom kept_pack.table import TABLE\nN = tools.get()\nM = TABLE.get('k')\n"
+    text += "from exmesh_graph.types import Artifact\nclass Own(Artifact):\n    type_name = 'kept.Own'\n"
+    (pack / "nodes.py").write_text(f"{NODE}    return Artifact\n{text}".replace("tools.N", "tools.K"))
     (pack / "stranger.py").write_text(text)
     importlib.import_module("kept_pack.stranger")
     assert unseen([taken()]) == []
