@@ -19,6 +19,7 @@ from exmesh_graph.types.results import Files
 
 _SAMPLES = 4096
 _BLOCK = 4096  # bytes
+_SEEN = "what came before"
 
 
 def mark_of(value: Artifact) -> int:
@@ -51,7 +52,8 @@ def _told(item: Any) -> tuple[str, str]:
     if _is_array(item):
         text = f"{item.dtype} {list(item.shape)}\n{hashlib.sha256(item.tobytes()).hexdigest()}"
         return text, f"{text} {item.strides} {type(item)}"
-    return re.sub(r"np\.\w+\((.*)\)", r"\1", item) if isinstance(item, str) else "", str(item)
+    told = isinstance(item, str) and item != _SEEN
+    return re.sub(r"np\.\w+\((.*)\)", r"\1", item) if told else "", str(item)
 
 
 def arrays_of(value: Any) -> list[Any]:
@@ -78,7 +80,7 @@ def _contents(value: Any) -> Iterator[Any]:
         elif isinstance(item, set | frozenset):
             yield tuple(sorted(map(repr, item)))
         elif id(item) in seen:
-            yield "seen"
+            yield _SEEN
         elif _is_array(item):
             yield item
         else:

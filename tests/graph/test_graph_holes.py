@@ -95,6 +95,8 @@ def test_values_come_back_in_other_order_and_in_tuples(bench: Any, packs: Any) -
     assert losses(Metrics({"a": 1}), Metrics({"a": 1.0}))[0] == ["1"]
     assert losses(Metrics({1: 2}), Metrics({"1": 2}))[0] == ["1"]
     assert losses(Metrics({"a": [1, 2]}), Metrics({"a": [1, 2]})) == ([], True)
+    row = [1, 2]  # in two places
+    assert losses(Metrics({"a": [row, row]}), Metrics({"a": [[1, 2], [1, 2]]})) == ([], False)
     for again in ({"a": [2, 1]}, {"a": (1, 2)}):
         assert losses(Metrics({"a": [1, 2]}), Metrics(again)) == ([], False), again
 

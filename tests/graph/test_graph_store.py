@@ -55,6 +55,20 @@ def test_files_refer_to_the_object(store: Store, tmp_path: Path) -> None:
     assert loaded.root.is_relative_to(store.root / "objects")
 
 
+def test_empty_folders_which_no_digest_holds_are_in_no_object(store: Store, tmp_path: Path) -> None:
+    """Of two sets of equal files, one with such a folder, the first that came decided what both consumers saw."""
+    (tmp_path / "source" / "empty" / "more").mkdir(parents=True)
+    (tmp_path / "source" / "a.bin").write_bytes(b"1")
+    stored = put(store, Files(tmp_path / "source"))
+    loaded = store.load(Files, stored.digest)
+    assert loaded is not None
+    assert [path.name for path in loaded.root.rglob("*")] == ["a.bin"]
+    (tmp_path / "nothing").mkdir()
+    none = store.load(Files, put(store, Files(tmp_path / "nothing")).digest)
+    assert none is not None
+    assert list(none.root.iterdir()) == []
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.dictionaries(st.text(max_size=4), st.floats(allow_nan=False, allow_infinity=False), max_size=4))
 def test_equal_values_have_equal_digests(tmp_path_factory: pytest.TempPathFactory, values: dict[str, float]) -> None:

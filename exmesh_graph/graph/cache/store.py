@@ -117,6 +117,10 @@ class Store:
         data = draft / "data"
         data.mkdir(parents=True)
         value.save(data)
+        for folder, *_ in os.walk(data, topdown=False):  # empty folders are in no digest, so in no object
+            with contextlib.suppress(OSError):
+                if Path(folder) != data and Path(folder).parent != data:  # those are of the type's own making
+                    os.rmdir(folder)
         table: dict[str, list[Any]] = {}
         for name, path in files.walk_files(data):
             if path.is_symlink() or not path.is_file():
