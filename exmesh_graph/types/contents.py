@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from inspect import getattr_static
+from types import FunctionType
 from typing import Any
 
 from exmesh_graph.files import walk_files
@@ -106,6 +107,10 @@ def _inside(item: Any, top: bool) -> list[Any]:
         return [{n: v for n, v in held.items() if not isinstance(getattr_static(kind, n, None), cached_property)}]
     if isinstance(item, Pictures):
         return []
+    if isinstance(item, memoryview):
+        return [item.tobytes()]
+    if isinstance(item, FunctionType):
+        return [*(cell.cell_contents for cell in item.__closure__ or ()), *(item.__defaults__ or ())]
     with contextlib.suppress(Exception):  # what cannot be copied has nothing that could be told
         made = item.__reduce_ex__(4)
         return [made] if isinstance(made, str) else [list(p) if isinstance(p, Iterator) else p for p in made[1:]]

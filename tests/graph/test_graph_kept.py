@@ -227,6 +227,10 @@ class Slots:
         self.rows = [1]
 
 
+def counting(kept: list[int]) -> Callable[[], Any]:
+    return lambda: kept.append(1)
+
+
 @pytest.mark.parametrize(
     ("make", "change"),
     [
@@ -236,6 +240,8 @@ class Slots:
         (lambda: bytearray(b"a"), lambda box: box.inner.extend(b"b")),
         (lambda: np.random.default_rng(5), lambda box: box.inner.random()),
         (lambda: iter([1, 2]), lambda box: next(box.inner)),
+        (lambda: memoryview(bytearray(b"abc")), lambda box: box.inner.__setitem__(0, 5)),
+        (lambda: counting([]), lambda box: box.inner()),
         (lambda: Fraction(1, 2), lambda box: object.__setattr__(box, "seen", 1)),
     ],
 )
