@@ -133,7 +133,7 @@ def read(ctx: Context, rows: Rows, *, p: Salt) -> Out:
         ("{'b': 1, 'a': 2}", "self.rows"),
         ("[3, 1, 2]", "sorted(self.rows)"),
         ("(1, 2)", "self.rows"),
-        ("[j % 7 for j in range(40000)]", "sorted(self.rows)"),
+        ("[(j + ctx.seed) % 7 for j in range(40000)]", "sorted(self.rows)"),
     ],
     ids=["order of a dict", "a sorted list", "a tuple", "a large one"],
 )
@@ -142,9 +142,17 @@ def read(ctx: Context, rows: Rows, *, p: Salt) -> Out:
 )
 def test_a_value_in_memory_is_what_the_store_gives(pack: Opened, value: str, saved: str) -> None:
     bench = pack(ROWS.replace("VALUE", value).replace("SAVED", saved))
-    text = "nodes: {{a: {{type: holes.rows}}, b: {{type: holes.read, rows: '@a.rows', salt: {}}}}}"
-    in_memory, stored = (bench.value(bench.run(text.format(salt)), "b", "metrics").values for salt in (1, 2))
-    assert in_memory == stored
+    text = """
+nodes:
+  first: {{type: holes.rows}}
+  second: {{type: holes.rows, seed: 5}}
+  a: {{type: holes.read, rows: "@first.rows", salt: {0}}}
+  b: {{type: holes.read, rows: "@second.rows", salt: {0}}}
+"""
+    in_memory, stored = (bench.run(text.format(salt)) for salt in (1, 2))
+    for name in ("a", "b"):
+        values = [bench.value(record, name, "metrics").values for record in (in_memory, stored)]
+        assert values[0] == values[1]
 
 
 @pytest.mark.reliability("a node spoils json in its worker", "it is one failed node; the run does not wait for ever")
