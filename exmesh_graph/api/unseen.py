@@ -149,7 +149,7 @@ def _looked(text: ModuleText) -> dict[str, Any]:
 
 @functools.cache
 def _fact() -> str:
-    rules = (Path(__file__).with_name(f"{name}.py") for name in ("reach", "fixed", "standard", "kept"))
+    rules = (Path(__file__).with_name(f"{name}.py") for name in ("reach", "fixed", "standard", "kept", "places"))
     return "unseen " + " ".join(sha256_file(path)[:16] for path in rules)
 
 
