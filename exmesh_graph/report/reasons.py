@@ -42,6 +42,8 @@ def differences(preimage: Mapping[str, Any], action: Action, bound: Bound) -> li
     words += _changed_sources(preimage["sources"], old["sources"])
     inputs = unlike(old["inputs"], preimage["inputs"])
     words += [_changed_input(port, after, before, bound) for port, before, after in inputs]
+    kinds = unlike(old.get("kinds", {}), preimage.get("kinds", {}))
+    words += [f"code of the wire type {name} changed" for name, before, after in kinds if before and after]
     return words + _components("", preimage, old)
 
 

@@ -36,9 +36,9 @@ def load_state(folder: Path) -> dict[str, Any]:
 
 
 def _packed(value: Any, arrays: dict[str, np.ndarray], where: str) -> Any:
-    if value is None or isinstance(value, bool | str | int):
+    if value is None or type(value) in (bool, str, int):  # not what derives from them
         return value
-    if isinstance(value, float):
+    if type(value) is float:
         return float(value) if math.isfinite(value) else {"float": str(float(value))}
     if isinstance(value, Mapping):
         if not all(type(key) in (str, int) for key in value):
@@ -55,10 +55,12 @@ def _packed(value: Any, arrays: dict[str, np.ndarray], where: str) -> Any:
         flat = tensor.reshape(-1)
         arrays[name] = (flat.view(getattr(torch, _AS_BITS[kind])) if kind in _AS_BITS else flat).numpy()
         return {"tensor": name, "dtype": kind, "shape": list(tensor.shape)}
-    if numpy is not None and isinstance(value, numpy.ndarray | numpy.generic) and value.dtype.kind in "biuf":
+    plain = numpy is not None and (type(value) is numpy.ndarray or isinstance(value, numpy.generic))
+    if plain and value.dtype.kind in "biuf":
         array = numpy.asarray(value)
-        arrays[name] = array.astype(array.dtype.newbyteorder("="), copy=False).reshape(-1)
-        return {"array": name, "shape": list(array.shape), "scalar": isinstance(value, numpy.generic)}
+        order = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"  # sums are taken in it
+        arrays[name] = array.astype(array.dtype.newbyteorder("="), copy=False).reshape(-1, order=order)
+        return {"array": name, "shape": list(array.shape), "scalar": isinstance(value, numpy.generic), "order": order}
     kind = f"{type(value).__name__} of {value.dtype}" if hasattr(value, "dtype") else type(value).__name__
     raise GraphError(
         f"a checkpoint cannot hold a {kind}, as its {where} does",
@@ -78,7 +80,7 @@ def _unpacked(value: Any, arrays: dict[str, Any]) -> Any:
     if "float" in value:
         return float(value["float"])
     if "array" in value:
-        array = arrays[value["array"]].reshape(value["shape"])
+        array = arrays[value["array"]].reshape(value["shape"], order=value.get("order", "C"))
         return array[()] if value["scalar"] else array
     import torch
 

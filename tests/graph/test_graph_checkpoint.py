@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 import os
 import sys
@@ -50,6 +51,8 @@ def test_everything_a_solver_keeps(tmp_path: Path) -> None:
         "array": np.arange(6, dtype=np.uint16).reshape(2, 3),
         "zero_d": np.array(1.5),
         "number": np.float32(0.1),
+        "double": np.float64(0.1),  # not a float: float32 times it is float64
+        "columns": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
         "plain": [1, 2.5, math.nan, -math.inf, None, True, "ä", (1, [2])],
         "optimiser": optimiser.state_dict(),
         "torch_rng": torch.get_rng_state(),
@@ -65,6 +68,14 @@ def test_everything_a_solver_keeps(tmp_path: Path) -> None:
     state["optimiser"]["param_groups"][0]["betas"] = tuple(state["optimiser"]["param_groups"][0]["betas"])
     assert same(found, state)
     torch.optim.Adam([parameter]).load_state_dict(found["optimiser"])
+    assert type(found["double"]) is np.float64
+    assert found["columns"].flags.f_contiguous
+
+
+@pytest.mark.parametrize("odd", [np.ma.masked_equal([1, 2], 2), enum.IntEnum("E", "a").a, np.matrix([[1]])])
+def test_what_would_come_back_as_another_kind_is_refused(odd: Any, tmp_path: Path) -> None:
+    with pytest.raises(GraphError, match="a checkpoint cannot hold a"):
+        Checkpoints(tmp_path, KEY).save(1, {"odd": odd})
 
 
 leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)

@@ -101,6 +101,68 @@ def test_values_come_back_in_other_order_and_in_tuples(bench: Any, packs: Any) -
         assert losses(Metrics({"a": [1, 2]}), Metrics(again)) == ([], False), again
 
 
+SHAPE = """
+class Shape(Artifact):
+    type_name: ClassVar[str] = "holes.Shape"
+    def area(self): raise NotImplementedError
+class ShapeOut(NamedTuple):
+    out: Shape
+@node("holes.area", version="1")
+def area(ctx: Context, x: Shape) -> Out:
+    "Measures it."
+    return Out(Metrics({"area": x.area()}))
+"""
+SQUARE = """
+from typing import ClassVar, NamedTuple
+from exmesh_graph.graph import Context, node
+import holes_pack.nodes as base
+class Square(base.Shape):
+    type_name: ClassVar[str] = "holes.Square"
+    def save(self, folder): (folder / "side").write_text("3")
+    @classmethod
+    def load(cls, folder): return cls()
+    def area(self): return 3 ** %d
+class SquareOut(NamedTuple):
+    out: Square
+@node("holes.square", version="1")
+def square(ctx: Context) -> SquareOut:
+    "Makes one."
+    return SquareOut(Square())
+"""
+AREA = "nodes:\n  a: {type: holes.square}\n  b: {type: holes.area, x: '@a.out'}\n"
+
+
+@pytest.mark.reliability("a method edited of a wire type that a port takes as its base", "runs again")
+def test_a_method_of_a_type_that_a_port_takes_as_its_base(pack: Opened) -> None:
+    areas = []
+    for power in (2, 10):
+        for name in [name for name in sys.modules if name.partition(".")[0] == "holes_pack"]:
+            del sys.modules[name]
+        bench = pack(SHAPE, **{"square.py": SQUARE % power})
+        reasons = {step.name: step.reason for step in plan(bench.check(AREA), bench.store)}
+        areas.append(bench.value(bench.run(AREA), "b", "metrics").values["area"])
+    assert areas == [9, 59049]
+    assert reasons["a"].startswith("code changed")
+
+
+MAPS = """
+class P(Params):
+    table: dict[str, int] = param({}, doc="Names.")
+@node("holes.names", version="1")
+def names(ctx: Context, *, p: P) -> Out:
+    "In the order that the node sees."
+    return Out(Metrics({"names": list(p.table)}))
+"""
+
+
+@pytest.mark.reliability("the order in which a file writes a map of values", "no node sees it")
+def test_the_order_of_a_map_is_not_seen(pack: Opened) -> None:
+    bench = pack(MAPS)
+    for table in ("{b: 1, a: 2}", "{a: 2, b: 1}"):
+        record = bench.run(f"nodes: {{a: {{type: holes.names, table: {table}}}}}")
+        assert bench.value(record, "a", "metrics").values["names"] == ["a", "b"]
+
+
 ROWS = """
 import json
 class Salt(Params):

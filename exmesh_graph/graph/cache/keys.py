@@ -25,7 +25,7 @@ from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.components import BoundComponent
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
-from exmesh_graph.graph.declare.ports import signature
+from exmesh_graph.graph.declare.ports import artifact_types, base_name, signature
 from exmesh_graph.graph.language.check import Bound
 
 EPOCH = 1
@@ -68,7 +68,19 @@ def preimage_of(
         "sources": dict(sorted(sources.items())),
         "inputs": {port: list(pair) for port, pair in sorted(inputs.items())},
         **({"components": _components(bound.components)} if bound.components else {}),
+        **({"kinds": kinds} if (kinds := _kinds(bound, inputs)) else {}),
     }
+
+
+def _kinds(bound: Bound, inputs: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """The code of wire types that a port takes as its base: what their methods do is in no module of the node."""
+    known, found = artifact_types(), {}
+    for port, (name, _) in inputs.items():
+        asked = bound.signature.inputs[base_name(port)].type
+        declared = getattr(asked, "__args__", (asked,))
+        if name in known and known[name] not in declared:
+            found[name] = fingerprint(NodeDef(name, known[name], "")).digest
+    return dict(sorted(found.items()))
 
 
 def _components(plugs: Mapping[str, BoundComponent]) -> dict[str, Any]:

@@ -43,11 +43,18 @@ class BoundComponent:
     def describe(self) -> dict[str, Any]:
         """Plain JSON-like data from which `rebuild` makes the same component elsewhere, and which people can read."""
         nested = {field: inner.describe() for field, inner in self.nested.items()}
-        return {"type": self.definition.type, "params": self.params(), "components": nested}
+        return {"type": self.definition.type, "params": in_order(self.params()), "components": nested}
 
     def all(self) -> list[BoundComponent]:
         """Itself and all components plugged into it."""
         return [self, *(inner for plug in self.nested.values() for inner in plug.all())]
+
+
+def in_order(value: Any) -> Any:
+    """Plain data with its mappings in the order of their names, as in the key: the order in a file is in no key."""
+    if isinstance(value, Mapping):
+        return {name: in_order(value[name]) for name in sorted(value)}
+    return [in_order(item) for item in value] if isinstance(value, list) else value
 
 
 def rebuild(name: str, told: Mapping[str, Any], where: Where) -> BoundComponent:

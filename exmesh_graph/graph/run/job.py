@@ -16,7 +16,7 @@ from typing import Any
 from exmesh_graph.errors import ExmeshError, GraphError, may_pass
 from exmesh_graph.graph.cache.keys import Stored, key_of
 from exmesh_graph.graph.cache.store import Store
-from exmesh_graph.graph.declare.components import rebuild, validated_again
+from exmesh_graph.graph.declare.components import in_order, rebuild, validated_again
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.declare.ports import artifact_types, base_name, signature
 from exmesh_graph.graph.language.check import Bound, Checked
@@ -102,8 +102,8 @@ def job_of(
     """The job of a node whose inputs are all known, by `wires`. `more`: run, threads, devices, log, packs."""
     file, links = bound.where.file, wires.items()
     return Job(
-        bound.name, bound.definition.type, bound.params.model_dump(mode="json"), bound.seed, preimage["inputs"],
-        wires={port: f"{link.node}.{link.port}" for port, link in links},
+        bound.name, bound.definition.type, in_order(bound.params.model_dump(mode="json")), bound.seed,
+        preimage["inputs"], wires={port: f"{link.node}.{link.port}" for port, link in links},
         promised={port: graph.nodes[lk.node].signature.outputs[base_name(lk.port)].promises for port, lk in links},
         sources={name: str(path) for name, path in bound.sources.items()},
         preimage=preimage, graph=graph.name, store=str(store.root),
