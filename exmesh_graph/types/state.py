@@ -55,8 +55,8 @@ def _packed(value: Any, arrays: dict[str, np.ndarray], where: str) -> Any:
         flat = tensor.reshape(-1)
         arrays[name] = (flat.view(getattr(torch, _AS_BITS[kind])) if kind in _AS_BITS else flat).numpy()
         return {"tensor": name, "dtype": kind, "shape": list(tensor.shape)}
-    plain = numpy is not None and (type(value) is numpy.ndarray or isinstance(value, numpy.generic))
-    if plain and value.dtype.kind in "biuf":
+    is_plain = numpy is not None and (type(value) is numpy.ndarray or isinstance(value, numpy.generic))
+    if numpy is not None and is_plain and value.dtype.kind in "biuf":
         array = numpy.asarray(value)
         order = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"  # sums are taken in it
         arrays[name] = array.astype(array.dtype.newbyteorder("="), copy=False).reshape(-1, order=order)
