@@ -14,6 +14,7 @@ from exmesh_graph.api import described
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache import keys
+from exmesh_graph.graph.declare import packs
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import HIT, RUN
 from exmesh_graph.graph.run.runner import NodeFailed
@@ -51,10 +52,16 @@ def pack(bench: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Opened]:
         return bench
 
     yield opened
-    for session in entered:
+    for session in reversed(entered):
         session.__exit__()
+    _forget()
+
+
+def _forget() -> None:
+    """The pack's modules, and what they declared, as in a process that never saw them."""
     for name in [name for name in sys.modules if name.partition(".")[0] == "holes_pack"]:
         del sys.modules[name]
+        packs._declared.pop(name, None)
 
 
 LOSSY = """
@@ -136,8 +143,7 @@ AREA = "nodes:\n  a: {type: holes.square}\n  b: {type: holes.area, x: '@a.out'}\
 def test_a_method_of_a_type_that_a_port_takes_as_its_base(pack: Opened) -> None:
     areas = []
     for power in (2, 10):
-        for name in [name for name in sys.modules if name.partition(".")[0] == "holes_pack"]:
-            del sys.modules[name]
+        _forget()
         bench = pack(SHAPE, **{"square.py": SQUARE % power})
         reasons = {step.name: step.reason for step in plan(bench.check(AREA), bench.store)}
         areas.append(bench.value(bench.run(AREA), "b", "metrics").values["area"])

@@ -76,9 +76,9 @@ def _kinds(bound: Bound, inputs: Mapping[str, tuple[str, str]]) -> dict[str, str
     """The code of wire types that a port takes as its base: what their methods do is in no module of the node."""
     known, found = artifact_types(), {}
     for port, (name, _) in inputs.items():
-        asked = bound.signature.inputs[base_name(port)].type
-        declared = getattr(asked, "__args__", (asked,))
-        if name in known and known[name] not in declared:
+        asked = bound.signature.inputs.get(base_name(port))
+        declared = getattr(asked.type, "__args__", (asked.type,)) if asked else ()
+        if asked and name in known and known[name] not in declared:
             found[name] = fingerprint(NodeDef(name, known[name], "")).digest
     return dict(sorted(found.items()))
 
