@@ -87,7 +87,7 @@ def _kept(sources: Sources, found: Mapping[str, Any], definition: NodeDef) -> di
         ]  # fmt: skip
         told[name] += [
             (line, f"what is kept from call to call ({dotted})") for line, dotted in one["uses"]
-            if any(is_changed(found[one]["state"], rest[0], rest[1:]) for one, rest in _split(sources, found, dotted))
+            if any(is_changed(found[home]["state"], rest[0], rest[1:]) for home, rest in _split(sources, found, dotted))
         ]  # fmt: skip
         told[name] += [
             (line, f"a module that nothing here imports ({module})") for line, dotted in one["uses"]

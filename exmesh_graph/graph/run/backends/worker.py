@@ -111,6 +111,7 @@ class _Worker:
         os._exit(1)
 
     def _send(self, message: Mapping[str, Any]) -> None:
+        # separators are given, so that a node that changed the encoder's does not change the lines
         data = b"\n" + json.dumps(message, default=str, separators=(",", ":")).encode() + b"\n"
         try:
             while data:
