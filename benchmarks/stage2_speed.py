@@ -1,10 +1,12 @@
-"""Seconds of a Stage II step under the precomputed light, part by part: fused kernels beside plain torch operations.
+"""Seconds of a Stage II step, part by part: fused kernels beside plain torch operations.
 
     python -m benchmarks.stage2_speed                 # 800 x 800, 2048 maps, a sky of 128 x 256; about two minutes
     python -m benchmarks.stage2_speed --quick         # 200 x 200, 512 maps
     python -m benchmarks.stage2_speed --cores 2       # kernels on two cores (wall seconds tell on a quiet machine)
+    python -m benchmarks.stage2_speed --sampled       # Monte Carlo light at the paper's counts, with a normal map
 
-The scene of `benchmarks.stage2_memory`: a sphere on 57 % of each picture. Both ways take the same steps in turns, in
+The scene of `benchmarks.stage2_memory`: a sphere on 57 % of each picture; with --sampled it is dented, so that light
+bounces. Both ways take the same steps in turns, in
 one process; medians of --repeats steps, processor seconds of all threads and wall seconds. Torch keeps one thread.
 The last column is the plain way's processor seconds over the fused one's.
 """
@@ -27,11 +29,13 @@ from benchmarks.stability import stage2_scenes as scenes
 from benchmarks.stage2_memory import pictures
 from exmesh_graph.gpu.torch_setup import sharing
 from exmesh_graph.optim import Adam
+from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fused import step as fused
 from exmesh_graph.stage2.objective import plain_terms, weighted_terms
 from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.types import Transport
 
 Times = dict[str, list[tuple[float, float]]]
 
@@ -125,10 +129,17 @@ def build(options: argparse.Namespace) -> Decomposition:
     """The model, away from its uniform start."""
     texture = np.full((options.texture, options.texture, 3), 0.5, np.float32)
     carrier = replace(scenes.sphere(), texture=texture)
+    if options.sampled:
+        waves = np.sin(10 * carrier.vertices).prod(axis=1, keepdims=True)
+        carrier = replace(carrier, vertices=(carrier.vertices * (1 + 0.35 * waves)).astype(np.float32))
     views = pictures(carrier, 3, options.size)
     subdivision = next(n for n in range(1, 17) if len(carrier.faces) / 2 * n * n >= options.points)
-    light = with_bounces(trace_transport(carrier.vertices, carrier.faces, 128, subdivision), 1)
-    settings = DecompositionSettings(environment_height=options.sky, ssim_weight=options.ssim_weight)
+    light: Transport | MonteCarloSettings = MonteCarloSettings(independent_gradient=False)
+    if not options.sampled:
+        light = with_bounces(trace_transport(carrier.vertices, carrier.faces, 128, subdivision), 1)
+    settings = DecompositionSettings(
+        environment_height=options.sky, ssim_weight=options.ssim_weight, normal_map=options.sampled
+    )
     model = Decomposition(carrier, views, light, settings, "cpu")
     model.start()
     generator = torch.Generator().manual_seed(0)
@@ -148,6 +159,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--texture", type=int, default=2048)
     parser.add_argument("--sky", type=int, default=128, help="rows of the environment")
     parser.add_argument("--points", type=int, default=50_000, help="of the light transport, about")
+    parser.add_argument("--sampled", action="store_true", help="Monte Carlo light in place of precomputed transport")
     parser.add_argument("--ssim-weight", type=float, default=0.2)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--cores", type=int, default=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -126,11 +127,22 @@ class MaterialMaps:
 
         Equation: 10.
         """
-        return Material(gather_rows(values, index, weight), self.settings.metallic, self.settings.normal_map)
+        return self.material(gather_rows(values, index, weight))
+
+    def material(self, table: torch.Tensor) -> Material:
+        """The material that `table` [N, C], read from the maps, holds."""
+        return Material(table, self.settings.metallic, self.settings.normal_map)
 
     def rows(self, flat: torch.Tensor) -> torch.Tensor:
         """Rows of the table of flat texel positions, which must be among `texels`."""
-        return torch.searchsorted(self.texels, flat)
+        return self._row_of[flat]
+
+    @cached_property
+    def _row_of(self) -> torch.Tensor:
+        """int32 [size * size]; what is not among `texels` has no row."""
+        rows = torch.full((self.size**2,), -1, dtype=torch.int32, device=self.texels.device)
+        rows[self.texels] = torch.arange(len(self.texels), dtype=torch.int32, device=rows.device)
+        return rows
 
 
 @dataclass(frozen=True)

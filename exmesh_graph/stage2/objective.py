@@ -42,7 +42,7 @@ def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple
     if not fused.serves(model):
         return plain_terms(model, buffer, step)
     settings = model.settings
-    found = fused.view_terms(model, buffer, indirect_strength(settings, step))
+    found = fused.view_terms(model, buffer, indirect_strength(settings, step), step)
     terms = {"image": settings.log_weight * found.log_l1}
     if settings.ssim_weight > 0:
         terms["ssim"] = settings.ssim_weight * found.d_ssim

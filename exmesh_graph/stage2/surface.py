@@ -23,6 +23,7 @@ from exmesh_graph.geometry.tangents import corner_tangents
 from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import warp
+from exmesh_graph.shading.monte_carlo.points import mixed
 from exmesh_graph.types import Carrier
 
 #: A smooth normal may turn away from the camera near a silhouette; shading then sees it at this cosine.
@@ -123,8 +124,9 @@ class TangentFrames:
         self, geometry: CarrierGeometry, face: torch.Tensor, bary: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Tangent, bitangent and normal [N, 3] at `face` int64 [N], `bary` [N, 3]; interpolated, not unit."""
-        normal = (geometry.vertex_normals[geometry.faces[face]] * bary[..., None]).sum(1)
-        tangent = (self.tangent[face] * bary[..., None]).sum(1)
+        normal = mixed(geometry.vertex_normals, geometry.faces, face, bary)
+        corners = self.tangent[face]
+        tangent = corners[:, 0] * bary[:, :1] + corners[:, 1] * bary[:, 1:2] + corners[:, 2] * bary[:, 2:]
         return tangent, self.sign[face][:, None] * torch.linalg.cross(normal, tangent, dim=-1), normal
 
 

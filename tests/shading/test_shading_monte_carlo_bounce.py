@@ -237,6 +237,25 @@ def test_upsampling_does_not_cross_a_depth_step_or_a_gap():
     torch.testing.assert_close(spread[~own_block_knows], deep[~own_block_knows], rtol=0, atol=1e-3)
 
 
+@pytest.mark.parametrize("corner", [0, 3])
+def test_weights_are_those_of_plain_operations_in_float64(corner):
+    """On a rough surface with steps, normals under the horizon, points on top of each other and gaps in the image."""
+    generator = torch.Generator().manual_seed(corner)
+    points, pixel = _image(23, step=1.5)
+    rough = torch.randn(len(pixel), 3, generator=generator)
+    normal = torch.nn.functional.normalize(points.normal + 0.8 * rough, dim=1)
+    position = points.position + 0.3 * rough
+    position[40:44] = position[40]
+    kept = torch.rand(len(pixel), generator=generator) < 0.8
+    points = Points(position, normal.roll(1, 0), normal, normal)[kept]
+    wide = Points(*(t.double() for t in (points.position, points.flat, points.normal, points.view)))
+    found, expected = (coarse_points(one, pixel[kept], 23, corner) for one in (points, wide))
+    assert torch.equal(found.index, expected.index)
+    assert torch.equal(found.rows, expected.rows)
+    assert (found.weight.dtype, expected.weight.dtype) == (torch.float32, torch.float64)
+    torch.testing.assert_close(found.weight.double(), expected.weight, rtol=1e-4, atol=1e-5)
+
+
 @pytest.mark.slow
 def test_half_resolution_bounce_is_close_to_full():
     vertices, faces = bowl()

@@ -1,6 +1,7 @@
 """The fit under Monte Carlo light: the same light as the precomputed one up to noise, and resumable."""
 
 from dataclasses import fields, replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -8,12 +9,15 @@ import torch
 from exmesh_nodes import stage2
 from exmesh_nodes import transport as light_nodes
 
+from exmesh_graph.gpu.cores import cores
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Material, MonteCarloLight
 from exmesh_graph.shading.settings import MonteCarloSettings
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.fused import step as fused
+from exmesh_graph.stage2.objective import plain_terms, weighted_terms
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types.state import load_state, save_state
@@ -37,6 +41,63 @@ def _model(carrier, views, light, **changes):
         bright = (direction @ torch.tensor([0.6, 0.6, 0.5])).clamp_min(0)[..., None] ** 4
         model.environment.copy_(envmap.parameter_of(0.4 + 2 * bright * torch.tensor([1.3, 1.0, 0.7])))
     return model
+
+
+def _found(terms_of, model, step=3):
+    """Terms, radiance, and the gradients of their sum."""
+    parameters = model.maps.parameter, model.environment, model.factor.parameter
+    for parameter in parameters:
+        parameter.grad = None
+    terms, predicted = terms_of(model, model.buffers[1], step)
+    torch.stack(list(terms.values())).sum().backward()
+    return terms, predicted, [p.grad.clone() for p in parameters]
+
+
+@pytest.mark.parametrize(
+    ("light", "changes"),
+    [
+        ({}, {}),
+        ({"independent_gradient": False}, {"normal_map": True}),
+        ({"technique": "mis"}, {"exposure": True, "ssim_weight": 0.0, "material_weight": 0.0}),
+        ({"bounces": 0}, {"metallic": False, "log_weight": 0.0}),
+        ({"secondary_material": False, "half_resolution": False}, {}),
+        ({"kept": 2, "technique": "brdf"}, {"normal_map": True, "gloss_weight": 5.0}),
+        ({"secondary_lobes": True, "technique": "cosine"}, {"indirect_weight": 0.0}),
+    ],
+)
+def test_the_fused_step_is_that_of_plain_operations(carrier, train_views, light, changes):
+    settings = SETTINGS.replaced(**changes)
+    model = Decomposition(carrier, train_views, FEW.replaced(**light), settings, "cpu")
+    model.start()
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        for parameter in (model.maps.parameter, model.environment, model.factor.parameter):
+            parameter += (0.5 if parameter.dim() > 1 else 0.1) * torch.randn(parameter.shape, generator=generator)
+    model.measure(1.0, torch.Generator().manual_seed(0))
+    assert fused.serves(model)
+    terms, predicted, gradients = _found(weighted_terms, model)
+    known, shown, slopes = _found(plain_terms, model)
+    assert terms.keys() == known.keys()
+    for name, value in known.items():
+        assert float(terms[name].detach()) == pytest.approx(float(value.detach()), rel=2e-5, abs=1e-8), name
+    torch.testing.assert_close(predicted, shown, rtol=1e-4, atol=1e-5)
+    for found, expected in zip(gradients, slopes, strict=True):
+        assert float(expected.norm()) > 0
+        assert float((found - expected).norm()) <= 1e-4 * float(expected.norm())
+
+
+def test_the_same_bytes_for_any_number_of_cores(carrier, train_views, monkeypatch):
+    monkeypatch.setattr("exmesh_graph.gpu.cores.WORTH", 0.0)  # what is small is shared too
+    for name in ("samples", "shade"):  # import_module: a function of the package has a module's name
+        monkeypatch.setattr(import_module(f"exmesh_graph.shading.monte_carlo.{name}"), "_GRAIN", 32)
+    results = []
+    for count in (1, 2, 3):
+        with cores(count):
+            for _ in range(2):  # the first launch of a kernel stays on one thread
+                _, predicted, gradients = _found(weighted_terms, _model(carrier, train_views, FEW))
+        results.append([predicted, *gradients])
+    for other in results[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
 
 
 @pytest.mark.parametrize("strength", [0.0, 1.0])
@@ -193,7 +254,7 @@ def test_kept_rays_light_what_a_turned_normal_newly_faces(carrier, train_views, 
     """Normals turn back to the surface's own after the rays were drawn: with `turning` they see what fresh rays see."""
     model = _model(carrier, train_views, MonteCarloSettings(technique=technique, samples=512, bounces=0))
     buffer, light = model.buffers[1], model.light
-    points = light._points(buffer)
+    points = light.seen(buffer).points(model.maps.read(model.maps.values(), buffer.texel, buffer.texel_weight))
     away = torch.nn.functional.normalize(points.normal - 1.2 * torch.tensor([0.6, 0.6, 0.5]), dim=1)
     with torch.no_grad():
         lit = model.prepare(0.0, 0)

@@ -1,5 +1,6 @@
 """Monte Carlo light of a frozen mesh: the paper's estimators of direct and one-bounce light (eq. 12 to 20)."""
 
+from exmesh_graph.shading.monte_carlo.bounce import SecondaryHits
 from exmesh_graph.shading.monte_carlo.estimator import (
     Drawn,
     MonteCarloLight,
@@ -21,6 +22,7 @@ __all__ = [
     "Query",
     "SampleCache",
     "Sampler",
+    "SecondaryHits",
     "Surface",
     "coarse_points",
     "draw_light",

@@ -16,7 +16,7 @@ import torch
 from exmesh_graph.rays import MISS, RayTracer
 from exmesh_graph.rays.tensors import closest_hit
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface
+from exmesh_graph.shading.monte_carlo.points import Material, Points, Query, Surface, mixed
 from exmesh_graph.shading.monte_carlo.samples import (
     LEAST_BLOCKS,
     LightPool,
@@ -60,7 +60,7 @@ def draw_bounce(
 ) -> SecondaryHits:
     """Send `rays` rays from each point, keep the front-facing hits, and sample their light from `light_pool`."""
     pool = make_pool(sampler, "cosine", rays, seed)
-    sent = draw_directions(points.flat, points, Material(torch.zeros_like(points.position)), pool)
+    sent = draw_directions(points.flat, points, Material(torch.zeros_like(points.position)), pool, placed=False)
     origins = ray_origins(points, tracer)
     rows = rows_within(memory_mib, rays)
     hits = [
@@ -68,7 +68,7 @@ def draw_bounce(
         for start in range(0, max(len(points), 1), rows)
     ]
     row, direction, weight, face, bary = (torch.cat(column) for column in zip(*hits, strict=True))
-    position = (surface.vertices[surface.faces[face]] * bary[..., None]).sum(1)
+    position = mixed(surface.vertices, surface.faces, face, bary)
     normal, material = query(face, bary)
     there = Points(position, surface.face_normals[face], normal, -direction)
     light = draw_light(there, Material(material.base_color), light_pool, tracer, memory_mib)

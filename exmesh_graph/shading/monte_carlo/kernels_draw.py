@@ -96,6 +96,7 @@ def _sample_lobe(n: wp.vec3, v: wp.vec3, a: float, share: float, p: wp.vec2) -> 
 
 @wp.kernel
 def draw_light(
+    first: int,
     normal: wp.array(dtype=wp.vec3),
     flat: wp.array(dtype=wp.vec3),
     view: wp.array(dtype=wp.vec3),
@@ -112,13 +113,15 @@ def draw_light(
     blocks: int,
     seed: int,
     turning: int,
+    placed: int,
     block: wp.array(dtype=int),
     own_direction: wp.array(dtype=wp.vec3),
     own_uv: wp.array(dtype=wp.vec2),
     weight: wp.array(dtype=float),
 ):
-    """Per point: its block of the pool, its own directions, and 1 / sum_i n_i p_i of each sample above the horizons."""
-    i = wp.tid()
+    """Point `first + tid`: its block of the pool, its own directions (and their places in the environment where they
+    are to be `placed`), and 1 / sum_i n_i p_i of each sample above the horizons."""
+    i = first + wp.tid()
     n = normal[i]
     g = flat[i]
     v = view[i]
@@ -149,8 +152,10 @@ def draw_light(
                 mixed = float(pool_samples) * pool_pdf[k]
             else:
                 # the only place that finds a direction's place in the map: two arctangents are dear
-                uv = _uv(d)
-                own_uv[k] = uv
+                uv = wp.vec2(0.0, 0.0)
+                if placed != 0 or pool_samples > 0:
+                    uv = _uv(d)
+                    own_uv[k] = uv
                 if pool_samples > 0:
                     mixed = float(pool_samples) * _environment_pdf(d, uv, density, height, width)
             if own_samples > 0:
@@ -162,6 +167,7 @@ def draw_light(
 
 @wp.kernel
 def ray_directions(
+    first: int,
     chosen: wp.array(dtype=wp.int64),
     block: wp.array(dtype=int),
     pool_direction: wp.array(dtype=wp.vec3),
@@ -171,8 +177,8 @@ def ray_directions(
     row: wp.array(dtype=int),
     direction: wp.array(dtype=wp.vec3),
 ):
-    """Point and direction of the samples `chosen`, numbered point by point."""
-    r = wp.tid()
+    """Point and direction of the samples `chosen`, numbered point by point, from `first` on."""
+    r = first + wp.tid()
     samples = pool_samples + own_samples
     i = int(chosen[r] / wp.int64(samples))
     s = int(chosen[r] - wp.int64(i) * wp.int64(samples))

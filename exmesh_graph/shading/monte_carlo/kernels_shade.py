@@ -81,6 +81,7 @@ def _horizon(specular: int) -> float:
 
 @wp.kernel
 def shade_light(
+    first: int,
     normal: wp.array(dtype=wp.vec3),
     view: wp.array(dtype=wp.vec3),
     base_color: wp.array(dtype=wp.vec3),
@@ -100,8 +101,8 @@ def shade_light(
     own_samples: int,
     out: wp.array(dtype=wp.vec3),
 ):
-    """Per point: sum over its samples of weight E f n.l."""
-    i = wp.tid()
+    """Point `first + tid`: sum over its samples of weight E f n.l."""
+    i = first + wp.tid()
     n = normal[i]
     v = view[i]
     n_v = wp.dot(n, v)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cache
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 
 from exmesh_graph.geometry.adjacency import face_normals
+from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.warp_runtime import warp
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.specular import scattered
 
@@ -81,7 +84,13 @@ class MeshSurface:
 
     def at(self, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
         """Positions [N, 3] of faces int64 [N] at barycentric coordinates [N, 3]."""
-        return (self.vertices[self.faces[face]] * bary[..., None]).sum(1)
+        return mixed(self.vertices, self.faces, face, bary)
+
+
+def mixed(rows: torch.Tensor, corners: torch.Tensor, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
+    """[N, C]: rows [R, C] of the corners [F, 3] of faces int64 [N], at barycentric coordinates [N, 3]."""
+    first, second, third = corners[face].unbind(-1)
+    return rows[first] * bary[:, :1] + rows[second] * bary[:, 1:2] + rows[third] * bary[:, 2:]
 
 
 #: Tangent-plane distance over distance at which a neighbour's weight has fallen by e; power of the normals' cosine.
@@ -129,11 +138,32 @@ def coarse_points(points: Points, pixel: torch.Tensor, width: int, corner: int =
     index = table[candidates]
     there = index >= 0
     index = index.clamp_min(0)
-    near = rows[index]
-    tent = _tent(x[:, None] - x[near]) * _tent(y[:, None] - y[near])
-    weight = torch.where(there, tent * _likeness(points, near), torch.zeros_like(tent))
+    weight = (_weigh if points.position.dtype == torch.float32 else _plain_weights)(
+        points, pixel, width, rows[index], there
+    )
     weight[:, 0] += 1e-12
     return Coarse(rows, index, weight / weight.sum(1, keepdim=True))
+
+
+@torch.no_grad()
+def _weigh(points: Points, pixel: torch.Tensor, width: int, near: torch.Tensor, there: torch.Tensor) -> torch.Tensor:
+    """`_plain_weights` by a kernel, in float32."""
+    weight = torch.empty(near.shape, dtype=torch.float32, device=near.device)
+    if len(weight):
+        shape = [t.detach().contiguous() for t in (points.position, points.flat, points.normal)]
+        settings = (width, _SLOPE, float(_POWER), _LEAST)
+        lists = (pixel, near.reshape(-1), there.reshape(-1), weight.view(-1))
+        split(_kernels().weigh, len(weight), *settings, *shape, *lists, grain=1024)
+    return weight
+
+
+def _plain_weights(
+    points: Points, pixel: torch.Tensor, width: int, near: torch.Tensor, there: torch.Tensor
+) -> torch.Tensor:
+    """[N, 4]: tent times likeness of the candidates `near` int64 [N, 4], 0 where none is `there`. The reference."""
+    y, x = torch.div(pixel, width, rounding_mode="floor"), pixel % width
+    tent = _tent(x[:, None] - x[near]) * _tent(y[:, None] - y[near])
+    return torch.where(there, tent.to(points.position) * _likeness(points, near), 0.0)
 
 
 def _tent(distance: torch.Tensor) -> torch.Tensor:
@@ -147,3 +177,11 @@ def _likeness(points: Points, near: torch.Tensor) -> torch.Tensor:
     slope = away / length.clamp_min(1e-20)
     cosine = (points.normal[:, None] * points.normal[near]).sum(-1).clamp_min(0)
     return torch.exp(-((slope / _SLOPE) ** 2)) * cosine**_POWER
+
+
+@cache
+def _kernels() -> Any:
+    warp()
+    from exmesh_graph.shading.monte_carlo import kernels_points
+
+    return kernels_points

@@ -18,7 +18,8 @@ from typing import Any, Literal, get_args
 
 import torch
 
-from exmesh_graph.gpu.warp_runtime import launch, warp
+from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.warp_runtime import warp
 from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.rays.tensors import any_hit
 from exmesh_graph.shading.brdf_sampling import specular_share
@@ -29,6 +30,9 @@ Sampler = Literal["environment", "brdf", "mis", "cosine"]
 
 #: Entries of the pool where blocks are long, and the fewest blocks for the points to choose from.
 _POOL, LEAST_BLOCKS = 1 << 13, 64
+
+#: Points of a piece of work.
+_GRAIN = 1024
 
 #: Working memory of one traced ray on its way through torch and the tracer.
 _BYTES_PER_RAY = 200
@@ -126,10 +130,18 @@ def draw_light(
 
 @torch.no_grad()
 def draw_directions(
-    normal: torch.Tensor, points: Points, material: Material, pool: LightPool, turning: bool = False
+    normal: torch.Tensor,
+    points: Points,
+    material: Material,
+    pool: LightPool,
+    turning: bool = False,
+    placed: bool = True,
 ) -> LightSamples:
     """The samples of `points` around `normal` [N, 3], untraced: weights are 0 only under the horizons of `normal`
-    (with `turning` not those of environment samples) and of the surface itself."""
+    (with `turning` not those of environment samples) and of the surface itself.
+
+    placed    own directions' places in the environment are wanted; without, `own_uv` is not set
+    """
     count, device = len(points), points.position.device
     samples = pool.pool_samples + pool.own_samples
     if count * samples >= 2**31:
@@ -147,9 +159,9 @@ def draw_directions(
         blocks = max(len(pool.direction) // max(pool.pool_samples, 1), 1)
         places = (normal, flat, view, roughness, share)
         source = (pool.direction, pool.pdf, pool.density, *pool.shape, pool.lobe_points)
-        counts = (pool.pool_samples, pool.own_samples, blocks, pool.seed & 0x7FFFFFFF, int(turning))
+        counts = (pool.pool_samples, pool.own_samples, blocks, pool.seed & 0x7FFFFFFF, int(turning), int(placed))
         results = [t if len(t) else t.new_empty(1, t.shape[1]) for t in (own, own_uv)]
-        launch(_kernels().draw_light, count, *places, *source, *counts, block, *results, weight)
+        split(_kernels().draw_light, count, *places, *source, *counts, block, *results, weight, grain=_GRAIN)
     spread = (count, pool.own_samples)
     return LightSamples(pool, block, own.view(*spread, 3), own_uv.view(*spread, 2), weight.view(count, samples))
 
@@ -165,7 +177,7 @@ def _occlude(drawn: LightSamples, rows: slice, origins: torch.Tensor, tracer: Ra
     direction = torch.empty(len(chosen), 3, device=chosen.device)
     source = (drawn.block[rows], pool.direction, own if len(own) else direction)
     counts = (pool.pool_samples, pool.own_samples)
-    launch(_kernels().ray_directions, len(chosen), chosen, *source, *counts, row, direction)
+    split(_kernels().ray_directions, len(chosen), chosen, *source, *counts, row, direction, grain=_GRAIN)
     weight[chosen[any_hit(tracer, origins[rows][row], direction)]] = 0
 
 

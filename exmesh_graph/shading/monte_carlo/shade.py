@@ -13,11 +13,15 @@ from typing import Any
 import torch
 from torch.autograd.function import once_differentiable
 
+from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.warp_runtime import launch, warp
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.monte_carlo.points import Material
 from exmesh_graph.shading.monte_carlo.samples import LightSamples
+
+#: Points of a piece of work.
+_GRAIN = 1024
 
 
 def shade(
@@ -81,7 +85,7 @@ class _Shade(torch.autograd.Function):
         view = view.detach().contiguous()
         out = torch.zeros_like(inputs[1])
         if len(out):
-            launch(_kernels().shade_light, len(out), *_arguments(inputs, view, samples, specular), out)
+            split(_kernels().shade_light, len(out), *_arguments(inputs, view, samples, specular), out, grain=_GRAIN)
         ctx.save_for_backward(*inputs, view)
         ctx.samples, ctx.specular = samples, specular
         return out

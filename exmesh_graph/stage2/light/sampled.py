@@ -18,10 +18,19 @@ import torch
 from exmesh_graph.rays import RayTracer
 from exmesh_graph.shading import monte_carlo
 from exmesh_graph.shading.env_sampling import EnvSampler
-from exmesh_graph.shading.monte_carlo import Coarse, MonteCarloLight, Points, SampleCache, coarse_points
+from exmesh_graph.shading.monte_carlo import (
+    Coarse,
+    Drawn,
+    MonteCarloLight,
+    Points,
+    SampleCache,
+    SecondaryHits,
+    coarse_points,
+)
+from exmesh_graph.shading.monte_carlo.points import mixed
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
-from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, TangentFrames, mapped_surface, texel_footprint
+from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, TangentFrames, bent, texel_footprint
 from exmesh_graph.uv.raster import rasterize_atlas
 
 if TYPE_CHECKING:
@@ -40,6 +49,21 @@ class PreparedSamples:
     appearance: Appearance
     sampler: EnvSampler
     query: monte_carlo.Query | None
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A view's surface, and its tangent frames where there is a normal map."""
+
+    surface: SurfaceSamples
+    frame: tuple[torch.Tensor, ...] | None
+
+    def points(self, material: Material) -> Points:
+        """The pixels as points, under the normal map of their `material`; equation: 11."""
+        surface, slopes = self.surface, material.slopes
+        if self.frame is not None and slopes is not None:
+            surface = bent(surface, self.frame, slopes)
+        return Points(surface.position, surface.flat, surface.normal, surface.view)
 
 
 @dataclass(frozen=True)
@@ -89,28 +113,37 @@ class SampledLight:
         return PreparedSamples(appearance, EnvSampler(appearance.environment), query)
 
     def radiance(self, buffer: ViewBuffer, material: Material, prepared: PreparedSamples) -> torch.Tensor:
-        points = self._points(buffer, material)
-        here, now = _material(material), prepared.appearance
+        now, query = prepared.appearance, prepared.query
+        points, here = self.seen(buffer).points(material), surface_material(material)
+        drawn = self.draw(buffer, points, material, query is not None, now, prepared.sampler)
+        return blended(drawn, lambda one: self.light.shade(one, points, here, query, now.environment, now.strength))
 
-        def estimate(turn: int) -> torch.Tensor:
-            """By the samples of this step (turn 0), or by others (turn 1)."""
+    def draw(
+        self,
+        buffer: ViewBuffer,
+        points: Points,
+        material: Material,
+        bounced: bool,
+        now: Appearance,
+        sampler: EnvSampler,
+    ) -> list[Drawn]:
+        """The samples of a view's estimate at step `now`, and those of its gradient where they are others (`blended`).
+
+        No gradients. `now.values` are not read.
+        """
+        others = self.settings.kept != 1 or self.frozen is None
+        turns = 2 if self.settings.independent_gradient and others and torch.is_grad_enabled() else 1
+        facing = self._facing if bounced else None
+
+        def of(turn: int) -> Drawn:
             if self.frozen is None:
                 number = self.seed * 1_000_003 + now.step + turn * _GRADIENT_SEED
                 coarse = self._coarse(buffer.light, points, now.step + turn)
-                drawn = self.light.draw(points, here, prepared.query, prepared.sampler, number, coarse)
-            else:
-                cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
-                drawn = cache.get(now.step + turn, self._keeping(buffer, prepared))
-            return self.light.shade(drawn, points, here, prepared.query, now.environment, now.strength)
+                return self.light.draw(points, surface_material(material), facing, sampler, number, coarse)
+            cache = self.caches.setdefault(buffer.number, SampleCache(self.settings.kept))
+            return cache.get(now.step + turn, self._keeping(buffer, now.maps, facing))
 
-        others = self.settings.kept != 1 or self.frozen is None
-        if not (self.settings.independent_gradient and others and torch.is_grad_enabled()):
-            return estimate(0)
-        # A loss's slope at a noisy picture, times the gradient of the same samples, has the covariance of both in it.
-        with torch.no_grad():
-            value = estimate(0)
-        elsewhere = estimate(1)
-        return value + (elsewhere - elsewhere.detach())
+        return [of(turn) for turn in range(turns)]
 
     def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:
         """Draw kept rays anew from here on, for these maps and this environment."""
@@ -125,25 +158,41 @@ class SampledLight:
         self.frozen = None if frozen is None else (frozen[0].to(device), frozen[1].to(device))
         self.caches = {}
 
-    def _keeping(self, buffer: ViewBuffer, prepared: PreparedSamples) -> Callable[[int], monte_carlo.Drawn]:
+    def _keeping(
+        self, buffer: ViewBuffer, maps: MaterialMaps, facing: monte_carlo.Query | None
+    ) -> Callable[[int], Drawn]:
         """How a slot of the view's kept rays is drawn: from the frozen maps and environment, by a seed of its own."""
         assert self.frozen is not None
-        (values, environment), maps = self.frozen, prepared.appearance.maps
+        values, environment = self.frozen
 
-        def draw(slot: int) -> monte_carlo.Drawn:
+        def draw(slot: int) -> Drawn:
             read = maps.read(values, buffer.texel, buffer.texel_weight)
-            points, material = self._points(buffer, read), _material(read)
-            query = None if prepared.query is None else self._query(maps, values)
+            points, material = self.seen(buffer).points(read), surface_material(read)
             number = self.seed * 1_000_003 + buffer.number * self.settings.kept + slot
             coarse = self._coarse(buffer.light, points, slot)
-            return self.light.draw(points, material, query, EnvSampler(environment), number, coarse, turning=True)
+            return self.light.draw(points, material, facing, EnvSampler(environment), number, coarse, turning=True)
 
         return draw
 
-    def _points(self, buffer: ViewBuffer, material: Material | None = None) -> Points:
-        slopes = None if material is None else material.slopes
-        surface = mapped_surface(buffer.samples(self.geometry), self.geometry, self.frames, slopes)
-        return Points(surface.position, surface.flat, surface.normal, surface.view)
+    def seen(self, buffer: ViewBuffer) -> Seen:
+        """What the view's pixels see of the surface, whatever the maps are."""
+        surface = buffer.samples(self.geometry)
+        frame = None if self.frames is None else self.frames.at(self.geometry, surface.face, surface.bary)
+        return Seen(surface, frame)
+
+    def hit_texels(self, hits: SecondaryHits, maps: MaterialMaps) -> tuple[torch.Tensor, torch.Tensor]:
+        """Rows of the table [M, 4] that the hits read, and their weights [M, 4]."""
+        index, weight = texel_footprint(self._uv(hits.face, hits.bary), maps.size)
+        return maps.rows(index), weight
+
+    def hit_query(self, material: Material | None) -> monte_carlo.Query:
+        """Smooth normals at hits, and the `material` that they have there (None: black)."""
+
+        def at(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, monte_carlo.Material]:
+            normal, black = self._facing(face, bary)
+            return normal, black if material is None else surface_material(material)
+
+        return at
 
     def _coarse(self, view: SampledView, points: Points, step: int) -> Coarse | None:
         if not (self.settings.bounces and self.settings.half_resolution):
@@ -152,19 +201,40 @@ class SampledLight:
 
     def _query(self, maps: MaterialMaps, values: torch.Tensor) -> monte_carlo.Query:
         """Smooth normal and material at secondary hits."""
-        geometry = self.geometry
 
         def at(face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, monte_carlo.Material]:
-            normal = (geometry.vertex_normals[geometry.faces[face]] * bary[..., None]).sum(1)
-            normal = torch.nn.functional.normalize(normal, dim=-1)
+            normal, black = self._facing(face, bary)
             if not self.settings.secondary_material:
-                return normal, monte_carlo.Material(torch.zeros_like(normal))
-            uv = (geometry.uvs[geometry.uv_faces[face]] * bary[..., None]).sum(1)
-            index, weight = texel_footprint(uv, maps.size)
-            return normal, _material(maps.read(values, maps.rows(index), weight))
+                return normal, black
+            index, weight = texel_footprint(self._uv(face, bary), maps.size)
+            return normal, surface_material(maps.read(values, maps.rows(index), weight))
 
         return at
 
+    def _facing(self, face: torch.Tensor, bary: torch.Tensor) -> tuple[torch.Tensor, monte_carlo.Material]:
+        """Smooth normals [M, 3], and no material: all that samples are drawn by."""
+        geometry = self.geometry
+        normal = mixed(geometry.vertex_normals, geometry.faces, face, bary)
+        normal = torch.nn.functional.normalize(normal, dim=-1)
+        return normal, monte_carlo.Material(torch.zeros_like(normal))
 
-def _material(material: Material) -> monte_carlo.Material:
+    def _uv(self, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
+        return mixed(self.geometry.uvs, self.geometry.uv_faces, face, bary)
+
+
+def blended(drawn: list[Drawn], shade: Callable[[Drawn], torch.Tensor]) -> torch.Tensor:
+    """The picture that `shade` makes of the first samples, with the gradient of the last ones.
+
+    A loss's slope at a noisy picture, times the gradient of the same samples, has the covariance of both in it.
+    """
+    if len(drawn) == 1:
+        return shade(drawn[0])
+    with torch.no_grad():
+        value = shade(drawn[0])
+    elsewhere = shade(drawn[1])
+    return value + (elsewhere - elsewhere.detach())
+
+
+def surface_material(material: Material) -> monte_carlo.Material:
+    """What points read from the maps, as the estimators take it."""
     return monte_carlo.Material(material.base_color, material.roughness, material.metallic)
