@@ -148,7 +148,7 @@ def why_of(checked: Checked, node: str, opened: Store) -> Why:
         outside = tuple(unseen(bound.definitions()))
         libraries = tuple(sorted({library for one in bound.definitions() for library in undeclared(one)}))
     depends: dict[str, Any] = {key: step.preimage[key] for key in ("type", "version", "seed")}
-    for key in ("params", "libraries", "sources", "inputs", "components"):
+    for key in ("params", "libraries", "sources", "inputs", "components", "kinds"):
         if step.preimage.get(key):
             depends[key] = list(step.preimage[key])
     depends["code"] = list(fingerprint(bound.definition).parts)

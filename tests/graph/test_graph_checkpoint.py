@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import math
 import os
+import random
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 
 from exmesh_graph.errors import GraphError, StoreError
 from exmesh_graph.graph.run.checkpoint import Checkpoints
+from exmesh_graph.graph.run.hermetic import apart
 
 KEY = "ab" * 32
 
@@ -30,7 +32,7 @@ def same(one: Any, two: Any) -> bool:
         return len(one) == len(two) and all(map(same, one, two))
     if isinstance(one, torch.Tensor):
         bits = one.dtype == two.dtype and one.shape == two.shape
-        return bits and torch.equal(one.reshape(-1).view(torch.uint8), two.reshape(-1).view(torch.uint8))
+        return bits and torch.equal(*(x.contiguous().reshape(-1).view(torch.uint8) for x in (one, two)))
     if isinstance(one, np.ndarray | np.generic):
         return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
     return one == two or (one != one and two != two)
@@ -169,3 +171,63 @@ def test_plain_states_load_no_torch() -> None:
 
     code = "import sys, exmesh_graph.graph.run.checkpoint; assert not {'torch', 'numpy'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def come_back(tmp_path: Path, state: dict[str, Any]) -> dict[str, Any]:
+    Checkpoints(tmp_path, KEY).save(1, state)
+    loaded = Checkpoints(tmp_path, KEY).load()
+    assert loaded is not None
+    return loaded[1]
+
+
+def strides(value: Any) -> Any:
+    return value.stride() if isinstance(value, torch.Tensor) else getattr(value, "strides", None)
+
+
+@pytest.mark.reliability("a checkpoint of views, of one array under two names, of read-only ones", "as it was")
+def test_what_shares_memory_still_does(tmp_path: Path) -> None:
+    array, rows = np.arange(12.0).reshape(3, 4), [1, 2]
+    tensor = torch.arange(6.0).reshape(2, 3)
+    fixed = np.arange(3)
+    fixed.flags.writeable = False
+    state = {
+        "array": array, "again": array, "column": array[:, 1], "back": array[::-1, ::2], "rows": [rows, rows],
+        "tensor": tensor, "detached": tensor.detach(), "part": tensor[:, 1:], "turned": tensor.T.bfloat16().T,
+        "lone": torch.arange(20)[::3], "wide": torch.ones(1).expand(4), "of": torch.from_numpy(array), "fixed": fixed,
+        "apart": list(torch.arange(6).chunk(2)), "none": array[:0],
+    }  # fmt: skip
+    before = {name: strides(value) for name, value in state.items()}
+    found = come_back(tmp_path, state)
+    assert same(found, state)
+    assert found["array"] is found["again"]
+    assert found["rows"][0] is found["rows"][1]
+    assert not found["fixed"].flags.writeable
+    assert found["array"].flags.writeable
+    for name in ("column", "back", "lone", "turned", "part"):
+        assert strides(found[name]) == before[name], name
+    found["array"][:] = 7
+    found["tensor"][:] = 8
+    for name, value in (("column", 7), ("back", 7), ("of", 7), ("detached", 8), ("part", 8)):
+        assert (found[name] == value).all(), name
+
+
+def test_a_gradient_is_not_lost_in_silence(tmp_path: Path) -> None:
+    parameter = torch.nn.Parameter(torch.ones(2))
+    assert come_back(tmp_path, {"x": parameter})["x"].tolist() == [1, 1]
+    parameter.sum().backward()
+    with pytest.warns(UserWarning, match=r"does not keep the gradient of its state\['x'\]"):
+        come_back(tmp_path, {"x": parameter})
+
+
+@pytest.mark.reliability("a node that draws from the global generators goes on from a checkpoint", "it draws on")
+def test_global_generators_go_on(tmp_path: Path) -> None:
+    def draw() -> list[float]:
+        return [random.random(), float(np.random.random()), float(torch.rand(1))]  # noqa: NPY002
+
+    with apart(1):
+        draw()
+        Checkpoints(tmp_path, KEY).save(1, {})
+        expected = draw()
+    with apart(1):
+        Checkpoints(tmp_path, KEY).load()
+        assert draw() == expected

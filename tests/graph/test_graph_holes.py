@@ -11,9 +11,11 @@ import pytest
 
 from exmesh_graph import Session
 from exmesh_graph.api import described
+from exmesh_graph.api.planning import why_of
 from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache import keys
+from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.declare import packs
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import HIT, RUN
@@ -148,7 +150,65 @@ def test_a_method_of_a_type_that_a_port_takes_as_its_base(pack: Opened) -> None:
         reasons = {step.name: step.reason for step in plan(bench.check(AREA), bench.store)}
         areas.append(bench.value(bench.run(AREA), "b", "metrics").values["area"])
     assert areas == [9, 59049]
+    assert why_of(bench.check(AREA), "b", bench.store).depends_on["kinds"] == ["holes.Square"]
+    (bench.root / "holes_pack/square.py").write_text(SQUARE % 3)  # edited, not loaded anew
+    bench.packs.part(Sources).refresh()
+    for _ in range(2):
+        rows = {row["name"]: row for row in bench.run(AREA)["nodes"]}
+        assert rows["b"]["state"] == "done"
+        assert "not remembered: its code changed" in rows["b"]["warnings"][0]
     assert reasons["a"].startswith("code changed")
+
+
+FILES = """
+from pathlib import Path
+class P(Params):
+    u: Path | None = param(None, doc="A file.")
+    v: Path | None = param(None, doc="Another.")
+    more: list[Path] = param([], doc="More.")
+    by: dict[str, Path] = param({}, doc="By name.")
+def listed(p):
+    paths = [path for path in (p.u, p.v, *p.more, *p.by.values()) if path]
+    return {f.name: f for path in paths for f in (path.iterdir() if path.is_dir() else [path])}
+@node("holes.files", version="1", sources=listed)
+def files(ctx: Context, *, p: P) -> Out:
+    "What is in which."
+    def of(path):
+        return path and (sorted(f.read_text() for f in path.iterdir()) if path.is_dir() else path.read_text())
+    return Out(Metrics({"v": [of(p.u), of(p.v), [of(x) for x in p.more], {k: of(x) for k, x in p.by.items()}]}))
+class One(Params):
+    path: Path = param(..., doc="One of a folder.")
+@node("holes.one", version="1", sources=lambda p: {f.name: f for f in p.path.parent.iterdir()})
+def one(ctx: Context, *, p: One) -> Out:
+    "One of several files that are all listed."
+    return Out(Metrics({"v": p.path.read_text()}))
+"""
+ROLES = [
+    ("files", "u: a.txt", "v: a.txt"),
+    ("files", "u: a.txt, v: b.txt", "u: b.txt, v: a.txt"),
+    ("files", "more: [a.txt, b.txt]", "more: [b.txt, a.txt]"),
+    ("files", "more: [a.txt]", "more: [a.txt, a.txt]"),
+    ("files", "by: {k: a.txt, l: b.txt}", "by: {k: b.txt, l: a.txt}"),
+    ("files", "u: one, v: two", "u: two, v: one"),
+    ("files", "u: none", "v: none"),
+    ("one", "path: one/1.txt", "path: one/2.txt"),
+]
+
+
+@pytest.mark.reliability("the same files in another order, or in another path parameter", "another key")
+@pytest.mark.parametrize(("kind", "before", "after"), ROLES)
+def test_which_path_holds_which_file(pack: Opened, kind: str, before: str, after: str) -> None:
+    bench = pack(FILES)
+    for name in ("a.txt", "b.txt", "one/1.txt", "one/2.txt", "two/3.txt"):
+        (bench.root / name).parent.mkdir(exist_ok=True)
+        (bench.root / name).write_text(name)
+    (bench.root / "none").mkdir()
+    values = []
+    for given in (before, after):
+        text = f"nodes: {{a: {{type: holes.{kind}, {given}}}}}"
+        values.append(bench.value(bench.run(text), "a", "metrics").values["v"])
+        assert bench.run(text)["nodes"][0]["state"] == "hit"
+    assert values[0] != values[1]
 
 
 MAPS = """

@@ -3,7 +3,8 @@
     {epoch, type, version, code, params, seed, libraries, sources: {name: digest}, inputs: {port: [type, digest]},
      components: {port: {type, version, code, params, libraries, components}}, where any are plugged in}
 
-Tuning parameters and paths stay out; the contents of the files behind the paths are in. Port names are bound to
+Tuning parameters and paths stay out; the contents of the files behind the paths are in, and where several could
+be meant, under which name among the sources the file of a path parameter is. Port names are bound to
 digests, so that swapped inputs give another key. The input digests are those of recorded outputs, so that equal
 outputs of an upstream change stop the cascade. Golden-key tests pin the format; raise EPOCH when it changes.
 """
@@ -14,9 +15,9 @@ import enum
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 from exmesh_graph.errors import GraphError
@@ -55,7 +56,9 @@ def preimage_of(
     leave_out = bound.signature.path_fields | bound.signature.tuning_fields()
     params = bound.params.model_dump(mode="python")
     kept = {name: value for name, value in params.items() if name not in leave_out}
-    beside = {name: _without_paths(params[name]) for name in sorted(bound.signature.path_fields)}
+    beside = {name: _without_paths(params[name], bound) for name in sorted(bound.signature.path_fields)}
+    if bound.sources and list(beside.values()) == [_files(bound.sources)]:
+        beside = {}  # the only path is all the files: nothing to mix up
     kept.update({name: value for name, value in beside.items() if value is not None})
     return {
         "epoch": EPOCH,
@@ -68,11 +71,11 @@ def preimage_of(
         "sources": dict(sorted(sources.items())),
         "inputs": {port: list(pair) for port, pair in sorted(inputs.items())},
         **({"components": _components(bound.components)} if bound.components else {}),
-        **({"kinds": kinds} if (kinds := _kinds(bound, inputs)) else {}),
+        **({"kinds": kinds} if (kinds := kinds_of(bound, inputs)) else {}),
     }
 
 
-def _kinds(bound: Bound, inputs: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+def kinds_of(bound: Bound, inputs: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     """The code of wire types that a port takes as its base: what their methods do is in no module of the node."""
     known, found = artifact_types(), {}
     for port, (name, _) in inputs.items():
@@ -103,17 +106,24 @@ def _versions(definition: NodeDef) -> dict[str, str]:
     return {name: current().library_version(name) for name in sorted(definition.libraries)}
 
 
-def _without_paths(value: Any) -> Any:
-    """What a path parameter holds beside paths: a name of something built in, a number per file. None for nothing."""
+def _without_paths(value: Any, bound: Bound) -> Any:
+    """What a path parameter holds, with names among the source files in place of paths, which differ by machine."""
     if isinstance(value, PurePath):
-        return None
+        own = value, Path(value).resolve()
+        return _files(
+            name for name, path in bound.sources.items() if path in own or not set(own).isdisjoint(path.parents)
+        )
     if isinstance(value, list | tuple):
-        left = [_without_paths(item) for item in value]
-        return left if any(item is not None for item in left) else None
+        return [_without_paths(item, bound) for item in value] or None
     if isinstance(value, Mapping):
-        named = {key: _without_paths(item) for key, item in value.items()}
-        return named if any(item is not None for item in named.values()) else None
+        return {key: _without_paths(item, bound) for key, item in value.items()} or None
     return value
+
+
+def _files(names: Iterable[str]) -> dict[str, str]:
+    """Names of source files, short."""
+    found = sorted(names)
+    return {"file": found[0]} if len(found) == 1 else {"files": digest_of(found)}
 
 
 def _plain(value: Any) -> Any:

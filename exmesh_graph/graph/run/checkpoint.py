@@ -17,9 +17,11 @@ from typing import Any
 
 from exmesh_graph import files
 from exmesh_graph.graph import sealed
+from exmesh_graph.graph.run.hermetic import draw_on, drawn
 from exmesh_graph.types.state import load_state, save_state
 
-FORMAT = 1
+FORMAT = 2
+_DRAWN = "~drawn"  # the global generators, beside the state
 
 
 class Checkpoints:
@@ -36,7 +38,7 @@ class Checkpoints:
         with files.writing("the checkpoint", self.root, "--store"), files.own_folder(self.work) as home:
             draft = home / "checkpoint"
             draft.mkdir()
-            save_state(draft, state)
+            save_state(draft, {**state, _DRAWN: drawn()})
             written = files.walk_files(draft)
             table = {name: files.sha256_file(path) for name, path in written}
             record = {"format": FORMAT, "key": self.key, "step": step, "files": table}
@@ -53,7 +55,9 @@ class Checkpoints:
         for folder in self.steps():
             try:
                 step = checked_step(folder, self.key)
-                return step, load_state(folder)
+                found = load_state(folder)
+                draw_on(found.pop(_DRAWN))
+                return step, found
             except Exception as error:
                 self.notes.append(f"checkpoint {folder.name} of {self.key[:10]} is not used: {error}")
                 self._remove(folder)

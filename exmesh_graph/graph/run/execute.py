@@ -13,8 +13,9 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in, sources_changed
-from exmesh_graph.graph.cache.keys import NOTHING, Stored, listed
+from exmesh_graph.graph.cache.keys import NOTHING, Stored, kinds_of, listed
 from exmesh_graph.graph.cache.store import Store
+from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.ports import Port, artifact_types, base_name
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.problems import in_short
@@ -227,9 +228,13 @@ def _record(
 def _changed(bound: Bound, job: Job) -> list[str]:
     """What of the code is not as it was when the job was keyed."""
     changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
+    kinds = kinds_of(bound, job.inputs)
+    changed += [name for kind in kinds for name in sources_changed(NodeDef(kind, artifact_types()[kind], ""))]
     keyed = {"": job.preimage["code"]} | dict(_codes(job.preimage.get("components", {})))
+    keyed |= {f"~{name}": code for name, code in job.preimage.get("kinds", {}).items()}
     now = {"": fingerprint(bound.definition).digest}
     now |= {plug.name: fingerprint(plug.definition).digest for plug in bound.plugged()}
+    now |= {f"~{name}": code for name, code in kinds.items()}
     return changed or (["since the run was planned"] if now != keyed else [])
 
 

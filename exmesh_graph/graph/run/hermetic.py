@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import decimal
+import importlib
 import locale
 import os
 import random
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 _ERRORS = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
@@ -82,3 +83,19 @@ def _put_back(module: Any, get: str, put: str, value: Any) -> None:
     if str(getattr(module, get)()) != str(value):
         setter = getattr(module, put)
         setter(**value) if isinstance(value, dict) else setter(value)
+
+
+def drawn() -> dict[str, Any]:
+    """How far the global generators of what is imported have been drawn from: what `draw_on` takes."""
+    numpy, torch = sys.modules.get("numpy"), sys.modules.get("torch")
+    states = {"python": random.getstate(), "numpy": numpy and numpy.random.get_state()}
+    return states | {"torch": torch and torch.get_rng_state()}
+
+
+def draw_on(states: Mapping[str, Any]) -> None:
+    """Go on from there."""
+    random.setstate(states["python"])
+    if states["numpy"]:
+        importlib.import_module("numpy").random.set_state(states["numpy"])
+    if states["torch"] is not None:
+        importlib.import_module("torch").set_rng_state(states["torch"])
