@@ -5,6 +5,8 @@ from __future__ import annotations
 import locale
 import os
 import random
+import subprocess
+import sys
 import time
 from typing import Any
 
@@ -81,3 +83,21 @@ def test_the_locale_is_put_back() -> None:
             pytest.skip("this system has one locale alone")
         assert locale.setlocale(locale.LC_ALL) != before
     assert locale.setlocale(locale.LC_ALL) == before
+
+
+FIRST = """
+import sys
+from exmesh_graph.graph.run.hermetic import apart
+for module in sys.argv[1:]:
+    __import__(module)
+with apart(5):
+    import numpy, torch
+    print(numpy.random.random(), float(torch.rand(1)))
+"""
+
+
+@pytest.mark.reliability("a node is the first in its process to import numpy or torch", "they start from its seed too")
+def test_who_imports_first_draws_the_same() -> None:
+    runs = [subprocess.run([sys.executable, "-c", FIRST, *loaded], capture_output=True, text=True, check=True).stdout
+            for loaded in ([], ["numpy", "torch"])]  # fmt: skip
+    assert runs[0] == runs[1]

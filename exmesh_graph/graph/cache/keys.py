@@ -15,7 +15,7 @@ import enum
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
@@ -75,7 +75,7 @@ def preimage_of(
     }
 
 
-def kinds_of(bound: Bound, inputs: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+def kinds_of(bound: Bound, inputs: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """The code of wire types that a port takes as its base: what their methods do is in no module of the node."""
     known, found = artifact_types(), {}
     for port, (name, _) in inputs.items():

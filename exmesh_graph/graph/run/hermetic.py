@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import decimal
 import importlib
+import importlib.machinery
 import locale
 import os
 import random
@@ -51,14 +52,18 @@ def apart(seed: int) -> Iterator[None]:
     before = {(m, get): getattr(sys.modules[m], get)() for m, get, _, _ in _STATES if m in sys.modules}
     if numpy is not None:
         numpys = numpy.random.get_state()
-        numpy.random.seed(seed % 2**32)
+        _seed(numpy, seed)
     if torch is not None:
         torchs = torch.get_rng_state()
-        torch.manual_seed(seed)
+        _seed(torch, seed)
+    seeding = _Seeding(seed)
+    sys.meta_path.insert(0, seeding)
     try:
         with decimal.localcontext():
             yield
     finally:
+        if seeding in sys.meta_path:
+            sys.meta_path.remove(seeding)
         sys.stdout, sys.stderr = streams
         if dict(os.environ) != environment:
             os.environ.clear()
@@ -75,6 +80,27 @@ def apart(seed: int) -> Iterator[None]:
         for name, get, put, fresh in _STATES:
             if name in sys.modules and ((name, get) in before or fresh is not None):
                 _put_back(sys.modules[name], get, put, before.get((name, get), fresh))
+
+
+class _Seeding:
+    """Seeds numpy and torch also where a node is the first in its process to import them."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> Any:
+        spec = importlib.machinery.PathFinder.find_spec(name, path) if name in ("numpy", "torch") else None
+        if spec is not None and spec.loader is not None:
+            load = spec.loader.exec_module
+            setattr(spec.loader, "exec_module", lambda module: (load(module), _seed(module, self.seed)))  # noqa: B010
+        return spec
+
+
+def _seed(module: Any, seed: int) -> None:
+    if module.__name__ == "torch":
+        module.manual_seed(seed)
+    else:
+        module.random.seed(seed % 2**32)
 
 
 def _put_back(module: Any, get: str, put: str, value: Any) -> None:
