@@ -96,11 +96,8 @@ class _Seeding:
         return spec
 
 
-def _seed(module: Any, seed: int) -> None:
-    if module.__name__ == "torch":
-        module.manual_seed(seed)
-    else:
-        module.random.seed(seed % 2**32)
+def _seed(module: Any, seed: int) -> Any:
+    return module.manual_seed(seed) if module.__name__ == "torch" else module.random.seed(seed % 2**32)
 
 
 def _put_back(module: Any, get: str, put: str, value: Any) -> None:
