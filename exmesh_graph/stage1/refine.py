@@ -14,6 +14,7 @@ from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.optim import EPSILON, SECOND, adam_step, decayed, view_at
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.diagnose import diagnose
+from exmesh_graph.stage1.firmness import firmer_if_as_good
 from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
 from exmesh_graph.stage1.render import draw, painter_of, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
@@ -59,9 +60,10 @@ def refine(
     `region` is a surface, the coarse start say: with views without masks, only pixels that show it count.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
-    name where they are fitted, and after the last round of the schedule "suspects" and "dark" (`diagnose`). Same inputs
-    and seed give the same bytes on a CPU, also when a call was cut off and another one with the same arguments goes on
-    from `resumed`, what `checkpoint(step, state)` was last given. Raises NumericsError with step, view and term if
+    name where they are fitted, with `settings.firmer` above 1 "firmness" and "cost" (`firmness`), and after the last
+    round of the schedule "suspects" and "dark" (`diagnose`). Same inputs and seed give the same bytes on a CPU, also
+    when a call was cut off and another one with the same arguments goes on from `resumed`, what
+    `checkpoint(step, state)` was last given. Raises NumericsError with step, view and term if
     anything is not finite, GeometryError for a carrier without faces, and DataError for a region where there are masks.
     """
     if len(state.faces) == 0:
@@ -74,10 +76,17 @@ def refine(
     targets = prepare_targets(
         views, downscale=settings.downscale, depths=depths, region=region, device=device, memory_gib=settings.memory_gib
     )
-    loop = _Loop(state, targets, settings, smoothness or Bilaplacian(), seed, where, device)
-    new, history = loop.run(progress, checkpoint, resumed)
+
+    def loop(firmness: float) -> _Loop:
+        firm = replace(state, firmness=firmness)
+        return _Loop(firm, targets, settings, smoothness or Bilaplacian(), seed, where, device)
+
+    if settings.firmer > 1 and settings.iterations > 0:
+        new, history = firmer_if_as_good(loop, settings.firmer, settings.iterations, progress, checkpoint, resumed)
+    else:
+        new, history = loop(state.firmness).run(progress, checkpoint, resumed)
     if settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
-        history |= diagnose(loop.surface, targets, gains=settings.gains)
+        history |= diagnose(surface_of(new, device), targets, gains=settings.gains)
     return new, history
 
 
@@ -126,35 +135,50 @@ class _Loop:
         # what one pixel's L1 puts on the texel it shows
         self.pixel_gradient = 1 / (3 * targets.height * targets.width)
         self.painter = painter_of(self.surface, targets.height, targets.width)
-        self.terms = Terms(self.surface, targets, settings, smoothness, fused=self.painter is not None)
+        self.terms = Terms(
+            self.surface, targets, settings, smoothness, firmness=state.firmness, fused=self.painter is not None
+        )
+        self.curve, self.sums = LossCurve([], [], []), [0.0, 0.0]
 
     def run(
         self, progress: Progress | None, checkpoint: Checkpoint | None, resumed: Resumed | None
     ) -> tuple[Stage1State, dict[str, Any]]:
         count = self.settings.iterations
         block = max(1, math.ceil(count / 50))
-        curve = LossCurve([], [], [])
-        sums = [0.0, 0.0]
         first = 0
         if resumed is not None:
             first, kept = resumed
-            curve, sums = LossCurve(*kept["curve"]), list(kept["sums"])
-            for name, tensor in self.changing().items():
-                tensor.detach().copy_(kept["tensors"][name])
+            self.restore(kept)
+        curve, sums = self.curve, self.sums
         for k in range(first, count):
             loss, error = self.step(k)
-            sums = [sums[0] + loss, sums[1] + error]
+            sums[:] = [sums[0] + loss, sums[1] + error]
             if (k + 1) % block == 0 or k + 1 == count:
                 size = k % block + 1
                 curve.iteration.append(self.state.iteration + k + 1)
                 curve.loss.append(sums[0] / size)
                 curve.psnr.append(-10 * math.log10(max(sums[1] / size, 1e-10)))
-                sums = [0.0, 0.0]
+                sums[:] = [0.0, 0.0]
                 if progress is not None:
                     progress(k + 1, count, loss=curve.loss[-1], psnr=curve.psnr[-1])
             if checkpoint is not None:
-                checkpoint(k + 1, {"tensors": self.changing(), "curve": list(curve), "sums": sums})
+                checkpoint(k + 1, self.kept())
         return self.result(), self.history(curve)
+
+    def kept(self) -> dict[str, Any]:
+        """What a checkpoint holds."""
+        return {"tensors": self.changing(), "curve": list(self.curve), "sums": self.sums}
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Go on from `kept`."""
+        self.curve, self.sums = LossCurve(*kept["curve"]), list(kept["sums"])
+        for name, tensor in self.changing().items():
+            tensor.detach().copy_(kept["tensors"][name])
+
+    def at(self, kept: Mapping[str, Any]) -> tuple[Stage1State, dict[str, Any]]:
+        """What `run` returned when it ended with `kept`."""
+        self.restore(kept)
+        return self.result(), self.history(self.curve)
 
     def changing(self) -> dict[str, torch.Tensor]:
         """All that steps change, in place: with the arguments of the call it determines what follows."""

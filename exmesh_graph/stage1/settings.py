@@ -29,6 +29,13 @@ class RefineSettings(Params):
         doc="Without masks: vertices whose gradients are below this share of the median's take shorter steps. Where "
         "pictures are silent (blown out, dark, unpainted) Adam makes full steps of what little they say. 0: does not.",
     )
+    firmer: float = param(
+        1.0,
+        ge=1,
+        le=100,
+        doc="Runs the round a second time with so many times the smoothness, and keeps that, in later rounds too, "
+        "where the photographs are met as well (0.03 dB): gloss then bends a smooth object less. 1: no second time.",
+    )
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
     texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")
     ssim_weight: float = param(
