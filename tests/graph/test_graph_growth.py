@@ -53,15 +53,20 @@ def test_a_graph_of_many_nodes_is_checked_at_once(bench: Any, monkeypatch: pytes
     gc.collect()
     gc.freeze()  # what earlier tests left is not looked through again and again meanwhile
     try:
-        before, began = plain_work(), time.process_time()
-        assert len(bench.check(CHAIN % 10_000).nodes) == 20_001
-        taken = time.process_time() - began
-        assert taken < 9 * max(before, plain_work())  # now 4.3 to 5 times it, at any load; 12 and more before
+        assert min(_check_over_plain_work(bench) for _ in range(3)) < 9  # now 4.3 to 5; 12 and more before
     finally:
         gc.unfreeze()
     monkeypatch.setenv("EXMESH_LIMITS", "nodes=20000 rounds=10000")
     with pytest.raises(GraphErrors, match=r"more than 20000 nodes"):
         bench.check(CHAIN % 10_000)
+
+
+def _check_over_plain_work(bench: Any) -> float:
+    """Processor time of checking 20 001 nodes over that of plain work. Once in many runs a neighbour doubles one."""
+    before, began = plain_work(), time.process_time()
+    assert len(bench.check(CHAIN % 10_000).nodes) == 20_001
+    taken = time.process_time() - began
+    return taken / max(before, plain_work())
 
 
 @pytest.mark.parametrize("text", ["nodes", "nodes=many", "node=5", "nodes=5,rounds=6", "nodes=-1"])
