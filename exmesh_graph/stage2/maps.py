@@ -134,8 +134,12 @@ class MaterialMaps:
         return Material(table, self.settings.metallic, self.settings.normal_map)
 
     def rows(self, flat: torch.Tensor) -> torch.Tensor:
-        """Rows of the table of flat texel positions, which must be among `texels`."""
-        return self._row_of[flat]
+        """Rows int32 of the table of flat texel positions. Raises ValueError for one that is not among `texels`: what
+        reads the rows does not look where they lead."""
+        rows = self._row_of[flat]
+        if rows.numel() and int(rows.min()) < 0:
+            raise ValueError(f"texel {int(flat[rows < 0][0])} of maps of side {self.size} is not part of the fit")
+        return rows
 
     @cached_property
     def _row_of(self) -> torch.Tensor:

@@ -86,6 +86,14 @@ def test_the_fused_step_is_that_of_plain_operations(carrier, train_views, light,
         assert float((found - expected).norm()) <= 1e-4 * float(expected.norm())
 
 
+def test_texels_outside_of_the_fit_are_refused(carrier, train_views):
+    maps = _model(carrier, train_views, FEW).maps
+    assert torch.equal(maps.rows(maps.texels), torch.arange(len(maps.texels), dtype=torch.int32))
+    outside = next(n for n in range(64 * 64) if n not in set(maps.texels.tolist()))
+    with pytest.raises(ValueError, match=f"texel {outside} of maps of side 64"):
+        maps.rows(torch.tensor([int(maps.texels[0]), outside]))
+
+
 def test_the_same_bytes_for_any_number_of_cores(carrier, train_views, monkeypatch):
     monkeypatch.setattr("exmesh_graph.gpu.cores.WORTH", 0.0)  # what is small is shared too
     for name in ("samples", "shade"):  # import_module: a function of the package has a module's name
