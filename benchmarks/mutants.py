@@ -3,6 +3,7 @@
     python -m benchmarks.mutants                      # all, some twenty minutes
     python -m benchmarks.mutants --only store 41      # those of files whose names hold "store", and number 41
     python -m benchmarks.mutants --list
+    python -m benchmarks.mutants --check              # whether each can be set in, without running tests
 
 A mutant is a file, a text that stands in it once, another text, a test file and words for pytest's -k. It is set into
 a copy of the tracked files, and its tests run there, and before any mutant once as they are. A mutant lives when they
@@ -39,6 +40,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", default=[], help="numbers, or parts of file names and groups")
     parser.add_argument("--list", action="store_true", help="say which there are")
+    parser.add_argument("--check", action="store_true", help="say which cannot be set in, and run nothing")
     args = parser.parse_args()
     chosen = [
         (number, one)
@@ -49,6 +51,9 @@ def main() -> int:
         for number, one in chosen:
             print(number, one.group, one.file, "|", one.old.strip(), "->", one.new.strip())
         return 0
+    if args.check:
+        print(*misfits(), sep="\n")
+        return int(bool(misfits()))
     counts = {"caught": 0, "all": len(chosen)}
     with tempfile.TemporaryDirectory() as folder:
         home = copied(Path(folder) / "copy")
@@ -58,6 +63,18 @@ def main() -> int:
             print(f"{number} {result.words}: {one.file}: {one.old.strip().splitlines()[0][:70]}", flush=True)
     print("{caught} of {all} are caught".format(**counts))
     return int(counts["caught"] < counts["all"])
+
+
+def misfits() -> list[str]:
+    """Mutants that cannot be set in, as their text stands nowhere in their file any more, or in several places."""
+    found = []
+    for number, one in enumerate(MUTANTS, 1):
+        places = (ROOT / one.file).read_text(encoding="utf-8").count(one.old)
+        if places != 1:
+            found.append(f"{number} {one.file}: {places} places, not one, for {one.old.strip()!r}")
+        if one.old == one.new or not (ROOT / one.tests).is_file():
+            found.append(f"{number} {one.file}: it changes nothing, or its tests {one.tests} are not there")
+    return found
 
 
 def copied(home: Path) -> Path:

@@ -356,7 +356,7 @@ LESSONS = _group(
     (f"{RUN}/hermetic.py", "            os.environ.update(environment)\n", "", _CLEAN, "behind"),
     (f"{RUN}/hermetic.py", "            os.chdir(folder)\n", "            pass\n", _CLEAN, "behind"),
     (f"{RUN}/hermetic.py", "    random.seed(seed)\n    numpy:", "    numpy:", _CLEAN, "generators"),
-    (f"{RUN}/hermetic.py", "        torch.manual_seed(seed)\n", "", _CLEAN, "generators"),
+    (f"{RUN}/hermetic.py", "        _seed(torch, seed)\n", "", _CLEAN, "generators_start"),
     (
         f"{RUN}/hermetic.py",
         '    ("torch", "get_default_dtype", "set_default_dtype", "float32"),\n',
@@ -418,4 +418,58 @@ RESULTS = _group(
     (f"{RUN}/backends/worker.py", ', separators=(",", ":")', "", _HOLES, "spoils_json"),
 )
 
-MUTANTS = [*CORE, *HOLES, *REACH, *LESSONS, *RESULTS]
+_CHECKPOINT, _STATE = f"{TESTS}/test_graph_checkpoint.py", "exmesh_graph/types/state.py"
+
+ROLES = _group(
+    "which path holds which file, edited base types, order of maps, what a checkpoint brings back",
+    (f"{CACHE}/keys.py", "for name in sorted(bound.signature.path_fields)}", "for name in ()}", _HOLES, "which_path"),
+    (f"{CACHE}/keys.py", "path in own or not set(own).isdisjoint(path.parents)", "path in own", _HOLES, "which_path"),
+    (
+        f"{CACHE}/keys.py",
+        "if bound.sources and list(beside.values()) == [_files(bound.sources)]:",
+        "if len(beside) == 1:",
+        _HOLES,
+        "which_path",
+    ),
+    (
+        f"{CACHE}/keys.py",
+        "return [_without_paths(item, bound) for item in value] or None",
+        "return sorted([_without_paths(item, bound) for item in value], key=str) or None",
+        _HOLES,
+        "which_path",
+    ),
+    (f"{CACHE}/keys.py", "and known[name] not in declared:", "and False:", _HOLES, "takes_as_its_base"),
+    (
+        f"{RUN}/execute.py",
+        "for kind in kinds for name in sources_changed(",
+        "for kind in () for name in (",
+        _HOLES,
+        "base",
+    ),
+    (
+        f"{RUN}/execute.py",
+        '    keyed |= {f"~{name}": code for',
+        '    keyed |= {f"~{name}": kinds[name] for',
+        _HOLES,
+        "base",
+    ),
+    (f"{G}/declare/components.py", "for name in sorted(value)}", "for name in value}", _HOLES, "order_of_a_map"),
+    (f"{RUN}/job.py", "in_order(bound.params", "(bound.params", _HOLES, "order_of_a_map"),
+    (
+        f"{G}/declare/components.py",
+        '"params": in_order(self.params())',
+        '"params": self.params()',
+        _HOLES,
+        "order_of_a_map",
+    ),
+    (f"{RUN}/hermetic.py", "    sys.meta_path.insert(0, seeding)\n", "", _CLEAN, "imports_first"),
+    (f"{RUN}/checkpoint.py", "draw_on(found.pop(_DRAWN))", "found.pop(_DRAWN)", _CHECKPOINT, "go_on"),
+    (f"{RUN}/hermetic.py", '    if states["numpy"]:\n', "    if False:\n", _CHECKPOINT, "go_on"),
+    (f"{RUN}/checkpoint.py", ' or record["format"] != FORMAT:', ":", _CHECKPOINT, "another_format"),
+    (_STATE, "if id(value) in self.seen:", "if False:", _CHECKPOINT, "shares_memory"),
+    (_STATE, "if len(members) > 1 or alike:", "if alike:", _CHECKPOINT, "shares_memory"),
+    (_STATE, 'else {"fixed": True}', "else {}", _CHECKPOINT, "shares_memory"),
+    (_STATE, "if type(value) is float:", "if isinstance(value, float):", _CHECKPOINT, "a_solver_keeps"),
+)
+
+MUTANTS = [*CORE, *HOLES, *REACH, *LESSONS, *RESULTS, *ROLES]

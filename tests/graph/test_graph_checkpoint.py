@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import GraphError, StoreError
+from exmesh_graph.graph.run import checkpoint
 from exmesh_graph.graph.run.checkpoint import Checkpoints
 from exmesh_graph.graph.run.hermetic import apart
 
@@ -123,6 +124,13 @@ def test_other_keys_see_nothing(tmp_path: Path) -> None:
     os.rename(tmp_path / "checkpoints" / KEY, other.folder)
     assert other.load() is None
     assert "another key" in other.notes[0]
+
+
+def test_another_format_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as before:
+        before.setattr(checkpoint, "FORMAT", checkpoint.FORMAT - 1)
+        Checkpoints(tmp_path, KEY).save(3, {})
+    assert Checkpoints(tmp_path, KEY).load() is None
 
 
 def flip(path: Path) -> None:

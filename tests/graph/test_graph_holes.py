@@ -17,6 +17,7 @@ from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache import keys
 from exmesh_graph.graph.cache.fingerprint import Sources
 from exmesh_graph.graph.declare import packs
+from exmesh_graph.graph.run import execute
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.plan import HIT, RUN
 from exmesh_graph.graph.run.runner import NodeFailed
@@ -29,7 +30,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 import numpy as np
-from exmesh_graph.graph import Context, Params, node, param
+from exmesh_graph.graph import Component, Context, Params, component, node, param
 from exmesh_graph.types import Artifact, Metrics
 class Out(NamedTuple):
     metrics: Metrics
@@ -142,7 +143,7 @@ AREA = "nodes:\n  a: {type: holes.square}\n  b: {type: holes.area, x: '@a.out'}\
 
 
 @pytest.mark.reliability("a method edited of a wire type that a port takes as its base", "runs again")
-def test_a_method_of_a_type_that_a_port_takes_as_its_base(pack: Opened) -> None:
+def test_a_method_of_a_type_that_a_port_takes_as_its_base(pack: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
     areas = []
     for power in (2, 10):
         _forget()
@@ -151,6 +152,11 @@ def test_a_method_of_a_type_that_a_port_takes_as_its_base(pack: Opened) -> None:
         areas.append(bench.value(bench.run(AREA), "b", "metrics").values["area"])
     assert areas == [9, 59049]
     assert why_of(bench.check(AREA), "b", bench.store).depends_on["kinds"] == ["holes.Square"]
+    assert {row["state"] for row in bench.run(AREA)["nodes"]} == {"hit"}
+    with monkeypatch.context() as patched:  # a worker that loaded other code than the run was planned with
+        patched.setattr(execute, "kinds_of", lambda *_: {"holes.Square": "e" * 64})
+        row = bench.run(AREA, force={"b"})["nodes"][1]
+        assert "its code changed during the run (since the run was planned)" in row["warnings"][0]
     (bench.root / "holes_pack/square.py").write_text(SQUARE % 3)  # edited, not loaded anew
     bench.packs.part(Sources).refresh()
     for _ in range(2):
@@ -214,10 +220,14 @@ def test_which_path_holds_which_file(pack: Opened, kind: str, before: str, after
 MAPS = """
 class P(Params):
     table: dict[str, int] = param({}, doc="Names.")
+@component("holes.table", version="1")
+class Table(Component):
+    "Names of its own."
+    table: dict[str, int] = param({}, doc="Names.")
 @node("holes.names", version="1")
-def names(ctx: Context, *, p: P) -> Out:
+def names(ctx: Context, plug: Table, *, p: P) -> Out:
     "In the order that the node sees."
-    return Out(Metrics({"names": list(p.table)}))
+    return Out(Metrics({"names": [*p.table, *plug.table]}))
 """
 
 
@@ -225,8 +235,10 @@ def names(ctx: Context, *, p: P) -> Out:
 def test_the_order_of_a_map_is_not_seen(pack: Opened) -> None:
     bench = pack(MAPS)
     for table in ("{b: 1, a: 2}", "{a: 2, b: 1}"):
-        record = bench.run(f"nodes: {{a: {{type: holes.names, table: {table}}}}}")
-        assert bench.value(record, "a", "metrics").values["names"] == ["a", "b"]
+        text = (
+            f"nodes: {{c: {{type: holes.table, table: {table}}}, a: {{type: holes.names, table: {table}, plug: '@c'}}}}"
+        )
+        assert bench.value(bench.run(text), "a", "metrics").values["names"] == ["a", "b", "a", "b"]
 
 
 ROWS = """
