@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
+from collections import Counter, OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,23 +21,32 @@ if TYPE_CHECKING:
     import numpy as np
 
 _AS_BITS = {"bfloat16": "int16", "float8_e4m3fn": "uint8", "float8_e5m2": "uint8"}
+_KINDS: dict[str, Any] = {"dict": dict, "OrderedDict": OrderedDict, "Counter": Counter}
 
 
-def save_state(folder: Path, state: Mapping[str, Any]) -> None:
+def save_state(folder: Path, state: Mapping[str, Any], beside: Mapping[str, Any] | None = None) -> None:
     """Write `state` into `folder`. Values: numpy arrays, torch tensors (kept by value, on the CPU), numbers, strings,
-    None, and dicts (str or int keys), lists and tuples of these. Raises GraphError for anything else; warns of a
-    tensor that has a gradient, which is not kept.
+    None, and dicts (str or int keys; also OrderedDict and Counter), lists and tuples of these. Raises GraphError for
+    anything else, also for what derives from these, since it would come back without its own ways; warns of a tensor
+    that has a gradient, which is not kept. `beside` is a second state in the same files.
     """
     packer = _Packer()
-    tree = packer.packed(state, "state")
+    trees = [packer.packed(state, "state"), packer.packed(beside or {}, "state")]
     packer.share()
-    save_arrays(folder, packer.arrays, {"tree": tree})
+    save_arrays(folder, packer.arrays, {"trees": trees})
 
 
 def load_state(folder: Path) -> dict[str, Any]:
     """Read what `save_state` wrote; tensors come back on the CPU without gradient."""
+    return load_states(folder)[0]
+
+
+def load_states(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The state and the one beside it."""
     arrays, meta = load_arrays(folder)
-    return dict(_Unpacker(arrays).unpacked(meta["tree"]))
+    unpacker = _Unpacker(arrays)
+    state, beside = map(unpacker.unpacked, meta["trees"])
+    return state, beside
 
 
 class _Packer:
@@ -54,23 +64,29 @@ class _Packer:
             return value
         if type(value) is float:
             return float(value) if math.isfinite(value) else {"float": str(float(value))}
-        if isinstance(value, tuple):
+        if type(value) is tuple or (hasattr(value, "numel") and isinstance(value, tuple)):  # torch.Size
             return {"tuple": [self.packed(item, f"{where}[{index}]") for index, item in enumerate(value)]}
         if id(value) in self.seen:
             return {"same": self.seen[id(value)][0]}
         self.seen[id(value)] = len(self.seen), value
-        if isinstance(value, Mapping):
+        if type(value) in _KINDS.values():
             if not all(type(key) in (str, int) for key in value):
                 raise GraphError(f"a checkpoint's {where} has keys other than str and int")
-            return {"dict": [[key, self.packed(item, f"{where}[{key!r}]")] for key, item in value.items()]}
-        if isinstance(value, list):
+            pairs = [[key, self.packed(item, f"{where}[{key!r}]")] for key, item in value.items()]
+            return {"dict": pairs} | ({} if type(value) is dict else {"kind": type(value).__name__})
+        if type(value) is list:
             return [self.packed(item, f"{where}[{index}]") for index, item in enumerate(value)]
         return self._packed_array(value, where)
 
     def _packed_array(self, value: Any, where: str) -> dict[str, Any]:
         name = f"{len(self.arrays):06d}"
         torch, numpy = sys.modules.get("torch"), sys.modules.get("numpy")
-        if torch is not None and isinstance(value, torch.Tensor) and not value.is_complex() and not value.is_sparse:
+        if (
+            torch is not None
+            and type(value) in (torch.Tensor, torch.nn.Parameter)
+            and not value.is_complex()
+            and not value.is_sparse
+        ):
             if value.is_leaf and value.grad is not None:
                 warnings.warn(f"a checkpoint does not keep the gradient of its {where}", stacklevel=2)
             kind = str(value.dtype).removeprefix("torch.")
@@ -134,9 +150,10 @@ class _Unpacker:
         if not isinstance(value, dict):
             return value
         if "dict" in value:
-            table: dict[Any, Any] = {}
+            table = _KINDS[value.get("kind", "dict")]()
             self.seen.append(table)
-            table.update((key, self.unpacked(item)) for key, item in value["dict"])
+            for key, item in value["dict"]:  # no `update`, which adds to a Counter
+                table[key] = self.unpacked(item)
             return table
         if "tuple" in value:
             return tuple(self.unpacked(item) for item in value["tuple"])

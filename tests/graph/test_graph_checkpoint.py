@@ -7,7 +7,9 @@ import math
 import os
 import random
 import sys
+from collections import Counter, OrderedDict, defaultdict, namedtuple
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -75,7 +77,22 @@ def test_everything_a_solver_keeps(tmp_path: Path) -> None:
     assert found["columns"].flags.f_contiguous
 
 
-@pytest.mark.parametrize("odd", [np.ma.masked_equal([1, 2], 2), enum.IntEnum("E", "a").a, np.matrix([[1]])])
+class Adding(list[int]):
+    """Its + is another one."""
+
+
+class Wrapped(torch.Tensor):
+    """Not one of torch's own."""
+
+
+Point = namedtuple("Point", "x y")
+ODD = [
+    np.ma.masked_equal([1, 2], 2), enum.IntEnum("E", "a").a, np.matrix([[1]]), Adding([1]), Point(1, 2),
+    defaultdict(int), MappingProxyType({}), torch.ones(2).as_subclass(Wrapped),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("odd", ODD)
 def test_what_would_come_back_as_another_kind_is_refused(odd: Any, tmp_path: Path) -> None:
     with pytest.raises(GraphError, match="a checkpoint cannot hold a"):
         Checkpoints(tmp_path, KEY).save(1, {"odd": odd})
@@ -164,7 +181,7 @@ def test_a_full_disk_says_so_and_keeps_the_last_one(tmp_path: Path, monkeypatch:
     checkpoints = Checkpoints(tmp_path, KEY)
     checkpoints.save(1, {"x": 1})
 
-    def full(folder: Path, state: Any) -> None:
+    def full(folder: Path, *_: Any) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(checkpoint, "save_state", full)
@@ -217,6 +234,17 @@ def test_what_shares_memory_still_does(tmp_path: Path) -> None:
     found["tensor"][:] = 8
     for name, value in (("column", 7), ("back", 7), ("of", 7), ("detached", 8), ("part", 8)):
         assert (found[name] == value).all(), name
+
+
+def test_a_state_that_holds_itself_and_counters(tmp_path: Path) -> None:
+    state: dict[str, Any] = {"n": Counter(a=2), "order": OrderedDict(b=1, a=2), "size": torch.ones(2, 3).shape}
+    state["own"] = state
+    found = come_back(tmp_path, state)
+    assert found["own"] is found
+    found["n"].update(["a"])
+    assert found["n"] == Counter(a=3)
+    assert found["order"] != OrderedDict(a=2, b=1)
+    assert found["size"] == (2, 3)
 
 
 def test_a_gradient_is_not_lost_in_silence(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import py_compile
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -411,6 +412,26 @@ def test_bytecode_of_other_source_is_noticed(pack: tuple[Path, Take], monkeypatc
     fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
     take()
     assert fp.sources_changed(NodeDef("t", fake, "1")) == ["fp_pack.deep"]
+    sys.modules.pop("fp_pack.deep")
+    assert importlib.import_module("fp_pack.deep").base(5) == 7
+    take()
+    assert fp.sources_changed(NodeDef("t", fake, "1")) == []
+    sys.modules.pop("fp_pack.deep")
+
+
+@pytest.mark.reliability("bytecode that Python takes unchecked is of another text", "told, and removed")
+def test_bytecode_that_python_never_checks(pack: tuple[Path, Take]) -> None:
+    root, take = pack
+    deep = root / "deep.py"
+    made = py_compile.compile(str(deep), invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
+    deep.write_text(deep.read_text().replace("return x", "return 7"))
+    os.utime(made)  # copied later, say
+    assert importlib.import_module("fp_pack.deep").base(5) == 5  # the trap
+    fake = lambda: None  # noqa: E731
+    fake.__module__, fake.__name__ = "fp_pack.nodes", "first"
+    take()
+    assert fp.sources_changed(NodeDef("t", fake, "1")) == ["fp_pack.deep"]
+    assert not Path(made).exists()
     sys.modules.pop("fp_pack.deep")
     assert importlib.import_module("fp_pack.deep").base(5) == 7
     take()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import random
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -153,10 +155,12 @@ def test_a_method_of_a_type_that_a_port_takes_as_its_base(pack: Opened, monkeypa
     assert areas == [9, 59049]
     assert why_of(bench.check(AREA), "b", bench.store).depends_on["kinds"] == ["holes.Square"]
     assert {row["state"] for row in bench.run(AREA)["nodes"]} == {"hit"}
-    with monkeypatch.context() as patched:  # a worker that loaded other code than the run was planned with
-        patched.setattr(execute, "kinds_of", lambda *_: {"holes.Square": "e" * 64})
-        row = bench.run(AREA, force={"b"})["nodes"][1]
-        assert "its code changed during the run (since the run was planned)" in row["warnings"][0]
+    for name, value in (("kinds", {"holes.Square": "e" * 64}), ("libraries", {"numpy": "0.1"})):
+        other = {name: value}  # a worker that loaded other code, or libraries, than the run was planned with
+        with monkeypatch.context() as patched:
+            patched.setattr(execute, "preimage_of", lambda *given, other=other: {**keys.preimage_of(*given), **other})
+            row = bench.run(AREA, force={"b"})["nodes"][1]
+            assert "its code changed during the run (since the run was planned)" in row["warnings"][0]
     (bench.root / "holes_pack/square.py").write_text(SQUARE % 3)  # edited, not loaded anew
     bench.packs.part(Sources).refresh()
     for _ in range(2):
@@ -188,6 +192,13 @@ class One(Params):
 def one(ctx: Context, *, p: One) -> Out:
     "One of several files that are all listed."
     return Out(Metrics({"v": p.path.read_text()}))
+class Two(Params):
+    u: Path = param(..., doc="A file.")
+    v: Path = param(..., doc="Another.")
+@node("holes.last", version="1", sources=lambda p: {f.name: f for f in (p.u, p.v)})
+def last(ctx: Context, *, p: Two) -> Out:
+    "Two files of one name, of which the last alone is listed."
+    return Out(Metrics({"v": [p.u.read_text(), p.v.read_text()]}))
 """
 ROLES = [
     ("files", "u: a.txt", "v: a.txt"),
@@ -198,6 +209,7 @@ ROLES = [
     ("files", "u: one, v: two", "u: two, v: one"),
     ("files", "u: none", "v: none"),
     ("one", "path: one/1.txt", "path: one/2.txt"),
+    ("last", "u: one/1.txt, v: two/1.txt", "u: three/1.txt, v: two/1.txt"),
 ]
 
 
@@ -205,7 +217,7 @@ ROLES = [
 @pytest.mark.parametrize(("kind", "before", "after"), ROLES)
 def test_which_path_holds_which_file(pack: Opened, kind: str, before: str, after: str) -> None:
     bench = pack(FILES)
-    for name in ("a.txt", "b.txt", "one/1.txt", "one/2.txt", "two/3.txt"):
+    for name in ("a.txt", "b.txt", "one/1.txt", "one/2.txt", "two/1.txt", "two/3.txt", "three/1.txt"):
         (bench.root / name).parent.mkdir(exist_ok=True)
         (bench.root / name).write_text(name)
     (bench.root / "none").mkdir()
@@ -215,6 +227,81 @@ def test_which_path_holds_which_file(pack: Opened, kind: str, before: str, after
         values.append(bench.value(bench.run(text), "a", "metrics").values["v"])
         assert bench.run(text)["nodes"][0]["state"] == "hit"
     assert values[0] != values[1]
+
+
+BACK = """
+class P(Params):
+    path: Path = param(..., doc="A file.")
+@node("holes.back", version="1", sources=lambda p: {"path": p.path})
+def back(ctx: Context, *, p: P) -> Out:
+    "Reads what somebody wrote meanwhile, and took back."
+    before = p.path.read_text()
+    p.path.write_text("other")
+    found = p.path.read_text()
+    p.path.write_text(before)
+    return Out(Metrics({"v": found}))
+class Q(Params):
+    late: str = param(..., doc="A module's file.")
+@node("holes.late", version="1")
+def late(ctx: Context, *, p: Q) -> Out:
+    "Imports what somebody wrote meanwhile, and took back."
+    file, before = Path(p.late), Path(p.late).read_text()
+    file.write_text("W = 2000")
+    import holes_late
+    file.write_text(before)
+    return Out(Metrics({"v": holes_late.W}))
+"""
+
+
+@pytest.mark.reliability("a file or module is edited while a node runs, and put back before it ends", "not remembered")
+@pytest.mark.parametrize(("kind", "given"), [("back", "path: file.txt"), ("late", "late: {root}/holes_late.py")])
+def test_what_is_there_and_back_again(pack: Opened, kind: str, given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = pack(BACK)
+    (bench.root / "file.txt").write_text("own")
+    (bench.root / "holes_late.py").write_text("W = 1")
+    monkeypatch.delitem(sys.modules, "holes_late", raising=False)
+    text = f"nodes: {{a: {{type: holes.{kind}, {given.format(root=bench.root)}}}}}"
+    assert "not remembered" in bench.run(text)["nodes"][0]["warnings"][0]
+    assert bench.run(text)["nodes"][0]["state"] == "done"
+    monkeypatch.delitem(sys.modules, "holes_late", raising=False)
+
+
+DRAWS = """
+class P(Params):
+    number: int = param(0, doc="Which.")
+@node("holes.draws", version="1")
+def draws(ctx: Context, *, p: P) -> Out:
+    "From the global generator, slowly."
+    import random, time
+    found = []
+    for _ in range(5):
+        found.append(random.random())
+        time.sleep(0.01)
+    return Out(Metrics({"v": found}))
+"""
+
+
+@pytest.mark.reliability("runs in two threads of one process, whose nodes draw from global generators", "as if alone")
+def test_two_threads_draw_each_its_own(pack: Opened) -> None:
+    bench = pack(DRAWS)
+    text = "nodes: {{a: {{type: holes.draws, number: {0}, seed: {0}}}}}"
+    values = {}
+
+    def run(number: int) -> None:
+        root = bench.root / str(number)
+        root.mkdir()
+        own = type(bench)(root, bench.packs)
+        values[number] = own.value(own.run(text.format(number)), "a", "metrics").values["v"]
+
+    threads = [threading.Thread(target=run, args=(number,)) for number in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    bound = bench.check(text.format(1)).nodes["a"], bench.check(text.format(2)).nodes["a"]
+    for number, one in enumerate(bound, 1):
+        dice = random.Random(one.seed)
+        assert values[number] == [dice.random() for _ in range(5)]
 
 
 MAPS = """

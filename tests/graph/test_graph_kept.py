@@ -109,6 +109,31 @@ def taken() -> NodeDef:
     return NodeDef("t", types.FunctionType((lambda: None).__code__, {"__name__": "kept_pack.nodes"}, "first"), "1")
 
 
+RE_EXPORTS = [  # the texts that functions stand in are the same before and after
+    ("from kept_pack.far import g\n", "from kept_pack.far import h as g\n"),
+    ("from kept_pack.far import g, h\n", "from kept_pack.far import g as h, h as g\n"),
+    ("from kept_pack.more import g\n", "from kept_pack.more import h as g\n"),
+    ("from math import sin as g\n", "from math import cos as g\n"),
+    ("from kept_pack.far import g as tools\n", "from kept_pack.far import h as tools\n"),
+]
+
+
+@pytest.mark.reliability("another function is chosen under a name that a package only re-exports", "another key")
+@pytest.mark.parametrize(("one", "two"), RE_EXPORTS)
+def test_what_is_re_exported_is_in_the_key(pack: Path, one: str, two: str) -> None:
+    (pack / "far.py").write_text("def g():\n    return 6\ndef h():\n    return 7\n")
+    (pack / "more.py").write_text("from kept_pack.far import g, h\n")
+    (pack / "api").mkdir()
+    (pack / "api/tools.py").write_text("")
+    name = "tools" if "tools" in one else "g"
+    (pack / "nodes.py").write_text(f"from kept_pack.api import {name}\ndef first(ctx):\n    return {name}()\n")
+    digests = []
+    for text in (one, two):
+        (pack / "api/__init__.py").write_text(text)
+        digests.append(fp.fingerprint(taken()).digest)
+    assert digests[0] != digests[1]
+
+
 @pytest.mark.parametrize(
     "line",
     [

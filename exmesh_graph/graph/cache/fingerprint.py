@@ -153,10 +153,11 @@ class Sources:
                 what = f"code={name!r} of the node {definition.function.__qualname__} in {module} is no module"
                 raise GraphError(what)
         tops = {OWN, *self._siblings(module.partition(".")[0]), *(name.partition(".")[0] for name in code)}
-        modules = list(self._closure([*imports, *((name, None) for name in code)], frozenset(tops)))
+        followed: dict[str, str] = {}
+        modules = list(self._closure([*imports, *((name, None) for name in code)], frozenset(tops), followed))
         texts = [self.module(name) for name in modules if self.find(name) is not None]
         found = dict.fromkeys(modules, ABSENT) | {text.name: text.digest for text in texts}
-        parts = dict(sorted({**parts, **found}.items()))
+        parts = dict(sorted({**parts, **found, **followed}.items()))
         digest = sha("\n".join(f"{name} {part}" for name, part in parts.items()))
         names = {name.partition(":")[0] for name, part in parts.items() if part != ABSENT} - {MAIN}
         return Fingerprint(digest, parts, tuple(sorted(names)), tuple(lines))
@@ -176,8 +177,12 @@ class Sources:
         path = self.find(name) or self.find(f"{name}.{attribute}")
         return path is not None and not _is_installed(path)
 
-    def _closure(self, imports: Iterable[Import], tops: frozenset[str]) -> Iterator[str]:
-        """The project modules reachable from `imports`."""
+    def _closure(self, imports: Iterable[Import], tops: frozenset[str], followed: dict[str, str]) -> Iterator[str]:
+        """The project modules reachable from `imports`.
+
+        `followed` gets what stands behind each name that a package only re-exports: it counts beside the texts, since
+        all of these may be there before and after another one is chosen.
+        """
         seen: set[Import] = set()
         done: set[str] = set()
         todo = list(imports)
@@ -190,10 +195,12 @@ class Sources:
             known = name != MAIN and name.partition(".")[0] in tops
             if is_ignored(name) or not (known or self._local(name, attribute)):
                 continue
+            exports = self.module(name).exports if attribute is not None and self.find(name) else None
+            if exports and attribute in exports:
+                todo.append(exports[attribute])
+                followed[f"{name}:{attribute}"] = " ".join(map(str, exports[attribute]))
             if attribute and self.find(f"{name}.{attribute}") is not None:
-                todo.append((f"{name}.{attribute}", None))
-                exports = self.module(name).exports if self.find(name) else None
-                todo += [(name, ""), *([exports[attribute]] if exports and attribute in exports else [])]
+                todo += [(f"{name}.{attribute}", None), (name, "")]
                 continue
             if name == OWN or (attribute == "" and self.find(name) is None):
                 continue  # the front door, which no room below uses; a package without a file of its own
@@ -204,16 +211,12 @@ class Sources:
                 # an import that is tried and may fail; a package without a file of its own
                 yield name
                 continue
-            module = self.module(name)
-            if module.exports is not None and attribute is not None:
-                if attribute in module.exports:
-                    todo.append(module.exports[attribute])
-                if attribute == "" or attribute in module.exports:
-                    continue
+            if exports is not None and (attribute == "" or attribute in exports):
+                continue
             if name not in done:
                 done.add(name)
                 yield name
-                todo += module.imports
+                todo += self.module(name).imports
 
     def _read(self, name: str) -> ModuleText:
         path = self.find(name)

@@ -21,6 +21,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from exmesh_graph.errors import GraphError
+from exmesh_graph.files import sha256_file
 from exmesh_graph.graph import sealed
 from exmesh_graph.graph.cache.fingerprint import fingerprint
 from exmesh_graph.graph.declare.components import BoundComponent
@@ -110,9 +111,9 @@ def _without_paths(value: Any, bound: Bound) -> Any:
     """What a path parameter holds, with names among the source files in place of paths, which differ by machine."""
     if isinstance(value, PurePath):
         own = value, Path(value).resolve()
-        return _files(
-            name for name, path in bound.sources.items() if path in own or not set(own).isdisjoint(path.parents)
-        )
+        found = [n for n, path in bound.sources.items() if path in own or not set(own).isdisjoint(path.parents)]
+        unlisted = not found and own[1].is_file()  # two of one name, say, of which `sources` lists the last
+        return {"contents": sha256_file(own[1])} if unlisted else _files(found)
     if isinstance(value, list | tuple):
         return [_without_paths(item, bound) for item in value] or None
     if isinstance(value, Mapping):

@@ -86,7 +86,8 @@ class ModuleText:
             data = self.path.read_bytes()
         except OSError:
             return True
-        return data != self.data and text_of(data) != text_of(self.data)
+        # loaded since, and nobody knows of which text: this one may only be back
+        return spec_of(self.name) is not self.spec or (data != self.data and text_of(data) != text_of(self.data))
 
     def slice(self, function: str) -> tuple[str, list[Import], list[int]]:
         """(digest, imports, lines) of the part of the module that `function` uses."""
@@ -238,11 +239,16 @@ def drop_stale_bytecode(path: Path, data: bytes) -> bool:
     """
     with contextlib.suppress(OSError, ValueError, EOFError, TypeError, SyntaxError):
         cache, status = Path(importlib.util.cache_from_source(str(path))), path.stat()
-        if cache.stat().st_mtime_ns > status.st_ctime_ns:
-            return False
         held = cache.read_bytes()
+        unchecked = held[:8] == struct.pack(
+            "<4sL", MAGIC_NUMBER, 1
+        )  # Python never looks whether the source is the same
+        if cache.stat().st_mtime_ns > status.st_ctime_ns and not unchecked:
+            return False
         taken = struct.pack("<4sLLL", MAGIC_NUMBER, 0, int(status.st_mtime) & 0xFFFFFFFF, len(data) & 0xFFFFFFFF)
-        if held[:16] == taken and marshal.loads(held[16:]) != compile(data, str(path), "exec", dont_inherit=True):
+        if (unchecked or held[:16] == taken) and marshal.loads(held[16:]) != compile(
+            data, str(path), "exec", dont_inherit=True
+        ):
             cache.unlink()
             return True
     return False

@@ -18,10 +18,9 @@ from typing import Any
 from exmesh_graph import files
 from exmesh_graph.graph import sealed
 from exmesh_graph.graph.run.hermetic import draw_on, drawn
-from exmesh_graph.types.state import load_state, save_state
+from exmesh_graph.types.state import load_states, save_state
 
-FORMAT = 2
-_DRAWN = "~drawn"  # the global generators, beside the state
+FORMAT = 3
 
 
 class Checkpoints:
@@ -38,7 +37,7 @@ class Checkpoints:
         with files.writing("the checkpoint", self.root, "--store"), files.own_folder(self.work) as home:
             draft = home / "checkpoint"
             draft.mkdir()
-            save_state(draft, {**state, _DRAWN: drawn()})
+            save_state(draft, state, drawn())
             written = files.walk_files(draft)
             table = {name: files.sha256_file(path) for name, path in written}
             record = {"format": FORMAT, "key": self.key, "step": step, "files": table}
@@ -55,8 +54,8 @@ class Checkpoints:
         for folder in self.steps():
             try:
                 step = checked_step(folder, self.key)
-                found = load_state(folder)
-                draw_on(found.pop(_DRAWN))
+                found, generators = load_states(folder)
+                draw_on(generators)
                 return step, found
             except Exception as error:
                 self.notes.append(f"checkpoint {folder.name} of {self.key[:10]} is not used: {error}")

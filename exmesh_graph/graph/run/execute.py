@@ -13,14 +13,14 @@ from typing import Any
 
 from exmesh_graph.errors import GraphError, StoreError
 from exmesh_graph.graph.cache.fingerprint import fingerprint, remember_in, sources_changed
-from exmesh_graph.graph.cache.keys import NOTHING, Stored, kinds_of, listed
+from exmesh_graph.graph.cache.keys import NOTHING, Stored, key_of, kinds_of, listed, preimage_of
 from exmesh_graph.graph.cache.store import Store
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.ports import Port, artifact_types, base_name
 from exmesh_graph.graph.language.check import Bound
 from exmesh_graph.graph.problems import in_short
 from exmesh_graph.graph.run.checkpoint import Checkpoints
-from exmesh_graph.graph.run.hermetic import apart
+from exmesh_graph.graph.run.hermetic import ALONE, apart
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
 from exmesh_graph.graph.run.lists import arguments
 from exmesh_graph.graph.run.memory import Memory
@@ -134,8 +134,8 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         checkpoints = Checkpoints(kept, job.key) if bound.definition.resumable else None
         context = NodeContext(job, attempt / "scratch", checkpoints, emit)
         reset_peak_memory()
-        started, began = time.time(), time.perf_counter()
-        with _stoppable(context, bound.definition.resumable), apart(job.seed):
+        started, began, before = time.time(), time.perf_counter(), _stamps(bound)
+        with ALONE, _stoppable(context, bound.definition.resumable), apart(job.seed):
             result = _call(bound, context, inputs)
         seconds, peak = time.perf_counter() - began, peak_memory()
         check_untouched(bound, inputs, marks)
@@ -151,7 +151,7 @@ def _execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         "finished": time.time(), "warnings": context.warnings, "machine": machine_facts(),
         "code_parts": fingerprint(bound.definition).parts,
     }  # fmt: skip
-    _record(job, bound, store, stored, info, context)
+    _record(job, bound, store, stored, info, context, before)
     if checkpoints is not None:
         checkpoints.clear()
     if context.stopping:  # it ended without another checkpoint
@@ -209,9 +209,10 @@ def _stoppable(context: NodeContext, resumable: bool) -> Iterator[None]:
 
 
 def _record(
-    job: Job, bound: Bound, store: Store, stored: Mapping[str, Stored], info: Mapping[str, Any], context: NodeContext
-) -> None:
-    """Record the action, unless what it was keyed by changed under its hands."""
+    job: Job, bound: Bound, store: Store, stored: Mapping[str, Stored], info: Mapping[str, Any], context: NodeContext,
+    before: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Record the action, unless what it was keyed by changed under its hands. `before`: its `_stamps`."""
     listed = {} if bound.definition.sources is None else bound.definition.sources(bound.params)
     if {str(name): Path(path) for name, path in listed.items()} != dict(bound.sources):
         raise GraphError(f"the list of source files changed while {bound.name} ran", where=str(bound.where))
@@ -219,8 +220,10 @@ def _record(
         if store.sources.digest(path) != job.preimage["sources"][name]:
             raise GraphError(f"the source file {name} changed while {bound.name} ran", where=str(path))
     changed = _changed(bound, job)
-    if changed:
-        context.warn(f"not remembered: its code changed during the run ({', '.join(changed)})")
+    touched = [name for name, stamp in _stamps(bound).items() if stamp != before[name]]  # there and back, say
+    if changed or touched:
+        what = "code" if changed else "source files"
+        context.warn(f"not remembered: its {what} changed during the run ({', '.join(changed or touched)})")
         return
     store.record(job.preimage, stored, info)
 
@@ -230,19 +233,13 @@ def _changed(bound: Bound, job: Job) -> list[str]:
     changed = [name for definition in bound.definitions() for name in sources_changed(definition)]
     kinds = kinds_of(bound, job.inputs)
     changed += [name for kind in kinds for name in sources_changed(NodeDef(kind, artifact_types()[kind], ""))]
-    keyed = {"": job.preimage["code"]} | dict(_codes(job.preimage.get("components", {})))
-    keyed |= {f"~{name}": code for name, code in job.preimage.get("kinds", {}).items()}
-    now = {"": fingerprint(bound.definition).digest}
-    now |= {plug.name: fingerprint(plug.definition).digest for plug in bound.plugged()}
-    now |= {f"~{name}": code for name, code in kinds.items()}
-    return changed or (["since the run was planned"] if now != keyed else [])
+    now = preimage_of(bound, fingerprint(bound.definition).digest, job.preimage["sources"], job.inputs)
+    return changed or (["since the run was planned"] if key_of(now) != job.key else [])
 
 
-def _codes(plugs: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, str]]:
-    """(name as `rebuild` gives it, code) of all components of a pre-image."""
-    for port, plug in plugs.items():
-        yield place + port, plug["code"]
-        yield from _codes(plug["components"], f"{place}{port}.")
+def _stamps(bound: Bound) -> dict[str, Any]:
+    """What tells that source files were written, also where their contents are as before."""
+    return {name: [(s := path.stat()).st_ino, s.st_size, s.st_mtime_ns] for name, path in bound.sources.items()}
 
 
 def check_input(bound: Bound, port: str, value: Artifact, promised: Mapping[str, Any]) -> None:

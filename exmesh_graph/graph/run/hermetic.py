@@ -14,10 +14,12 @@ import locale
 import os
 import random
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+ALONE = threading.RLock()  # one node at a time in a process, also of runs in several of its threads
 _ERRORS = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 _STATES: tuple[tuple[str, str, str, Any], ...] = (  # (module, getter, setter, value where a node imported the module)
     ("sys", "getrecursionlimit", "setrecursionlimit", None),
