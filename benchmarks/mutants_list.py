@@ -416,6 +416,7 @@ RESULTS = _group(
     ("exmesh_graph/api/kept.py", "if isinstance(item, ast.Global) and", "if False and", _KEPT, "functions_keep"),
     ("exmesh_graph/api/kept.py", "if end in _GOING_ON or", "if", _KEPT, "functions_keep"),
     (f"{RUN}/backends/worker.py", ', separators=(",", ":")', "", _HOLES, "spoils_json"),
+    (f"{RUN}/backends/worker.py", "        loads(data)  #", "        #", _HOLES, "spoils_json"),
 )
 
 _CHECKPOINT, _STATE = f"{TESTS}/test_graph_checkpoint.py", "exmesh_graph/types/state.py"

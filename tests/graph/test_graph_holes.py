@@ -383,14 +383,22 @@ nodes:
 
 
 @pytest.mark.reliability("a node spoils json in its worker", "it is one failed node; the run does not wait for ever")
-def test_a_node_that_spoils_json_is_one_failed_node(pack: Opened) -> None:
-    bench = pack("""
+@pytest.mark.parametrize(
+    "how",
+    [
+        "json.JSONEncoder.item_separator = json.JSONEncoder.key_separator = ';'",
+        "json.dumps = lambda *_, **__: 'nothing'",
+        "json.encoder.c_make_encoder = None; json.JSONEncoder.encode = lambda *_: 'nothing'",
+    ],
+)
+def test_a_node_that_spoils_json_is_one_failed_node(pack: Opened, how: str) -> None:
+    bench = pack(f"""
 @node("holes.spoils", version="1")
 def spoils(ctx: Context) -> Out:
     "What it says cannot be read."
     import json
-    json.JSONEncoder.item_separator = json.JSONEncoder.key_separator = ";"
-    return Out(Metrics({"a": 1, "b": 2}))
+    {how}
+    return Out(Metrics({{"a": 1, "b": 2}}))
 """)
     with pytest.raises(NodeFailed) as caught:
         bench.run("nodes: {a: {type: holes.spoils, limits: {seconds: 30}}}", backend=Local(1))

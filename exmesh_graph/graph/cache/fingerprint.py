@@ -206,8 +206,7 @@ class Sources:
                 continue  # the front door, which no room below uses; a package without a file of its own
             if "." in name:
                 todo.append((name.rpartition(".")[0], ""))
-            loaded = sys.modules.get(name)
-            if self.find(name) is None and (loaded is None or hasattr(loaded, "__path__")):
+            if self.find(name) is None and (sys.modules.get(name) is None or hasattr(sys.modules[name], "__path__")):
                 # an import that is tried and may fail; a package without a file of its own
                 yield name
                 continue

@@ -110,9 +110,10 @@ class _Worker:
             self.queue.put(command)
         os._exit(1)
 
-    def _send(self, message: Mapping[str, Any]) -> None:
+    def _send(self, message: Mapping[str, Any], dumps: Any = json.dumps, loads: Any = json.loads) -> None:
         # separators are given, so that a node that changed the encoder's does not change the lines
-        data = b"\n" + json.dumps(message, default=str, separators=(",", ":")).encode() + b"\n"
+        data = b"\n" + dumps(message, default=str, separators=(",", ":")).encode() + b"\n"
+        loads(data)  # where a node spoilt more of it: a worker that ends is better than a run that waits for ever
         try:
             while data:
                 data = data[os.write(self.out, data) :]
