@@ -452,6 +452,13 @@ ROLES = _group(
     (f"{CACHE}/moduletext.py", "spec_of(self.name) is not self.spec or (data", "(data", _HOLES, "there_and_back"),
     (f"{CACHE}/keys.py", "unlisted = not found and own[1].is_file()", "unlisted = False", _HOLES, "which_path"),
     (f"{RUN}/execute.py", "with ALONE, ", "with ", _HOLES, "two_threads"),
+    (
+        f"{CACHE}/fingerprint.py",
+        'return name.partition(".")[0] != MAIN',
+        "return name.partition('.')[0] not in sys.stdlib_module_names",
+        _KEPT,
+        "one_of_pythons",
+    ),
     (f"{CACHE}/fingerprint.py", ", **found, **followed}", ", **found}", _KEPT, "re_exported"),
     (f"{CACHE}/moduletext.py", "(unchecked or held[:16] == taken)", "held[:16] == taken", _CODE, "never_checks"),
     (_STATE, "if type(value) in _KINDS.values():", "if isinstance(value, Mapping):", _CHECKPOINT, "another_kind"),

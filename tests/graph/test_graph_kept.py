@@ -109,6 +109,18 @@ def taken() -> NodeDef:
     return NodeDef("t", types.FunctionType((lambda: None).__code__, {"__name__": "kept_pack.nodes"}, "first"), "1")
 
 
+@pytest.mark.reliability("a file of the user's own that hides a module of Python's", "its text is in the key")
+def test_a_module_named_as_one_of_pythons(pack: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "tabnanny", raising=False)
+    (pack / "nodes.py").write_text("import tabnanny\ndef first(ctx):\n    return tabnanny.check('x')\n")
+    digests = [fp.fingerprint(taken()).digest]
+    for value in (1, 2):
+        (pack.parent / "tabnanny.py").write_text(f"def check(name):\n    return {value}\n")
+        importlib.invalidate_caches()
+        digests.append(fp.fingerprint(taken()).digest)
+    assert len(set(digests)) == 3
+
+
 RE_EXPORTS = [  # the texts that functions stand in are the same before and after
     ("from kept_pack.far import g\n", "from kept_pack.far import h as g\n"),
     ("from kept_pack.far import g, h\n", "from kept_pack.far import g as h, h as g\n"),

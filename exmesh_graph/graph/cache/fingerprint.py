@@ -41,6 +41,7 @@ from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.packs import current
 from exmesh_graph.graph.sealed import Memo
 
+_PYTHON = Path(importlib.__file__).parents[1]  # told by its place: a file of yours may have the name of one of these
 ABSENT = "absent"  # the digest of a module of the pack that is not there
 
 
@@ -75,7 +76,7 @@ def sources_changed(definition: NodeDef) -> list[str]:
 
 
 def _is_installed(path: Path) -> bool:
-    return any(part in ("site-packages", "dist-packages") for part in path.parts)
+    return path.is_relative_to(_PYTHON) or any(part in ("site-packages", "dist-packages") for part in path.parts)
 
 
 _loads: list[int] = []  # one entry for each time that a session found modules edited or loaded anew
@@ -172,10 +173,8 @@ class Sources:
 
     def _local(self, name: str, attribute: str | None) -> bool:
         """Whether an import is of a file of the user's own, not one of Python's or of an installed library."""
-        if name.partition(".")[0] in (*sys.stdlib_module_names, MAIN):
-            return False
         path = self.find(name) or self.find(f"{name}.{attribute}")
-        return path is not None and not _is_installed(path)
+        return name.partition(".")[0] != MAIN and path is not None and not _is_installed(path)
 
     def _closure(self, imports: Iterable[Import], tops: frozenset[str], followed: dict[str, str]) -> Iterator[str]:
         """The project modules reachable from `imports`.
