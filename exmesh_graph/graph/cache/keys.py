@@ -51,7 +51,7 @@ def key_of(preimage: Mapping[str, Any]) -> str:
 
 
 def preimage_of(
-    bound: Bound, code: str, sources: Mapping[str, str], inputs: Mapping[str, tuple[str, str]]
+    bound: Bound, code: str, sources: Mapping[str, str], inputs: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
     """The pre-image of a node's key. `inputs` maps connected ports to (type name, artifact digest)."""
     leave_out = bound.signature.path_fields | bound.signature.tuning_fields()
