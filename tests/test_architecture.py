@@ -169,6 +169,7 @@ except SystemExit as end:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "words",
     [["--help"], ["nodes"], ["check", "graphs/quickstart.yaml"], ["plan", "graphs/quickstart.yaml"]],

@@ -187,6 +187,7 @@ assert all(bool((counts == 20).all()) for counts in results)
 """
 
 
+@pytest.mark.thorough
 def test_threads_may_be_the_first_to_launch(tmp_path):
     """Warp initialises itself and loads modules without locks of its own: half of such runs died without ours."""
     script = tmp_path / "first_launches.py"
@@ -209,6 +210,7 @@ def test_a_launch_takes_its_own_arguments_and_none_of_the_last():
         assert torch.allclose(out, float(scale) * values[:, int(number)] + shift)
 
 
+@pytest.mark.thorough
 def test_a_launch_keeps_no_memory_of_its_tensors():
     counts = torch.zeros(67, dtype=torch.int32)  # of a layout that no other test has
     memory = weakref.ref(counts.untyped_storage())

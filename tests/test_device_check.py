@@ -123,6 +123,7 @@ def test_memory_that_does_not_suffice_is_told_with_the_parameters_that_help():
         raise torch.OutOfMemoryError("tried to allocate 9 GiB\nof 8")
 
 
+@pytest.mark.thorough
 def test_a_check_that_dies_is_a_fault(monkeypatch):
     """A device that does not exist here stands for a driver that ends the process."""
     outcomes = verdict.run_check("no-such-device")

@@ -27,6 +27,7 @@ def test_every_block_is_found() -> None:
     assert len(blocks()) == text.count("```python") - text.count("<!-- runs: no -->") > 5
 
 
+@pytest.mark.thorough
 def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     threads = torch.get_num_threads()

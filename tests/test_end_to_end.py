@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.thorough  # all of them, for what they share costs most
+
 ROOT = Path(__file__).resolve().parents[1]
 TINY = f"""
 extends: {ROOT / "graphs" / "quickstart.yaml"}

@@ -59,6 +59,7 @@ def test_ssim_of_flat_images_in_float32(level):
     assert float(gradient.abs().max()) < 1e-3
 
 
+@pytest.mark.thorough
 def test_ssim_gradient_and_cached_target():
     a, b = images(13, 12)
     a.requires_grad_()
@@ -128,6 +129,7 @@ def test_ssim_refuses_half_precision():
         losses.ssim(a.half(), b.half())
 
 
+@pytest.mark.thorough
 def test_masked_mean_and_its_gradient():
     a, b = images(30, 26)
     mask = torch.rand(30, 26, generator=torch.Generator().manual_seed(4)) > 0.6

@@ -47,6 +47,7 @@ def test_failing_imports(monkeypatch):
         native.import_open3d()
 
 
+@pytest.mark.thorough
 def test_open3d_loads_with_the_wheel_of_libusb_alone():
     """In a fresh process: the system's libusb plays no part, since the wheel's copy is loaded first."""
     code = (

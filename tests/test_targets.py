@@ -2,6 +2,7 @@
 
 import gc
 
+import pytest
 import torch
 
 from exmesh_graph import testing
@@ -9,6 +10,7 @@ from exmesh_graph.gpu.cores import cores
 from exmesh_graph.targets import prepare_targets, visits
 
 
+@pytest.mark.thorough
 def test_pictures_are_prepared_once_and_go_with_their_views():
     views = testing.views(count=3)
     first = prepare_targets(views)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Mapping
 
+from exmesh_graph.pythontree import children, walk
+
 _JOINING = {
     "Path", "PurePath", "PosixPath", "PurePosixPath", "str", "fspath", "join", "joinpath", "format", "with_name",
     "with_suffix", "normpath", "abspath", "resolve", "absolute", "lower", "upper", "strip", "replace", "decode",
@@ -65,9 +67,9 @@ class Fixed:
             if isinstance(item.func, ast.Attribute):
                 parts.append(item.func.value)
             return end in _JOINING and all(self._fixed(part, scope, depth + 1) for part in parts)
-        if isinstance(item, _FUNCTIONS | ast.Await | ast.Yield | ast.YieldFrom | ast.comprehension):
+        if isinstance(item, (_FUNCTIONS, ast.Await, ast.Yield, ast.YieldFrom, ast.comprehension)):
             return False
-        parts = [part for part in ast.iter_child_nodes(item) if isinstance(part, ast.expr)]
+        parts = [part for part in children(item) if isinstance(part, ast.expr)]
         return all(self._fixed(part, scope, depth + 1) for part in parts)
 
     def _text(self, item: ast.expr, scope: Mapping[str, list[ast.expr | None]], depth: int) -> str | None:
@@ -79,7 +81,7 @@ class Fixed:
 
 
 _DEFINED = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
-_FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 
 
 def _is_text(value: ast.Constant) -> bool:
@@ -88,12 +90,12 @@ def _is_text(value: ast.Constant) -> bool:
 
 def _inside(tree: ast.AST) -> Iterator[ast.AST]:
     """All syntax of a function but not that of functions in it; these themselves are told."""
-    todo = list(ast.iter_child_nodes(tree))
+    todo = list(children(tree))
     while todo:
         item = todo.pop()
         yield item
         if not isinstance(item, _FUNCTIONS):
-            todo += ast.iter_child_nodes(item)
+            todo += children(item)
         else:
             todo += [*getattr(item, "decorator_list", ()), *item.args.defaults, *filter(None, item.args.kw_defaults)]
 
@@ -103,19 +105,19 @@ def _assigned(item: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
     if isinstance(item, ast.Assign):
         for target in item.targets:
             yield from _targets(target, item.value)
-    elif isinstance(item, ast.AnnAssign | ast.NamedExpr | ast.AugAssign) and item.value is not None:
+    elif isinstance(item, (ast.AnnAssign, ast.NamedExpr, ast.AugAssign)) and item.value is not None:
         yield from _targets(item.target, item.value)
-    elif isinstance(item, ast.For | ast.AsyncFor | ast.comprehension):
+    elif isinstance(item, (ast.For, ast.AsyncFor, ast.comprehension)):
         yield from _targets(item.target, item.iter)
     elif isinstance(item, ast.withitem) and item.optional_vars is not None:
         yield from _targets(item.optional_vars, item.context_expr)
-    elif isinstance(item, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and item.name:
+    elif isinstance(item, (ast.ExceptHandler, ast.MatchAs, ast.MatchStar)) and item.name:
         yield item.name, None
     elif isinstance(item, ast.MatchMapping) and item.rest:
         yield item.rest, None
 
 
 def _targets(target: ast.expr, value: ast.expr) -> Iterator[tuple[str, ast.expr | None]]:
-    for part in ast.walk(target):
+    for part in walk(target):
         if isinstance(part, ast.Name):
             yield part.id, value

@@ -28,6 +28,7 @@ from exmesh_graph.api.places import (
     stores,
 )
 from exmesh_graph.graph.cache.syntax import imports_in
+from exmesh_graph.pythontree import walk
 
 _CHANGES = (
     "append add update setdefault pop popitem extend insert remove discard clear appendleft popleft extendleft rotate "
@@ -76,8 +77,8 @@ class _Kept:
         self.tree, self.top = tree, package.partition(".")[0]
         self.imported: dict[str, str] = {}
         self.altered: dict[int, set[str]] = {}
-        for item in ast.walk(tree):
-            if isinstance(item, ast.Import | ast.ImportFrom):
+        for item in walk(tree):
+            if isinstance(item, (ast.Import, ast.ImportFrom)):
                 for alias, (module, name) in zip(item.names, imports_in(item, package), strict=True):
                     short = alias.asname or alias.name.partition(".")[0]
                     self.imported[short] = f"{module}.{name}" if name else module if alias.asname else short
@@ -96,8 +97,8 @@ class _Kept:
         for item in at_top(statement):
             if isinstance(item, ast.Assign):
                 for target in item.targets:
-                    self.values |= {part.id: item.value for part in ast.walk(target) if is_bound(part)}
-            elif isinstance(item, ast.AnnAssign | ast.NamedExpr) and isinstance(item.target, ast.Name):
+                    self.values |= {part.id: item.value for part in walk(target) if is_bound(part)}
+            elif isinstance(item, (ast.AnnAssign, ast.NamedExpr)) and isinstance(item.target, ast.Name):
                 self.values[item.target.id] = item.value
             elif is_bound(item):
                 self.values.setdefault(item.id, None)
@@ -111,7 +112,7 @@ class _Kept:
         return [m.name for m in methods if m.name != "__init__" and m.args.args[0].arg in self._altered(m)]
 
     def places(self) -> Iterator[tuple[int, str, str]]:
-        for item in ast.walk(self.tree):
+        for item in walk(self.tree):
             if isinstance(item, ast.ClassDef):
                 meta = any(end_of(base) in ("type", "EnumMeta", "ABCMeta") for base in item.bases)
                 for method in item.body:
@@ -173,14 +174,14 @@ class _Kept:
     def _dotted(self, item: ast.expr) -> str:
         """`a.b[c].d` by where `a` was imported from; an empty text for anything else."""
         parts = list[str]()
-        while isinstance(item, ast.Attribute | ast.Subscript | ast.Call):
+        while isinstance(item, (ast.Attribute, ast.Subscript, ast.Call)):
             parts += [item.attr] if isinstance(item, ast.Attribute) else []
             item = item.func if isinstance(item, ast.Call) else item.value
         root = self.imported.get(item.id, "") if isinstance(item, ast.Name) else ""
         return ".".join([root, *reversed(parts)]) if root else ""
 
     def acts(self) -> Iterator[tuple[int, str, bool]]:
-        for item in ast.walk(self.tree):
+        for item in walk(self.tree):
             for part in [*getattr(item, "bases", ()), *getattr(item, "decorator_list", ())]:
                 if dotted := self._dotted(part):
                     yield part.lineno, dotted, False
@@ -190,12 +191,12 @@ class _Kept:
                     item, changed = item.args[0], True
                 else:
                     item, changed = getattr(item, "func", item), is_set(item)
-                if isinstance(item, ast.Attribute | ast.Name) and (dotted := self._dotted(item)):
+                if isinstance(item, (ast.Attribute, ast.Name)) and (dotted := self._dotted(item)):
                     yield item.lineno, f"{dotted}.*" if changed and not is_set(item) else dotted, changed
 
     def _changed(self, item: ast.AST, names: dict[str, str]) -> Iterator[ast.expr]:
         """The expressions that one piece of syntax changes in place."""
-        if isinstance(item, ast.Attribute | ast.Subscript) and not isinstance(item.ctx, ast.Load):
+        if isinstance(item, (ast.Attribute, ast.Subscript)) and not isinstance(item.ctx, ast.Load):
             yield item.value
         elif isinstance(item, ast.Attribute):
             root = first_of(item.value)
@@ -218,15 +219,15 @@ class _Kept:
         """The names of what a function changes in place."""
         if id(function) not in self.altered:
             self.altered[id(function)] = {
-                first_of(item.value) for item in ast.walk(function)
-                if isinstance(item, ast.Attribute | ast.Subscript)
+                first_of(item.value) for item in walk(function)
+                if isinstance(item, (ast.Attribute, ast.Subscript))
                 and (is_set(item) or (isinstance(item, ast.Attribute) and item.attr in _CHANGING))
             }  # fmt: skip
         return self.altered[id(function)]
 
     def _root(self, item: ast.expr, names: dict[str, str]) -> str:
         """The name at the top of the module that an expression is, or is a part of; "" for what is the call's own."""
-        while isinstance(item, ast.Attribute | ast.Subscript | ast.Starred):
+        while isinstance(item, (ast.Attribute, ast.Subscript, ast.Starred)):
             if isinstance(item, ast.Attribute) and item.attr == "__class__":
                 return "__class__"
             item = item.value

@@ -6,8 +6,10 @@ import ast
 from collections.abc import Iterator
 from typing import Any, TypeGuard
 
-DEFINED = ast.FunctionDef | ast.AsyncFunctionDef
-FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+from exmesh_graph.pythontree import children, walk
+
+DEFINED = (ast.FunctionDef, ast.AsyncFunctionDef)
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 
 
 def is_bound(item: ast.AST | None) -> TypeGuard[ast.Name]:
@@ -15,14 +17,14 @@ def is_bound(item: ast.AST | None) -> TypeGuard[ast.Name]:
 
 
 def is_set(item: ast.AST) -> bool:
-    return isinstance(item, ast.Attribute | ast.Subscript) and not isinstance(item.ctx, ast.Load)
+    return isinstance(item, (ast.Attribute, ast.Subscript)) and not isinstance(item.ctx, ast.Load)
 
 
 def stores(item: ast.AST, names: list[str]) -> bool:
     bound = (
-        [alias.asname or alias.name for alias in item.names] if isinstance(item, ast.Import | ast.ImportFrom) else []
+        [alias.asname or alias.name for alias in item.names] if isinstance(item, (ast.Import, ast.ImportFrom)) else []
     )
-    bound += [item.name] if isinstance(item, DEFINED | ast.ClassDef) else []
+    bound += [item.name] if isinstance(item, (DEFINED, ast.ClassDef)) else []
     return (isinstance(item, ast.Name) and item.id in names and not isinstance(item.ctx, ast.Load)) or bool(
         {*bound} & {*names}
     )
@@ -33,7 +35,7 @@ def end_of(item: ast.AST | None) -> str:
 
 
 def first_of(item: ast.AST) -> str:
-    while isinstance(item, ast.Attribute | ast.Subscript):
+    while isinstance(item, (ast.Attribute, ast.Subscript)):
         item = item.value
     return getattr(item, "id", "") if isinstance(item, ast.Name) else ""
 
@@ -55,7 +57,7 @@ def held(function: Any) -> set[str]:
     args = [*function.args.posonlyargs, *function.args.args]
     pairs = [*zip(args[len(args) - len(function.args.defaults) :], function.args.defaults, strict=True)]
     pairs += [*zip(function.args.kwonlyargs, function.args.kw_defaults, strict=True)]
-    return {one.arg for one, value in pairs if isinstance(value, ast.List | ast.Dict | ast.Set | ast.Call)}
+    return {one.arg for one, value in pairs if isinstance(value, (ast.List, ast.Dict, ast.Set, ast.Call))}
 
 
 def own(function: Any) -> Iterator[ast.AST]:
@@ -66,7 +68,7 @@ def own(function: Any) -> Iterator[ast.AST]:
         item = todo.pop()
         yield item
         if not isinstance(item, FUNCTIONS):
-            todo += reversed(list(ast.iter_child_nodes(item)))
+            todo += reversed(list(children(item)))
 
 
 def at_top(statement: ast.AST, classes: bool = False) -> Iterator[ast.AST]:
@@ -76,7 +78,7 @@ def at_top(statement: ast.AST, classes: bool = False) -> Iterator[ast.AST]:
         item = todo.pop()
         yield item
         if not isinstance(item, FUNCTIONS) and (classes or not isinstance(item, ast.ClassDef)):
-            todo += ast.iter_child_nodes(item)
+            todo += children(item)
 
 
 def run_at_import(statement: ast.stmt) -> Iterator[ast.Call]:
@@ -91,16 +93,16 @@ def locals_of(item: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
     """(local name, what it is a name for; None for something new) that one piece of syntax binds."""
     if isinstance(item, ast.Assign) and len(item.targets) == 1 and isinstance(item.targets[0], ast.Name):
         yield item.targets[0].id, item.value
-    elif isinstance(item, ast.NamedExpr | ast.AnnAssign) and isinstance(item.target, ast.Name):
+    elif isinstance(item, (ast.NamedExpr, ast.AnnAssign)) and isinstance(item.target, ast.Name):
         yield item.target.id, item.value
-    elif isinstance(item, ast.For | ast.comprehension) and isinstance(item.target, ast.Name):
+    elif isinstance(item, (ast.For, ast.comprehension)) and isinstance(item.target, ast.Name):
         yield item.target.id, item.iter
-    elif isinstance(item, ast.Import | ast.ImportFrom):
+    elif isinstance(item, (ast.Import, ast.ImportFrom)):
         return  # what a function imports is no more its own than what its module does
-    elif isinstance(item, DEFINED | ast.ClassDef | ast.ExceptHandler):
+    elif isinstance(item, (DEFINED, ast.ClassDef, ast.ExceptHandler)):
         yield item.name or "", None
-    elif isinstance(item, ast.Assign | ast.With | ast.AsyncWith | ast.AsyncFor | ast.For | ast.comprehension):
+    elif isinstance(item, (ast.Assign, ast.With, ast.AsyncWith, ast.AsyncFor, ast.For, ast.comprehension)):
         targets = item.targets if isinstance(item, ast.Assign) else [getattr(item, "target", None)]
         targets += [one.optional_vars for one in getattr(item, "items", ())]
         for target in filter(None, targets):
-            yield from ((part.id, None) for part in ast.walk(target) if is_bound(part))
+            yield from ((part.id, None) for part in walk(target) if is_bound(part))

@@ -14,6 +14,7 @@ from exmesh_graph.api.fixed import Fixed
 from exmesh_graph.api.kept import kept_in
 from exmesh_graph.api.standard import beyond, is_reader, is_standard, real
 from exmesh_graph.graph.cache.syntax import LOADERS, imports_in, last_of, text_of
+from exmesh_graph.pythontree import walk
 
 _ENVIRONMENT = re.compile(r"(?:.*\.)?(?:environb?(?:\.get)?|getenvb?)\Z", re.DOTALL)  # of `os`, whatever it is called
 _OF_ENVIRONMENT = ("environ", "environb", "getenv", "getenvb")
@@ -110,7 +111,7 @@ def _lent(tree: ast.AST) -> dict[str, str]:
     """{name at the top of a module: words} of what it has from the standard library and others could take from it."""
     lent = {}
     for item in getattr(tree, "body", ()):
-        for alias in item.names if isinstance(item, ast.Import | ast.ImportFrom) else ():
+        for alias in item.names if isinstance(item, (ast.Import, ast.ImportFrom)) else ():
             level, module = getattr(item, "level", 0), getattr(item, "module", None)
             origin = f"{module}.{alias.name}" if module else alias.name
             if not level and is_standard(origin) and beyond(origin) and (module or alias.asname or "." not in origin):
@@ -123,7 +124,7 @@ def _taken(items: list[ast.AST], package: str, quiet: set[int]) -> list[tuple[in
     top, taken = package.partition(".")[0], dict[str, int]()
     names: dict[str, str] = {}
     for item in items:
-        if isinstance(item, ast.Import | ast.ImportFrom):
+        if isinstance(item, (ast.Import, ast.ImportFrom)):
             for alias, (module, name) in zip(item.names, imports_in(item, package), strict=True):
                 if module.partition(".")[0] == top and alias.name != "*":
                     short = alias.asname or alias.name.partition(".")[0]
@@ -142,8 +143,8 @@ def _harmless(tree: ast.AST, lines: list[str]) -> set[int]:
     """The lines that say, or whose comment above or function says, that what they do changes no result."""
     quiet = {k for k, line in enumerate(lines, 1) if _HARMLESS in line}
     quiet |= {k + 1 for k in quiet if lines[k - 1].strip().startswith(_HARMLESS)}
-    for item in ast.walk(tree) if quiet else ():
-        if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef) and item.lineno in quiet:
+    for item in walk(tree) if quiet else ():
+        if isinstance(item, (ast.FunctionDef, ast.AsyncFunctionDef)) and item.lineno in quiet:
             quiet.update(range(item.lineno, (item.end_lineno or item.lineno) + 1))
     return quiet
 
@@ -152,7 +153,7 @@ class _Module:
     """The names of one module's text, and what of it depends on the outside."""
 
     def __init__(self, tree: ast.AST) -> None:
-        self.items = list(ast.walk(tree))
+        self.items = list(walk(tree))
         self.names = _imported(self.items)
         self.bound = set(_bound(self.items)) | {*self.names}
         self.tree = tree
@@ -170,15 +171,15 @@ class _Module:
         inner: set[int] = set()  # parts of a dotted name that was looked at as a whole
         for item in self.items:
             words = ""
-            if isinstance(item, ast.Name | ast.Attribute) and id(item) not in inner:
+            if isinstance(item, (ast.Name, ast.Attribute)) and id(item) not in inner:
                 part: ast.expr = item
                 while isinstance(part, ast.Attribute):
                     part = part.value
                     inner.add(id(part))
                 words = self._of_name(item)
-            elif isinstance(item, ast.Import | ast.ImportFrom):
+            elif isinstance(item, (ast.Import, ast.ImportFrom)):
                 words = self._of_import(item)
-            elif isinstance(item, ast.Assign | ast.AnnAssign) and id(item) in self.held and _is_file(item.value):
+            elif isinstance(item, (ast.Assign, ast.AnnAssign)) and id(item) in self.held and _is_file(item.value):
                 words = f"the file {item.value.value!r}"  # of each object of a class
             elif isinstance(item, ast.Call):
                 words = self._of_call(item)
@@ -186,7 +187,7 @@ class _Module:
                 words = (
                     f"what lies around code ({_AROUND.findall(item.value)[0]})" if _AROUND.search(item.value) else ""
                 )
-            if words and isinstance(item, ast.expr | ast.stmt):
+            if words and isinstance(item, (ast.expr, ast.stmt)):
                 yield item, words
 
     def _origin(self, item: ast.expr) -> str:
@@ -295,7 +296,7 @@ _FILE = re.compile(
     r"|tiff?|obj|ply|stl|gl(?:tf|b)|usd[azc]?|xml|toml|ini|cfg|db|sqlite3?|parquet|safetensors|ckpt|zip)"
 )
 _NAMED = ("file", "path", "filename", "name", "fp", "src")
-_NAMING = ast.MatchAs | ast.MatchStar | ast.ExceptHandler
+_NAMING = (ast.MatchAs, ast.MatchStar, ast.ExceptHandler)
 
 
 def _imported(items: list[ast.AST]) -> dict[str, str]:
@@ -320,7 +321,7 @@ def _bound(items: list[ast.AST]) -> Iterator[str]:
             yield item.arg
         elif isinstance(item, ast.Name) and not isinstance(item.ctx, ast.Load):
             yield item.id
-        elif isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | _NAMING):
+        elif isinstance(item, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, _NAMING)):
             yield item.name or ""
 
 

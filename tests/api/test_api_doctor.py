@@ -29,6 +29,7 @@ def findings(store: Path, packs: Packs, shared: str | None = None) -> dict[str, 
     return {finding.what: finding for finding in examine(Store(store, shared), packs)}
 
 
+@pytest.mark.thorough
 def test_a_sound_machine(tmp_path: Path, packs: Packs) -> None:
     shown = findings(tmp_path / "not" / "there", packs)
     assert {f.what: f.state for f in shown.values() if f.what.startswith("store")} == {
@@ -39,6 +40,7 @@ def test_a_sound_machine(tmp_path: Path, packs: Packs) -> None:
     assert all(f.fix for f in shown.values() if f.state != OK)
 
 
+@pytest.mark.thorough
 def test_file_systems_that_lack_something(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
         raise OSError(95, "Operation not supported")
@@ -54,6 +56,7 @@ def test_file_systems_that_lack_something(tmp_path: Path, packs: Packs, monkeypa
     assert "fix: " in str(shown["store, rename"])
 
 
+@pytest.mark.thorough
 def test_a_store_that_may_only_be_read(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any, **__: Any) -> str:
         raise OSError(30, "Read-only file system")
@@ -64,6 +67,7 @@ def test_a_store_that_may_only_be_read(tmp_path: Path, packs: Packs, monkeypatch
     assert "Read-only file system" in finding.found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("free", "state"), [(10**7, FAIL), (10**9, WARN), (10**12, OK)])
 def test_free_space(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatch, free: int, state: str) -> None:
     class Usage:
@@ -74,6 +78,7 @@ def test_free_space(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatc
     assert findings(tmp_path, packs)["free space"].state == state
 
 
+@pytest.mark.thorough
 def test_missing_libraries_name_their_nodes(tmp_path: Path, packs: Packs, monkeypatch: pytest.MonkeyPatch) -> None:
     real = doctor._there
     monkeypatch.setattr(doctor, "_there", lambda module: module not in ("xatlas", "ray") and real(module))
@@ -95,6 +100,7 @@ def test_broken_packs_and_system_libraries(tmp_path: Path, packs: Packs, monkeyp
     assert "apt-get install nothere" in str(shown["libnothere.so.1"])
 
 
+@pytest.mark.thorough
 def test_a_shared_store_out_of_reach(tmp_path: Path, packs: Packs) -> None:
     pytest.importorskip("fsspec")
     (tmp_path / "file").write_text("x")

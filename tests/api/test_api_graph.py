@@ -60,6 +60,7 @@ def test_written_and_read_again(loop: Any, folder: Path) -> None:
     assert ex.Graph.load("out.yaml").to_yaml() == text
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("file", sorted(GRAPHS.rglob("*.yaml")), ids=lambda f: str(f.relative_to(GRAPHS)))
 def test_shipped_graphs_survive_python(file: Path, folder: Path) -> None:
     """Loaded, written elsewhere and read again they are the same graph, faults included; and the same when run."""

@@ -163,6 +163,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str, str, str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", MISTAKES)
 def test_mistakes_are_told(case: str) -> None:
     do, what, expected, fix = MISTAKES[case]

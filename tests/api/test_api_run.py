@@ -181,6 +181,7 @@ except ex.RunFailed as error:
 """
 
 
+@pytest.mark.thorough
 def test_a_script_is_told_that_commands_do_not_know_its_nodes(folder: Path) -> None:
     Path("own.py").write_text(OWN_NODE)
     told = subprocess.run([sys.executable, "own.py"], check=True, capture_output=True, text=True).stdout

@@ -6,6 +6,8 @@ import ast
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from exmesh_graph.api.described import node_types
 from exmesh_graph.api.opening import packs
 from exmesh_graph.api.stubs import SHIPPED, stub_text
@@ -15,6 +17,7 @@ def test_the_shipped_stub_is_that_of_the_node_types() -> None:
     assert SHIPPED.read_text(encoding="utf-8") == stub_text(builtin=True), "exmesh stubs --install writes it"
 
 
+@pytest.mark.thorough
 def test_every_type_has_its_method_with_ports_and_parameters() -> None:
     classes = {item.name: item for item in ast.parse(SHIPPED.read_text()).body if isinstance(item, ast.ClassDef)}
     families = {

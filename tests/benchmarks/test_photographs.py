@@ -21,6 +21,7 @@ from exmesh_graph.native import import_open3d
 GRAPH = Path(__file__).parent.parent.parent / "graphs" / "photos.yaml"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.2, 0.1), (-0.25, 0.2), (0.28, -0.19)])
 def test_the_lens_bends_as_its_formula_says(place):
     """A bright spot at x = X / Z is found at x (1 + k1 r^2 + k2 r^4)."""

@@ -26,6 +26,7 @@ def test_another_mesh_is_told(tmp_path):
     assert differences(find(SAMPLE).digests, other)[0]
 
 
+@pytest.mark.thorough
 def test_it_loads_with_masks_truth_and_four_lights():
     scene = load_blender(SAMPLE, BlenderOptions())
     assert len(scene.train) == 36

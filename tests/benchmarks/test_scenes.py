@@ -28,6 +28,7 @@ def ball_and_box() -> Model:
     return united(solids, ground=("box",))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["chair", "plant", "flask", "padlock", "kiosk", "desk", "still", "jug"])
 def test_objects_are_one_closed_surface_within_the_sphere(name):
     model = united(list(RECIPES[name].solids()))
@@ -95,6 +96,7 @@ def test_light_files_are_read_back_as_they_are_meant():
     assert towards[8, 8, 1] > 0.95  # a quarter in, +y
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", sorted(lights.PROCEDURAL))
 def test_every_procedural_light_has_the_level_it_is_set_to(name):
     light = make.levelled(lights.PROCEDURAL[name](3), 7.6)

@@ -30,6 +30,7 @@ def data(tmp_path):
     return tmp_path / "data"
 
 
+@pytest.mark.thorough
 def test_scores_only_the_role_and_goes_on_after_a_failure(data, tmp_path, monkeypatch):
     asked = {}
 

@@ -26,6 +26,7 @@ def test_a_row_holds_ratios_and_the_model():
     assert row["8 cores"] == pytest.approx(0.2 * (0.25 + 0.75 / 8))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", speed.CASES)
 def test_the_graphs_of_the_cases_are_sound(name, tmp_path):
     scene = speed.photographs(tmp_path / "scene", (80, 64), 9)

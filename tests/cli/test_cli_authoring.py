@@ -81,6 +81,7 @@ def pack(exmesh: Callable[..., Any], tmp_path: Path) -> Path:
     return tmp_path / "pack"
 
 
+@pytest.mark.thorough
 def test_new_node_passes_its_own_test(pack: Path) -> None:
     words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", str(pack / "pyproject.toml")]
     quick = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""}
@@ -115,6 +116,7 @@ def test_new_node_is_clean(pack: Path) -> None:
         assert "{Class}" not in text
 
 
+@pytest.mark.thorough
 def test_new_node_refuses_what_is_there_or_no_name(exmesh: Any, pack: Path) -> None:
     assert "is there already" in exmesh("new-node", "geometry.smooth", "--into", "pack/my_nodes", code=2).stderr
     again = exmesh("new-node", "geometry.other", "--into", "pack/my_nodes").stdout
@@ -136,6 +138,7 @@ def test_new_node_beside_another_project(exmesh: Any, tmp_path: Path) -> None:
     assert "must list the package 'nodes'" in exmesh("new-node", "my.other", "--into", "nodes").stdout
 
 
+@pytest.mark.thorough
 def test_an_installed_pack_is_found_by_its_entry_point(pack: Path, tmp_path: Path) -> None:
     """pip builds and installs the pack that new-node wrote, without a network; a graph then runs its node."""
     pytest.importorskip("setuptools", minversion="77", reason="building a pack needs setuptools >= 77")
@@ -197,6 +200,7 @@ def test_the_choices_in_the_docs(tmp_path: Path) -> None:
     assert given("budget=5min") == (5, 40000)
 
 
+@pytest.mark.thorough
 def test_commands_on_components(exmesh: Any, tmp_path: Path) -> None:
     (tmp_path / "g.yaml").write_text("""
 nodes:

@@ -94,6 +94,7 @@ WRITTEN = [  # (text of the graph, what stands there instead, words of the messa
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("old", "new", "words"), WRITTEN, ids=[new.strip() for _, new, _ in WRITTEN])
 def test_a_fault_in_the_graph(exmesh: Exmesh, folder: Path, old: str, new: str, words: tuple[str, ...]) -> None:
     (folder / "g.yaml").write_text(GRAPH.replace(old, new, 1))
@@ -223,6 +224,7 @@ RUNNING = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("spoil", "node", "words"), RUNNING.values(), ids=RUNNING)
 def test_bad_data_found_by_a_node(
     exmesh: Exmesh, folder: Path, spoil: Callable[[Path], None], node: str, words: tuple[str, ...]
@@ -268,6 +270,7 @@ def test_bad_data_found_before_the_run(
         assert word in shown
 
 
+@pytest.mark.thorough
 def test_a_full_disk(exmesh: Exmesh, folder: Path) -> None:
     """A limit on the size of files stands for it: the store cannot take the pictures, the run folder its records."""
     done = subprocess.run(

@@ -66,6 +66,7 @@ def test_a_result_is_kept_and_the_next_is_compared_with_it(checkout):
     assert json.loads((checkout / "now.json").read_text())["suites"]["kernels"]["rays.rate"] == 3.0
 
 
+@pytest.mark.thorough
 def test_what_earlier_results_span_is_not_marked(checkout):
     """Noise: a figure that came out so before; a result of another machine teaches nothing."""
     for number, rate in enumerate((2.0, 3.0, 2.0)):

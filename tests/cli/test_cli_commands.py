@@ -79,6 +79,7 @@ def test_check_lists_what_choices_set(exmesh: Exmesh, folder: Path) -> None:
     assert "  pick = 'b'  (any, one of a, b)\n      b: v = 3, w = 4\n  v = 3\n  w = 5\n" in said
 
 
+@pytest.mark.thorough
 def test_from_check_to_report(exmesh: Exmesh, folder: Path) -> None:
     assert "6 nodes, 0 source files, no faults" in exmesh("check", "g.yaml").stdout
     first = exmesh("run", "g.yaml").stdout
@@ -102,6 +103,7 @@ def test_from_check_to_report(exmesh: Exmesh, folder: Path) -> None:
     assert (latest / "report.html").exists()
 
 
+@pytest.mark.thorough
 def test_plan_and_why_give_reasons(exmesh: Exmesh, folder: Path) -> None:
     assert "no earlier run of toy.const" in exmesh("plan", "g.yaml").stdout
     exmesh("run", "g.yaml", "--set", "rounds.step.amount=3")
@@ -136,6 +138,7 @@ def test_graph_errors_come_all_at_once(exmesh: Exmesh, folder: Path) -> None:
     assert not (folder / "runs").exists()
 
 
+@pytest.mark.thorough
 def test_failure_says_what_to_do(exmesh: Exmesh, folder: Path) -> None:
     bad = '\n  bad: {type: toy.fail, number: "@slow.number", value: 9}\nrun: all\noutputs'
     (folder / "g.yaml").write_text(GRAPH.replace("\noutputs", bad))
@@ -151,6 +154,7 @@ def test_failure_says_what_to_do(exmesh: Exmesh, folder: Path) -> None:
     assert "6 from the store, 1 run" in exmesh("run", "g.yaml", "--set", "bad.value=1").stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_cleanly_and_the_same_command_resumes(exmesh: Exmesh, folder: Path, number: int) -> None:
     words = ["run", "g.yaml", "--set", "slow.seconds=60", "--set", "slow.steps=600"]
@@ -172,6 +176,7 @@ def test_ctrl_c_ends_cleanly_and_the_same_command_resumes(exmesh: Exmesh, folder
     assert "3 from the store, 3 run" in exmesh("run", "g.yaml", "--set", "slow.seconds=0").stdout
 
 
+@pytest.mark.thorough
 def test_a_killed_run_is_called_killed(exmesh: Exmesh, folder: Path) -> None:
     process = subprocess.Popen(
         [*START, "run", "g.yaml", "--set", "slow.seconds=60"], cwd=folder, env=environment(), stdout=subprocess.DEVNULL
@@ -184,6 +189,7 @@ def test_a_killed_run_is_called_killed(exmesh: Exmesh, folder: Path) -> None:
     assert "3 from the store, 3 run" in exmesh("run", "g.yaml").stdout
 
 
+@pytest.mark.thorough
 def test_store_and_runs_can_be_elsewhere(exmesh: Exmesh, folder: Path) -> None:
     exmesh("run", "g.yaml", "--store", "s", "--runs", "r")
     assert (folder / "s" / "objects").is_dir()
@@ -193,6 +199,7 @@ def test_store_and_runs_can_be_elsewhere(exmesh: Exmesh, folder: Path) -> None:
     assert "6 from the store" in exmesh("run", "g.yaml", "--store", "t", "--runs", "r").stdout
 
 
+@pytest.mark.thorough
 def test_a_changed_helper_is_run_again(fresh_exmesh: Exmesh, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     exmesh = fresh_exmesh
     copy = folder / "pack"
@@ -209,6 +216,7 @@ def test_a_changed_helper_is_run_again(fresh_exmesh: Exmesh, folder: Path, monke
     assert "1 from the store, 1 run" in exmesh("run", "g.yaml").stdout
 
 
+@pytest.mark.thorough
 def test_a_broken_pack_module_does_not_stop_others(
     fresh_exmesh: Exmesh, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -261,6 +269,7 @@ def test_every_part_is_used_by_a_shipped_graph() -> None:
     ] == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", [p for p in GRAPHS if p.parent.name != "parts"], ids=lambda path: path.stem)
 def test_shipped_graphs_lack_at_most_their_data(path: Path) -> None:
     found = Problems()

@@ -40,6 +40,7 @@ def helper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     forget()
 
 
+@pytest.mark.thorough
 def test_changed_code_is_never_a_hit(exmesh: Exmesh, tmp_path: Path, helper: Callable[[str, str], None]) -> None:
     """Also in a store that holds what the removed command `accept` wrote: old results count for new code."""
     (tmp_path / "g.yaml").write_text(GRAPH)
@@ -57,6 +58,7 @@ def test_changed_code_is_never_a_hit(exmesh: Exmesh, tmp_path: Path, helper: Cal
     exmesh("verify")
 
 
+@pytest.mark.thorough
 def test_pin_gc_verify(exmesh: Exmesh, tmp_path: Path) -> None:
     (tmp_path / "g.yaml").write_text(GRAPH)
     exmesh("run", "g.yaml")
@@ -88,6 +90,7 @@ def test_pin_gc_verify(exmesh: Exmesh, tmp_path: Path) -> None:
     assert "no store here" in exmesh("gc", "--store", "elsewhere", code=1).stderr
 
 
+@pytest.mark.thorough
 def test_doctor(exmesh: Exmesh, monkeypatch: pytest.MonkeyPatch) -> None:
     from exmesh_graph.api import doctor
 

@@ -36,6 +36,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_one_variant_is_checked_planned_run_and_explained(exmesh: Exmesh, folder: Path) -> None:
     assert "2 variants, no faults: lone, more" in exmesh("check", "study.yaml").stdout
     assert exmesh("check", "study.yaml", "--variant", "lone").stdout.startswith("study-lone: 4 nodes")

@@ -51,6 +51,7 @@ def wait_for(condition: Callable[[], bool], seconds: float = 20) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.thorough
 def test_log_of_a_run_and_of_a_node(exmesh: Exmesh, folder: Path) -> None:
     exmesh("run", "g.yaml")
     whole = exmesh("log").stdout
@@ -66,6 +67,7 @@ def test_log_of_a_run_and_of_a_node(exmesh: Exmesh, folder: Path) -> None:
     assert "no run folder" in exmesh("log", "elsewhere", code=1).stderr
 
 
+@pytest.mark.thorough
 def test_a_failure_is_replayed_alone_on_its_inputs(exmesh: Exmesh, folder: Path) -> None:
     failed = exmesh("run", "g.yaml", "--set", "bad.value=9", code=1)
     file = next((folder / "runs" / "latest").resolve().glob("failures/*.json"))
@@ -85,6 +87,7 @@ def test_a_failure_is_replayed_alone_on_its_inputs(exmesh: Exmesh, folder: Path)
     assert "hit  bad" in exmesh("run", "g.yaml").stdout
 
 
+@pytest.mark.thorough
 def test_replay_says_what_is_missing(exmesh: Exmesh, folder: Path) -> None:
     exmesh("run", "g.yaml", "--set", "bad.value=9", code=1)
     file = "runs/latest/failures/bad.json"
@@ -92,6 +95,7 @@ def test_replay_says_what_is_missing(exmesh: Exmesh, folder: Path) -> None:
     assert "is no longer in the store" in exmesh("replay", file, "--store", "empty", code=1).stderr
 
 
+@pytest.mark.thorough
 def test_keep_going_runs_what_does_not_need_the_failed_node(exmesh: Exmesh, folder: Path) -> None:
     failed = exmesh("run", "g.yaml", "--set", "x.how=exit", "--keep-going", "--workers", "1", code=1)
     assert "ended itself with exit status 7" in failed.stderr
@@ -103,6 +107,7 @@ def test_keep_going_runs_what_does_not_need_the_failed_node(exmesh: Exmesh, fold
     assert "s  blocked: needs what failed" in exmesh("log").stdout
 
 
+@pytest.mark.thorough
 def test_the_command_to_go_on_asks_for_the_same_nodes(exmesh: Exmesh, folder: Path) -> None:
     failed = exmesh("run", "g.yaml", "--set", "x.how=exit", "--node", "s", "--node", "t", "--workers", "1", code=1)
     lines = [line.strip() for line in failed.stderr.splitlines()]
@@ -111,6 +116,7 @@ def test_the_command_to_go_on_asks_for_the_same_nodes(exmesh: Exmesh, folder: Pa
     assert f"this node as the graph is now: {command} --node x" in lines
 
 
+@pytest.mark.thorough
 def test_status_and_log_follow_a_live_run(exmesh: Exmesh, folder: Path) -> None:
     words = ["run", "g.yaml", "--tokens", "cpu=2", "--workers", "2"]
     for name, steps in (("s", 600), ("t", 601)):  # with 600 it would be the same node, and wait for the result

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from exmesh_nodes.evaluate import capture
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -42,6 +43,7 @@ def ring(up: float, count: int = 12) -> list[tuple[float, float]]:
     return [(360 * k / count, up) for k in range(count)]
 
 
+@pytest.mark.thorough
 def test_a_ball_seen_from_everywhere_needs_no_more():
     figures = capture_figures(views_from([*ring(-50), *ring(0), *ring(50), (0, 89), (0, -89)]), ball())
     assert figures["headline"][0]["value"] > 95
@@ -62,6 +64,7 @@ def test_a_patch_is_seen_by_the_views_it_faces():
     assert (found.seen == (cosine > 0.3))[clear].mean() > 0.97
 
 
+@pytest.mark.thorough
 def test_from_above_only_more_from_below_are_asked_for():
     views, mesh = views_from([*ring(30), *ring(60)]), ball()
     figures = capture_figures(views, mesh)

@@ -28,6 +28,8 @@ from exmesh_graph.evaluate.coverage import compare_views, surface_depths
 from exmesh_graph.stage2 import render
 from exmesh_graph.types import Region
 
+pytestmark = pytest.mark.thorough  # all of them, for what they share costs most
+
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 
 

@@ -30,6 +30,7 @@ def sphere(slide: float) -> Views:
     return replace(views, images=np.stack(images).astype(np.float32))
 
 
+@pytest.mark.thorough
 def test_paint_stays_and_reflections_slide() -> None:
     mesh = icosphere(4, 0.7)
     painted, mirrored = (reflected(*mesh, sphere(slide)) for slide in (0.0, 0.6))

@@ -77,6 +77,7 @@ def _from_above(views):
     return replace(chosen, has_masks=False, alpha=np.ones_like(chosen.alpha))
 
 
+@pytest.mark.thorough
 def test_the_table_that_the_object_stands_on_does_not_count(monkeypatch):
     views = _from_above(testing.views(count=24, size=160))
     depth, ball = _ball_on_a_disc(views)

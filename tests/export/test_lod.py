@@ -31,6 +31,7 @@ def sphere():
     )
 
 
+@pytest.mark.thorough
 def test_baking_onto_itself_gives_back_the_map(sphere):
     flat = baked_normals(sphere, sphere)
     assert np.abs(flat - [0, 0, 1]).max() < 1e-5

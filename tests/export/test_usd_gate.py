@@ -171,6 +171,7 @@ MORE = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("rule", "change"), (BROKEN | MORE).values(), ids=(BROKEN | MORE).keys())
 def test_each_fault_is_found_by_its_rule(folder, rule, change):
     assert rule in _rules(folder, change)
@@ -237,6 +238,7 @@ WIDE = {
 LOW = {"low": example_asset(**OPEN)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("file", "changes", "frame", "options"),
     [

@@ -131,6 +131,7 @@ CENTIMETRES = Frame(np.array([[30.0, 0, 0, 5], [0, 30.0, 0, -200], [0, 0, 30.0, 
 FAR = Frame(np.array([[0.2, 0, 0, 4e5], [0, 0.2, 0, -3e2], [0, 0, 0.2, 5e6], [0, 0, 0, 1]]), np.eye(4))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("frame", "options"),
     [

@@ -92,6 +92,7 @@ class TestInspect:
             require_sound(*change(CUBE, CUBE_FACES), closed=True, where="my node")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("budget", [300, 1500])
 def test_ball_within_the_budget(method, budget):
@@ -139,6 +140,7 @@ def test_non_manifold_edges_are_repaired(method):
     assert inspect(*result).crowded_edges == 0
 
 
+@pytest.mark.thorough
 def test_components():
     two = join(ball(0.35, (-0.5, 0, 0)), ball(0.25, (0.6, 0, 0)))
     both = clean_mesh(*two, CleanSettings(faces=900, components=0))
@@ -150,6 +152,7 @@ def test_components():
     assert large[0][:, 0].max() < 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS[:2])
 def test_holes_are_closed_on_request(method):
     vertices, faces = ball()
@@ -213,6 +216,7 @@ def rods(resolution=96):
     return surface(values.reshape(grid.shape), grid)
 
 
+@pytest.mark.thorough
 def test_thin_parts_get_the_faces_they_need():
     start = rods()
     few = clean_mesh(*start, CleanSettings(faces=100, components=0))
@@ -224,6 +228,7 @@ def test_thin_parts_get_the_faces_they_need():
     assert inspect(*kept).closed
 
 
+@pytest.mark.thorough
 def test_a_plain_object_keeps_to_its_budget():
     assert len(clean_mesh(*ball(), CleanSettings(faces=600, tolerance=0.05))[1]) <= 600
     held = clean_mesh(*rods(), CleanSettings(faces=200, components=0, tolerance=1e-6, max_faces=500))
@@ -259,6 +264,7 @@ def test_pillows_are_taken_out_and_other_faces_stay():
     assert np.array_equal(without_pillows(faces), faces)
 
 
+@pytest.mark.thorough
 def test_a_budget_that_cannot_hold_the_surface_is_passed_over(monkeypatch):
     asked = []
     real = clean._cleaned

@@ -25,6 +25,7 @@ def sphere():
     return vertices.astype(np.float32), faces.astype(np.int32), uvs, corners
 
 
+@pytest.mark.thorough
 def test_fewer_faces_same_surface_same_atlas(sphere):
     vertices, faces, uvs, corners = sphere
     result = decimate(*sphere, 500)
@@ -87,6 +88,7 @@ def test_quadrics_measure_squared_distances_to_the_planes_around(sphere):
         assert np.isclose(np.append(place, 1) @ found[v] @ np.append(place, 1), total)
 
 
+@pytest.mark.thorough
 def test_one_round_is_the_sequential_pass(sphere):
     vertices, faces, uvs, corners = sphere
     state = Topology(vertices, faces, uvs, corners, VertexMap(), np.arange(len(faces)), 0)

@@ -20,6 +20,7 @@ BOLD = FlipSettings(max_bend=1.2, max_shift=0.5, min_shape=0.02)
 CHOICES = [FlipSettings(), BOLD, FlipSettings(method="valence"), BOLD.replaced(method="valence")]
 
 
+@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(meshes(), st.sampled_from(CHOICES), st.integers(1, 3))
 def test_rounds_equal_the_sequential_pass(mesh, choice, rounds):
@@ -34,6 +35,7 @@ def test_rounds_equal_the_sequential_pass(mesh, choice, rounds):
     assert same_sharing(got[2], want[2])
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(meshes(), st.sampled_from(CHOICES), st.integers(0, 2**32 - 1))
 def test_flips_keep_topology_and_what_they_do_not_own(mesh, choice, seed):

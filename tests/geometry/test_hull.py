@@ -68,6 +68,7 @@ def test_silhouette_distance_of_full_and_empty_masks():
     assert (silhouette_distance(np.zeros((4, 4))) < -4).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("radius", [0.35, 0.9])
 def test_sphere(radius):
     field = SilhouetteField.from_masks(*sphere_masks(30, 96, radius))
@@ -94,6 +95,7 @@ def test_band_gives_the_same_surface_as_evaluating_every_point():
         assert full[:, axis].max() == pytest.approx(vertices[:, axis].max(), abs=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wrong_masks", [0, 1, 3, 8])
 @pytest.mark.parametrize("size", [48, 1])
 def test_the_kernel_gives_what_numpy_gives(wrong_masks, size):
@@ -214,6 +216,7 @@ def test_taubin_smooths_without_shrinking():
     assert np.array_equal(taubin(rough, faces, 0), rough)
 
 
+@pytest.mark.thorough
 def test_sample_scene_hull_is_close_to_the_true_mesh():
     from exmesh_graph.evaluate.metrics.mesh import chamfer
     from exmesh_graph.io.blender import load_blender

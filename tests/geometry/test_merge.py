@@ -23,6 +23,7 @@ EAGER = MergeSettings(min_faces=4, degenerate=0.3, area_quantile=0.9, min_cosine
 PAPER = EAGER.replaced(tries=1, checks="topology", uv="own")  # the paper's letter, and the link condition
 
 
+@pytest.mark.thorough
 @settings(max_examples=18, deadline=None)
 @given(
     meshes(),
@@ -46,6 +47,7 @@ def test_round_equals_the_sequential_pass(mesh, choice, unseen, seed):
     assert same_sharing(index_got, index_want)
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(meshes(), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1), st.sampled_from(["degenerate", "random"]))
 def test_merge_keeps_topology(mesh, unseen, seed, criterion):
@@ -65,6 +67,7 @@ def test_merge_keeps_topology(mesh, unseen, seed, criterion):
     assert degeneracy(done.vertices, done.faces).min() >= degeneracy(vertices, faces).min() * (1 - 1e-4)
 
 
+@pytest.mark.thorough
 def test_fuzzed_splits_and_merges_stay_a_manifold():
     for name in ("sphere", "torus", "neck", "strip"):
         vertices, faces, uvs, uv_faces = unwrapped(name)

@@ -85,6 +85,7 @@ def test_a_round_shape_stays_round():
     assert off.mean() < 0.4 * chord.mean()
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(meshes())
 def test_nothing_folds_and_seams_and_outlines_stay(mesh):

@@ -17,6 +17,7 @@ from exmesh_graph.geometry.surface import closest_on_triangles
 from exmesh_graph.types.edges import edges_of, is_closed
 
 
+@pytest.mark.thorough
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10**6), budget=st.sampled_from([120, 400, 3000]))
 def test_noisy_spheres_keep_their_topology(seed, budget):
@@ -34,6 +35,7 @@ def test_noisy_spheres_keep_their_topology(seed, budget):
     assert distance_to_mesh(v, vertices, faces).max() < 1e-6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("budget", [300, 5000])
 def test_torus(budget):
     v, f = remesh(*torus(40, 20), budget)
@@ -51,6 +53,7 @@ def test_open_meshes_keep_their_boundary():
     assert v.max(0) == pytest.approx(vertices.max(0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(3))
 def test_a_long_fine_boundary_fits_the_budget_and_stays_near(seed):
     """A sheet whose border frays: one face in two is gone from its outermost row, all around."""
@@ -150,6 +153,7 @@ def plate(resolution=96):
     return surface(values.reshape(grid_.shape), grid_)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("budget", [150, 600])
 def test_a_thin_sheet_keeps_its_rim(budget):
     v, f = plate()

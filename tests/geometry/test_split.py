@@ -24,6 +24,7 @@ from exmesh_graph.types.edges import is_closed
 slow_but_few = settings(max_examples=30, deadline=None)
 
 
+@pytest.mark.thorough
 @slow_but_few
 @given(
     meshes(), st.sampled_from(["opposite", "endpoints"]), st.sampled_from(["ranks", "values"]),

@@ -46,6 +46,7 @@ def carry_out(name, mesh, gradient, seed):
     return subdivide(*mesh), 4 * faces
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(meshes(), STEPS)
 def test_every_step_of_a_sequence_keeps_what_it_must(mesh, steps):
@@ -123,6 +124,7 @@ def corners_of(face, marks, vertices, uvs):
     return frozenset((tuple(vertices[v].tolist()), tuple(uvs[m].tolist())) for v, m in zip(face, marks, strict=True))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scale", [2.0**-10, 2.0**10])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_sequence_does_not_depend_on_the_scale(seed, scale):

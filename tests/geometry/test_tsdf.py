@@ -101,6 +101,7 @@ def test_masks_remove_background(sphere):
     assert len(plain) > len(masked)
 
 
+@pytest.mark.thorough
 def test_result_can_be_cleaned(sphere):
     vertices, faces = clean_mesh(*fuse(*sphere, TsdfSettings(resolution=48)), CleanSettings(faces=600, close_holes=100))
     assert inspect(vertices, faces).closed
@@ -116,6 +117,7 @@ def test_bad_input(sphere):
         fuse(views, DepthMaps(views.names, depths.depth * 0), TsdfSettings(resolution=40))
 
 
+@pytest.mark.thorough
 def test_sample_mesh_from_ray_cast_depth():
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene

@@ -40,6 +40,7 @@ def every_pair(vertices, faces) -> list[tuple[int, int]]:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.2, 0.4])
 def test_pairs_are_those_of_testing_every_pair(noise):
     vertices, faces = icosphere(1)  # 80 faces

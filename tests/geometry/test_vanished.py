@@ -36,6 +36,7 @@ def test_a_small_part_and_a_sliver_of_a_large_one_have_not():
     assert len(vanished(vertices, faces[:0])) == 0
 
 
+@pytest.mark.thorough
 def test_merging_drops_it_and_carries_what_belongs_to_the_rest():
     vertices, faces = ball_and_speck(1e-8)
     vertices, faces, uvs, uv_faces = (vertices, faces, *unwrap(vertices, faces, 256))

@@ -76,6 +76,7 @@ TASKS: dict[str, Task] = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", TASKS)
 def test_nothing_is_left_on_the_cpu(name: str) -> None:
     here = TASKS[name]("cpu")
@@ -87,6 +88,7 @@ def test_nothing_is_left_on_the_cpu(name: str) -> None:
         assert error <= CLOSE * float(np.abs(values).mean()), f"{what} is off by {error}"
 
 
+@pytest.mark.thorough
 def test_every_accelerated_operation_is_the_cpu_s() -> None:
     with elsewhere() as device:
         results = {name: trial(device) for name, trial in device_check.TRIALS.items()}

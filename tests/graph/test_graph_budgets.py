@@ -17,6 +17,7 @@ def shape(graph: Any) -> dict[str, Any]:
     return {name: bound.params.model_dump(mode="json") for name, bound in graph.nodes.items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["quickstart", "hull", "use", "pgsr", "sphere"])
 def test_every_budget_checks(name: str, packs: Any) -> None:
     rounds = []

@@ -26,6 +26,7 @@ outputs: {both: "@both.number", higher: "@higher.number"}
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("workers", [0, 1])
 def test_what_is_not_there_switches_its_users_off(bench: Any, states: Any, workers: int) -> None:
     backend = {"backend": Local(1)} if workers else {}

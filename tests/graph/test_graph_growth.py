@@ -42,6 +42,7 @@ def plain_work() -> float:
     return time.process_time() - began
 
 
+@pytest.mark.thorough
 def test_a_graph_of_many_nodes_is_checked_at_once(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """20 000 nodes took 5.5 s of processor time where they take 2 s now, a quarter of it for carried values alone.
 
@@ -115,6 +116,7 @@ def _sizes(count: int) -> tuple[dict[str, tuple[float, float]], list[tuple[str, 
     return {box.name: (100.0, 40.0) for box in boxes}, edges, {box.name: () for box in boxes}
 
 
+@pytest.mark.thorough
 def test_pictures_of_all_rounds_grow_with_their_number() -> None:
     def cost(count: int) -> tuple[float, int]:
         began = time.process_time()
@@ -144,6 +146,7 @@ def test_sizes_are_what_the_disk_counts(bench: Any, tmp_path: Path) -> None:
     assert item.bytes == allocated(item.path) >= 512
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("a node prints and says without end", "its log and its messages stay short, the latest kept")
 def test_a_node_that_talks(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "nodes: {a: {type: toy.talk, megabytes: 24, messages: 6000}}"

@@ -20,6 +20,7 @@ from exmesh_graph.graph.run.hermetic import apart
 CLOCK = time.localtime(0).tm_hour  # before any node could change it
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("workers", [0, 1])
 @pytest.mark.reliability(
     "a node leaves environment, folder, seeds, default type or error states changed",
@@ -96,6 +97,7 @@ with apart(5):
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("a node is the first in its process to import numpy or torch", "they start from its seed too")
 def test_who_imports_first_draws_the_same() -> None:
     runs = [subprocess.run([sys.executable, "-c", FIRST, *loaded], capture_output=True, text=True, check=True).stdout

@@ -354,6 +354,7 @@ def read(ctx: Context, rows: Rows, *, p: Salt) -> Out:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("value", "saved"),
     [
@@ -569,6 +570,7 @@ def test_a_round_that_is_not_quoted_in_braces(bench: Any) -> None:
     assert 'names with brackets are quoted: {set: "rounds[1].' in problem.fix
 
 
+@pytest.mark.thorough
 def test_check_of_many_dangling_links_is_linear(bench: Any) -> None:
     """Twice the nodes take about twice the work."""
     import cProfile

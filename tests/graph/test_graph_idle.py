@@ -72,6 +72,7 @@ def test_shipped_graphs_run_all_that_they_ran(packs: Any) -> None:
     assert list(moved.idle) == ["light", "probe", "bounce"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

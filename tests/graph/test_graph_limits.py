@@ -40,6 +40,7 @@ def past_its_limit(bench: Any, words: str) -> str:
     return str(caught.value.record["message"])
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("a node takes more time, memory or disk than its limits say", "it is stopped: one failed node")
 @pytest.mark.parametrize(
     ("words", "told"),
@@ -54,12 +55,14 @@ def test_a_node_past_its_limit_is_one_failed_node(bench: Any, words: str, told: 
     assert told in past_its_limit(bench, words)
 
 
+@pytest.mark.thorough
 def test_memory_is_measured_where_no_control_group_can_be_made(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("exmesh_graph.graph.run.backends.local.confine", lambda *_: None)
     words = "seconds: 60, megabytes: 500, by_child: true, limits: {ram_gb: 0.3}"
     assert "past its limit of 0.3" in past_its_limit(bench, words)  # the child's: the node itself takes less
 
 
+@pytest.mark.thorough
 def test_a_node_within_its_limits_runs_and_the_next_one_is_not_bound_by_them(
     bench: Any, states: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,6 +108,7 @@ def test_in_the_runs_own_process_limits_are_told_not_to_be_kept(bench: Any) -> N
     assert told == ["its limits are not kept: it runs in the process of the run, which would end with it"]
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("a cause that passes: a lost network, a busy device, the out-of-memory killer",
                          "tried again as often as its limits say, then one failed node")  # fmt: skip
 @pytest.mark.parametrize("how", ["network", "own", "kill"])

@@ -113,6 +113,7 @@ def test_an_empty_list(bench: Any, states: Any) -> None:
     assert bench.value(record, "both") == 399
 
 
+@pytest.mark.thorough
 def test_workers_make_the_same_bytes(bench: Any) -> None:
     inline = bench.run(MAPPED)
     backend = Local(2)
@@ -253,6 +254,7 @@ variants:
     assert {str(link) for link in short.nodes["c"].inputs.values()} == {"@one.number"}
 
 
+@pytest.mark.thorough
 def test_two_readers_of_broken_elements(bench: Any, states: Any) -> None:
     """Both find the bytes broken while neither has a result: the element is made again once, and gathered anew."""
     text = MAPPED.replace(', up: "@up.number"', "")

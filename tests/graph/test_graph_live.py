@@ -125,6 +125,7 @@ def test_cells_run_and_are_hits(notebook: Notebook, flags: int) -> None:
     assert notebook.run()[:2] == ({"a": "hit", "b": "hit"}, 60.0)
 
 
+@pytest.mark.thorough
 def test_another_cell_changes_what_it_defines(notebook: Notebook) -> None:
     notebook.run()
     notebook.cell("def helper(x):\n    return x + FACTOR\n")
@@ -232,6 +233,7 @@ CHANGES = [
 ]  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("before", "after", "body"), [row[1:] for row in CHANGES], ids=[row[0] for row in CHANGES])
 def test_whatever_a_node_uses_counts(notebook: Notebook, before: str, after: str, body: str) -> None:
     body = f"return Out(Figure({body}))"
@@ -334,6 +336,7 @@ if __name__ == "__main__":
 )
 
 
+@pytest.mark.thorough
 def test_a_script(tmp_path: Path) -> None:
     (tmp_path / "g.yaml").write_text(GRAPH)
     near, script = tmp_path / "near.py", tmp_path / "script.py"

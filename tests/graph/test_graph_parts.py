@@ -259,6 +259,7 @@ def test_a_value_defined_by_itself(bench: Any) -> None:
     assert any("defined by itself" in problem.what for problem in problems)
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), count=st.integers(1, 6))
 def test_a_part_makes_what_its_nodes_make(bench: Any, data: st.DataObject, count: int) -> None:

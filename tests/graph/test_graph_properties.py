@@ -207,6 +207,7 @@ def check_one(bench: Any, nodes: Nodes, code: bool, used: Path, empty: Path) -> 
     assert {row["state"] for row in run_in(bench, text, used).values()} == {"hit"}
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("random graphs after random edits of values, wires, nodes and code",
                          "cached results equal those of an empty store and direct evaluation")  # fmt: skip
 @FEW
@@ -226,6 +227,7 @@ def test_cached_results_equal_fresh_ones_many(
     check_edits(bench, tmp_path_factory.mktemp("stores"), data)
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("a node's inputs swapped", "the key changes, always")
 @settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
@@ -247,6 +249,7 @@ def test_swapped_inputs_change_the_key(bench: Any, inputs: dict[str, tuple[str, 
     assert key(inputs) == key(dict(reversed(inputs.items())))
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("two inputs of any node of a random graph swapped",
                          "it is a hit only where both inputs have the same bytes")  # fmt: skip
 @FEW
@@ -265,6 +268,7 @@ def test_swaps_in_graphs(bench: Any, tmp_path_factory: pytest.TempPathFactory, d
     assert (steps[name].key == rows[name]["key"]) == (digests[0] == digests[1])
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("keys of a graph file in any order, values in any spelling", "every key stays the same")
 @FEW
 @given(nodes=graphs(), seed=st.integers(0, 2**32))

@@ -98,6 +98,7 @@ def spoil(url: str, ending: str, change: Any) -> None:
         fs.pipe_file(name, data)
 
 
+@pytest.mark.thorough
 def test_what_one_machine_made_is_a_hit_on_another(tmp_path: Path, url: str) -> None:
     key, stored = made(opened(tmp_path, "a", url))
     other = opened(tmp_path, "b", url)
@@ -145,6 +146,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", FAULTS)
 def test_doubt_is_a_miss_and_is_mended_by_the_next_push(tmp_path: Path, url: str, fault: str) -> None:
     key, stored = made(opened(tmp_path, "a", url))
@@ -401,6 +403,7 @@ nodes:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["folder", "s3"])
 def test_two_machines_never_compute_what_the_other_has(bench: Any, request: Any, kind: str) -> None:
     """Two processes with stores of their own and one shared store, in turn: each result is made once."""

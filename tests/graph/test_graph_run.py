@@ -152,6 +152,7 @@ def test_targets(bench: Any, states: Any) -> None:
     assert states(bench.run(CUT, targets=graph.needed_for(["s"]))) == {"a": "done", "s": "done"}
 
 
+@pytest.mark.thorough
 def test_memory_is_let_go(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from exmesh_graph.graph.run.runner import Runner
 
@@ -349,6 +350,7 @@ def test_a_plan_says_what_a_run_does(bench: Any, states: Any) -> None:
     assert done["a"] == "done"
 
 
+@pytest.mark.thorough
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), count=st.integers(2, 7))
 def test_random_graphs(bench: Any, states: Any, data: st.DataObject, count: int) -> None:

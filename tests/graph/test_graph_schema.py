@@ -41,6 +41,7 @@ def test_the_file_in_the_repository_is_current() -> None:
     assert done.stdout == FILE.read_text(encoding="utf-8"), f"exmesh schema -o {FILE.relative_to(ROOT)}"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
 def test_shipped_graphs_name_the_schema_and_are_valid(schema: Any, path: Path) -> None:
     first = path.read_text(encoding="utf-8").splitlines()[0]
@@ -83,6 +84,7 @@ def test_everything_that_can_be_said_is_valid(schema: Any) -> None:
     assert list(schema.iter_errors(plain(parse_yaml(GOOD, None)))) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -159,12 +159,14 @@ def test_two_threads(packs_there: Path) -> None:
     assert results == {pack: [VALUES[pack]] * 4 for pack in PACKS}
 
 
+@pytest.mark.thorough
 def test_worker_processes_load_the_packs_of_the_session(packs_there: Path) -> None:
     for pack in PACKS:
         states, value = run(Session([pack]), packs_there, pack, packs_there / "store", Local(1))
         assert (set(states.values()), value) == ({"done"}, VALUES[pack])
 
 
+@pytest.mark.thorough
 def test_a_worker_gets_types_of_modules_that_were_imported_by_hand(packs_there: Path) -> None:
     """In a process of its own: what it imports without a pack is in its default session."""
     code = f"""

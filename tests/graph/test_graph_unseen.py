@@ -405,6 +405,7 @@ def test_what_nobody_thought_of_is_told() -> None:
         assert all(standard.beyond(f"{module}.{name}") for name in names), module
 
 
+@pytest.mark.thorough
 def test_nothing_of_ours_is_outside_the_key(packs: Any) -> None:
     own = [d for d in load_packs().types.values() if d.function.__module__.startswith("exmesh_nodes.")]
     assert len(own) > 50
@@ -425,6 +426,7 @@ def asking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]
     sys.modules.pop("asking_pack", None)
 
 
+@pytest.mark.thorough
 def test_why_plan_and_doctor_say_so(asking: Session, tmp_path: Path) -> None:
     graph = tmp_path / "g.yaml"
     graph.write_text("nodes: {a: {type: asking.flavour}}")

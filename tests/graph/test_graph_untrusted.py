@@ -37,6 +37,7 @@ def refused(bench: Any, text: str, *, traced: bool = True) -> str:
     return shown
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -143,6 +144,7 @@ def test_long_chains_of_files(bench: Any) -> None:
     assert "nest deeper than 16 files" in refused(bench, "nodes: {x: {graph: g0.yaml}}")
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "an untrusted graph file: bombs, huge repeats, code, endless or far files",
     "refused at once, with a message",
@@ -156,6 +158,7 @@ def test_sub_graphs_that_multiply(bench: Any) -> None:
     assert "more than 10000 rounds and sub-graphs" in refused(bench, "nodes: {x: {graph: m0.yaml}}", traced=False)
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "an untrusted graph file: bombs, huge repeats, code, endless or far files",
     "refused at once, with a message",

@@ -78,6 +78,7 @@ class TestMasks:
         ragged = Outlines.of(clean.wide & (clean.masks | (rng.random(clean.masks.shape) < 0.5)), clean.cameras)
         assert check_masks(ragged) == ([], True)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("name", FAULTS)
     def test_a_fault_of_all_views(self, clean, name):
         fault, cause = FAULTS[name]
@@ -86,6 +87,7 @@ class TestMasks:
         assert finding.grave
         assert any(part in finding.cause for part in cause.split("|")), str(finding)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize(
         ("change", "cause"),
         [
@@ -229,9 +231,11 @@ def photographs():
 
 
 class TestPictures:
+    @pytest.mark.thorough
     def test_clean(self, photographs):
         assert check_pictures(*photographs) == ([], True)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize(
         ("change", "cause"),
         [
@@ -252,6 +256,7 @@ class TestPictures:
         assert findings[0].grave
         assert cause in findings[0].cause
 
+    @pytest.mark.thorough
     def test_two_swapped_are_named(self, photographs):
         pictures, seen = photographs
         poses = seen.camera_to_world.copy()
@@ -261,6 +266,7 @@ class TestPictures:
         assert "swapped" in finding.cause
         assert not finding.grave
 
+    @pytest.mark.thorough
     def test_a_camera_that_no_other_view_has_is_named_alone(self, photographs):
         pictures, seen = photographs
         poses = seen.camera_to_world.copy()
@@ -275,6 +281,7 @@ class TestPictures:
         pictures, seen = photographs
         assert check_pictures(np.full_like(pictures, 0.5), seen) == ([], False)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("truth", [0.0, 0.5])
     def test_half_a_pixel(self, photographs, truth):
         pictures, seen = photographs

@@ -102,6 +102,7 @@ def test_a_node_puts_the_files_into_its_scratch_folder(blender_scene, tmp_path_f
     assert all(file.is_relative_to(context.scratch) for file in (*out.train.images.files, *out.test.alpha.files))
 
 
+@pytest.mark.thorough
 def test_the_solvers_see_the_same_whatever_fits_into_memory(blender_scene, in_files):
     """In arrays, in files and held, in files and made anew at each visit: the same bytes."""
     options = BlenderOptions(hdr=False, truth=False)

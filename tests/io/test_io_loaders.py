@@ -149,6 +149,7 @@ class TestBlender:
         assert {"mesh/mesh.ply", "env_train.exr", "envmaps/noon.exr", "test_rli/noon_001.png"} <= set(names)
         assert not any("lost" in name for name in names)
 
+    @pytest.mark.thorough
     def test_the_sample_scene(self):
         scene = load_blender(SAMPLE)
         assert len(scene.train) == 40

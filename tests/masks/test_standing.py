@@ -9,6 +9,7 @@ from exmesh_graph.errors import GeometryError
 from exmesh_graph.testing import FakeContext
 
 
+@pytest.mark.thorough
 def test_without_masks_the_table_goes_and_parts_of_the_object_stay():
     """The table is larger than the ball: the largest part alone would be the table."""
     ball = scene(count=12, at=0.25)

@@ -54,6 +54,7 @@ def test_pictures_come_down_to_the_asked_side():
     ]  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch):
     def refuse(*_, **__):
         raise AssertionError("this start was not chosen")
@@ -77,6 +78,7 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
         auto.auto(context, views, p=auto.AutoParams(method="tsdf"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("foretold", [None, (0.8, 0.2)])
 def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foretold, monkeypatch):
     """Depth maps that cut off all that is far from the middle: the photographs do not fit what is left."""
@@ -155,6 +157,7 @@ def test_depth_that_was_found_with_the_masks_is_not_looked_for_again(views, monk
         auto.auto(FakeContext(), views, stereo=DepthMaps(views.names[1:], whole.depth[1:]), p=p)
 
 
+@pytest.mark.thorough
 def test_stereo_carves_and_fuses(views):
     context = FakeContext()
     p = auto.AutoParams(method="stereo", resolution=32, faces=400, tolerance=0)

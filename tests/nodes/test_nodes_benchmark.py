@@ -19,6 +19,7 @@ QUICK = {"directions": 64, "bounces": 1, "supersampling": 2}
 FRAME = Frame(np.diag([2.0, 2, 2, 1]), np.eye(4))
 
 
+@pytest.mark.thorough
 def test_synthetic4relight_gives_the_papers_row_and_every_albedo_rule(scene, context):
     p = benchmark.Synthetic4RelightParams(scene="hotdog", pictures=1, **QUICK)
     values = benchmark.synthetic4relight(context, scene.asset, scene.test, scene.truth, scene.train, p=p).metrics.values
@@ -33,6 +34,7 @@ def test_synthetic4relight_gives_the_papers_row_and_every_albedo_rule(scene, con
     assert set(values["albedo_rules"]) >= {"median", "least_squares", "sampled_red", "none", "r3dg"}
 
 
+@pytest.mark.thorough
 def test_the_rule_goes_onto_relit_pictures_and_is_not_fitted_on_them(scene, context):
     dark = replace(scene.asset, base_color=scene.asset.base_color / 2)
     rows = {}
@@ -49,6 +51,7 @@ def test_the_rule_goes_onto_relit_pictures_and_is_not_fitted_on_them(scene, cont
     assert out.metrics.values["benchmark"]["row"]["relight PSNR"] < rows["median"]["relight PSNR"] - 8
 
 
+@pytest.mark.thorough
 def test_a_scene_without_truth_and_weights_that_are_not_there(scene, context, tmp_path):
     p = benchmark.Synthetic4RelightParams(scene="x", **QUICK)
     with pytest.raises(DataError, match="lacks albedo"):
@@ -74,6 +77,7 @@ def orb_truth(scene):
     return truth, LitViews(**views, environments=np.stack([other] * 3))
 
 
+@pytest.mark.thorough
 def test_stanford_orb_of_the_true_asset(scene, orb_truth, context):
     truth, novel = orb_truth
     p = benchmark.OrbParams(scene="teapot_scene001", **QUICK)
@@ -88,6 +92,7 @@ def test_stanford_orb_of_the_true_asset(scene, orb_truth, context):
     assert row["CD"] > 1
 
 
+@pytest.mark.thorough
 def test_stanford_orb_catches_a_light_that_is_not_turned_and_depth_of_another_shape(scene, orb_truth, context):
     truth, novel = orb_truth
     p = benchmark.OrbParams(scene="x", max_views=1, **QUICK)

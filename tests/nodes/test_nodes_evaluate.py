@@ -32,6 +32,7 @@ def perfect(scene, tmp_path_factory):
     return out, context
 
 
+@pytest.mark.thorough
 def test_the_true_asset_scores_high_and_the_gray_guess_low(perfect):
     values = perfect[0].metrics.values
     assert values["held_out"]["psnr"] > 38
@@ -90,6 +91,7 @@ def test_the_gallery_shows_ours_truth_and_error(perfect, scene):
     assert np.abs(picture[:, :40] - picture[:, 46:86]).mean() < 0.01
 
 
+@pytest.mark.thorough
 def test_a_channelwise_scaled_albedo_is_forgiven_and_a_permuted_one_is_not(scene, context):
     factor = np.array([2.0, 0.5, 1.0], np.float32)
     scaled = replace(scene.asset, base_color=scene.asset.base_color * factor)
@@ -104,6 +106,7 @@ def test_a_channelwise_scaled_albedo_is_forgiven_and_a_permuted_one_is_not(scene
     assert values["material"]["albedo_psnr_linear"] < 30
 
 
+@pytest.mark.thorough
 def test_the_floor_follows_the_brightness_of_the_training_images(scene, context):
     def level(train):
         out = evaluate.asset(context, scene.asset, scene.test, None, train, p=PARAMS)
@@ -113,6 +116,7 @@ def test_the_floor_follows_the_brightness_of_the_training_images(scene, context)
     assert np.isclose(level(brighter), 2 * level(scene.train), rtol=1e-5)
 
 
+@pytest.mark.thorough
 def test_an_asset_worse_than_the_texture_before_it_is_warned_of(scene, tmp_path):
     fast = evaluate.AssetParams(directions=64, bounces=0, max_views=1, supersampling=1, pictures=1)
     plain = evaluate.asset(FakeContext(tmp_path), scene.asset, scene.test, p=fast).metrics.values["held_out"]
@@ -127,6 +131,7 @@ def test_an_asset_worse_than_the_texture_before_it_is_warned_of(scene, tmp_path)
         assert any("below Stage I's texture" in text for text in context.warnings) is worse
 
 
+@pytest.mark.thorough
 def test_without_truth_only_held_out_views_are_scored(scene, context):
     out = evaluate.asset(context, scene.asset, scene.test, p=PARAMS)
     assert set(out.metrics.values) == {"headline", "floor", "held_out"}
@@ -152,6 +157,7 @@ def region_of(scene):
     return Region(scene.test.names, inside, near, far)
 
 
+@pytest.mark.thorough
 def test_views_without_masks_are_scored_where_the_region_says(scene, context):
     values = evaluate.asset(
         context, scene.asset, unmasked(scene.test), region=region_of(scene), p=PARAMS
@@ -195,6 +201,7 @@ def test_the_pictures_show_what_is_missing_and_what_leaks(scene, context):
     assert missing.sum() > 0.5 * (marks[holed] == 2).sum() > 0
 
 
+@pytest.mark.thorough
 def test_fewer_views_and_equal_figures_on_repeat(scene, context, tmp_path):
     p = PARAMS.model_copy(update={"max_views": 1})
     first = evaluate.asset(context, scene.asset, scene.test, scene.truth, p=p)
@@ -259,6 +266,7 @@ def test_without_masks_the_training_views_help_to_find_what_counts(scene, contex
     assert asked == [scene.train]
 
 
+@pytest.mark.thorough
 def test_no_pictures_asked_for_means_none_of_the_views(scene, context):
     p = PARAMS.model_copy(update={"max_views": 1, "pictures": 0})
     kinds = [pair["kind"] for pair in evaluate.asset(context, scene.asset, scene.test, p=p).scored.pairs]
@@ -268,6 +276,7 @@ def test_no_pictures_asked_for_means_none_of_the_views(scene, context):
 PICTURES = ("exmesh_graph.gallery", "exmesh_graph.report", "exmesh_graph.export", "exmesh_graph.edit")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", sorted(name for name in TYPES if name.startswith(("evaluate.", "benchmark."))))
 def test_scores_do_not_depend_on_pages_pictures_or_exports(name):
     modules = fingerprint(TYPES[name]).modules
@@ -295,6 +304,7 @@ print(json.dumps([name for name, digest in digests().items() if digest != before
 """
 
 
+@pytest.mark.thorough
 def test_a_caption_edit_leaves_the_scores_and_makes_the_pictures_anew(tmp_path):
     """On a copy of the sources: the keys of scores stay, those of pictures change."""
     for name in ("exmesh_graph", "nodes"):

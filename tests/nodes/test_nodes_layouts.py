@@ -23,6 +23,7 @@ def folder(tmp_path_factory):
     return root
 
 
+@pytest.mark.thorough
 def test_all_layouts_hold_the_same_scene(folder):
     nerf = load_blender(folder / "nerf_synthetic" / "chair")
     relight = load_synthetic4relight(folder / "Synthetic4Relight" / "hotdog")

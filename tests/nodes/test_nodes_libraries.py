@@ -94,6 +94,7 @@ def imports_of(path: Path) -> set[str]:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("node_type", BUILTIN)
 def test_the_key_holds_the_versions_of_all_libraries(node_type: str) -> None:
     declared, imported = set(BUILTIN[node_type].libraries), libraries_of(node_type)

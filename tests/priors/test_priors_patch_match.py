@@ -51,6 +51,7 @@ def compared(size=(16, 19), weight=0.0, seed=0, flat=False, radius=2, step=1):
     return scene, comparison, level, planes
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", [{}, {"weight": 0.3}, {"flat": True}, {"radius": 3, "step": 2, "seed": 5}])
 def test_the_cost_of_a_plane_is_that_of_the_reference(case):
     """Beyond the border, outside masks, flat windows, grazing planes and views without a source are among them."""
@@ -74,6 +75,7 @@ def test_the_cost_of_a_plane_is_that_of_the_reference(case):
     assert (made[:, 3][~scene.inside] > 1e8).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("weight", [0.0, 0.3])
 def test_half_an_iteration_is_that_of_the_reference(weight):
     scene, comparison, level, planes = compared(weight=weight)

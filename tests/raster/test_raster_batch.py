@@ -133,6 +133,7 @@ def test_indices_outside_the_mesh_are_refused_not_read(index):
         shade(vertices, faces, torch.zeros(3, 2), bad, torch.zeros(2, 2, 3), face_id)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kernels", ["visibility", "texture", "silhouette"])
 def test_the_same_kernels_compile_for_cuda(kernels, tmp_path):
     """To PTX, which takes no CUDA device."""

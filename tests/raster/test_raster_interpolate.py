@@ -47,6 +47,7 @@ def test_interpolating_positions_gives_the_point_under_the_pixel():
     assert bool((points[~seen] == 0).all())
 
 
+@pytest.mark.thorough
 def test_gradients_of_barycentrics_and_interpolation():
     projected, faces, uvs, uv_faces, _, face_id = scene(size=8)
     flat = face_id.view(-1)
@@ -61,6 +62,7 @@ def test_gradients_of_barycentrics_and_interpolation():
     assert torch.autograd.gradcheck(attributes, (projected, uvs))
 
 
+@pytest.mark.thorough
 def test_gradients_of_the_shading_reference():
     projected, faces, uvs, uv_faces, texture, face_id = scene(size=8)
 

@@ -61,6 +61,7 @@ def test_the_footprint_is_the_screen_derivative_of_uv():
         assert torch.allclose(footprint[..., axis], numeric, atol=1e-6, rtol=1e-5)
 
 
+@pytest.mark.thorough
 def test_the_footprint_has_gradients():
     projected, faces, uvs, uv_faces, face_id, pixels, size = scene(8)
 
@@ -105,6 +106,7 @@ def test_trilinear_lookup_against_torch_grid_sample(wrap, padding, dtype):
     assert torch.allclose(got.double(), want, atol=2e-5 if dtype == torch.float32 else 1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wrap", ["clamp", "mirror", "repeat"])
 def test_trilinear_gradients_in_float64(wrap):
     g = torch.Generator().manual_seed(2)

@@ -100,6 +100,7 @@ SCENES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("uv_gradient", [True, False])
 @pytest.mark.parametrize("tinted", [False, True])
 @pytest.mark.parametrize("name", SCENES)

@@ -162,6 +162,7 @@ def test_projection_is_differentiable_and_keeps_the_principal_point():
     assert (float(x / z), float(y / z)) == pytest.approx((37.0, 21.0))
 
 
+@pytest.mark.thorough
 def test_nothing_is_printed_and_warp_is_not_loaded_early():
     code = (
         "import sys, exmesh_graph.raster as r, torch\n"

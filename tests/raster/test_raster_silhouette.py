@@ -36,6 +36,7 @@ def test_area_of_a_sphere_and_its_derivative(level):
     assert float(radius.grad) == pytest.approx(exact, rel=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("level", [3, 5])
 def test_gradients_against_finite_differences(level):
     """Smooth displacements of a bumpy body, smooth image weights; steps of about 0.4 pixels."""

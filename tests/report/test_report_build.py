@@ -225,6 +225,7 @@ def test_a_film_is_shown_as_what_it_is(tmp_path, record, load):
     assert "data:image/webp;base64,UklGRg==" in build_report(tmp_path, record, load).read_text()
 
 
+@pytest.mark.thorough
 def test_chromium_shows_the_page_without_a_network(tmp_path, record, load):
     pixels = screenshot(build_report(tmp_path, record, load), 1250, 1800)
     assert pixels.shape == (1800, 1250, 3)

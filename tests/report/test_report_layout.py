@@ -37,6 +37,7 @@ def graphs(draw: st.DrawFn) -> tuple[list[str], list[tuple[str, str]]]:
     return names, draw(st.lists(st.sampled_from(pairs), max_size=16, unique=True)) if pairs else []
 
 
+@pytest.mark.thorough
 @given(graphs())
 def test_boxes_stay_apart_and_inside_their_frames(graph: tuple[list[str], list[tuple[str, str]]]) -> None:
     names, edges = graph
@@ -54,6 +55,7 @@ def test_boxes_stay_apart_and_inside_their_frames(graph: tuple[list[str], list[t
             assert all(corners) if own else not any(corners)
 
 
+@pytest.mark.thorough
 @given(graphs())
 def test_every_wire_is_whole_and_runs_down(graph: tuple[list[str], list[tuple[str, str]]]) -> None:
     names, edges = graph

@@ -28,6 +28,7 @@ def sheet(width, height):
     return carrier_of(vertices, faces, uvs, faces)
 
 
+@pytest.mark.thorough
 def test_a_gallery_shows_the_shape_and_the_atlas(tmp_path):
     vertices, faces = icosphere(2, 0.5)
     gallery = round_gallery(tmp_path, carrier_of(vertices, faces, *unwrap(vertices, faces, 64)))

@@ -16,6 +16,7 @@ def _frame(angle):
     return normal, view
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("roughness", [0.08, 0.1, 0.3, 0.6, 1.0])
 @pytest.mark.parametrize("n_v", [0.01, 0.3, 1.0])
 def test_white_furnace_never_gains_energy(roughness, n_v):

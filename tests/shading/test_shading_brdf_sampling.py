@@ -29,6 +29,7 @@ def _random(count, seed=0):
     return torch.rand(1, count, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("degrees", [0, 60, 85, 89])
 @pytest.mark.parametrize("roughness", [0.02, 0.1, 0.3, 1.0])
 def test_specular_lobe_follows_its_density_chi_square(roughness, degrees):
@@ -94,6 +95,7 @@ def test_white_furnace_of_the_sampler(roughness, degrees):
         assert float(estimate.mean()) > 0.99
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("degrees", [10, 80])
 @pytest.mark.parametrize("roughness", [0.25, 0.5, 1.0])
 def test_estimate_equals_quadrature_of_the_whole_brdf(roughness, degrees):

@@ -31,6 +31,7 @@ def _environment(kind, height=16, width=32):
 CASES = ["plain", "sun", "polar sun", "black", "half black"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", CASES)
 @pytest.mark.parametrize("shape", [(16, 32), (1, 1), (1, 2), (5, 7)])
 def test_density_integrates_to_one_and_is_positive(kind, shape):
@@ -45,6 +46,7 @@ def test_density_integrates_to_one_and_is_positive(kind, shape):
     assert bool(torch.isfinite(density).all())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", CASES)
 @pytest.mark.parametrize("shape", [(16, 32), (1, 1), (3, 5)])
 def test_samples_follow_the_density_chi_square(kind, shape):

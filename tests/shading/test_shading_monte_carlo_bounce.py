@@ -98,6 +98,7 @@ def test_strength_scales_the_bounce_alone():
     assert float((full - none).mean()) > 0
 
 
+@pytest.mark.thorough
 def test_bounce_converges_to_brute_force_quadrature():
     """A textured wall over a floor against eq. 19 by nested quadrature with the inner light at full resolution."""
     mesh = wall_and_floor()

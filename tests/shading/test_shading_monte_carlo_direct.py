@@ -71,6 +71,7 @@ def test_samples_that_a_turned_normal_leaves_behind_give_no_light(kind, specular
         assert float((fast.detach().double() - exact.detach()).abs().max()) < 2e-4 * float(exact.detach().abs().max())
 
 
+@pytest.mark.thorough
 def test_reference_gradient_against_finite_differences():
     mesh = wall_and_floor()
     points, _, _ = on_mesh(*mesh, 5)

@@ -17,11 +17,13 @@ def squared(image, target):
     return ((image - target) ** 2).mean()
 
 
+@pytest.mark.thorough
 def test_own_seed_for_the_gradient_leaves_less_than_one_percent_of_bias():
     """Eight samples, environment sampling, as the paper; the truth is analytic. (log-L1: in the stability table.)"""
     assert fitted_bias(l1, own_seed=True) < 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loss", [l1, log_l1])
 def test_one_seed_for_both_is_biased(loss):
     assert fitted_bias(loss, own_seed=False) > 0.02

@@ -119,6 +119,7 @@ def test_table_equals_the_integral_of_the_brdf():
         assert found == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("roughness", [0.3, 0.5, 0.9])
 @pytest.mark.parametrize("metallic", [None, 0.7])
 def test_what_a_hit_sends_on_equals_the_double_integral_of_the_brdf(roughness, metallic):

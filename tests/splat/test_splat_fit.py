@@ -116,6 +116,7 @@ def test_density_doubles_splits_prunes_and_keeps_the_limit():
     assert float(torch.sigmoid(again.gaussians.opacities).max()) <= 0.0100001
 
 
+@pytest.mark.thorough
 def test_a_fit_improves_and_repeats_to_the_byte(views, fitted):
     made, history = fitted
     assert history["psnr"][-1] > history["psnr"][0] + 3
@@ -125,6 +126,7 @@ def test_a_fit_improves_and_repeats_to_the_byte(views, fitted):
     assert all(np.array_equal(getattr(made, n), getattr(again, n)) for n in ("means", "scales", "opacities", "sh"))
 
 
+@pytest.mark.thorough
 def test_a_fit_cut_off_ends_with_the_same_bytes(views, fitted):
     kept = {}
 
@@ -145,6 +147,7 @@ def test_a_fit_cut_off_ends_with_the_same_bytes(views, fitted):
         assert history == fitted[1]
 
 
+@pytest.mark.thorough
 def test_exposure_takes_what_wanders(views):
     gain = np.linspace(0.8, 1.25, len(views)).astype(np.float32)
     dim = replace(views, images=views.images * gain[:, None, None, None])
@@ -156,6 +159,7 @@ def test_exposure_takes_what_wanders(views):
     assert with_it["psnr"][-1] > without["psnr"][-1]
 
 
+@pytest.mark.thorough
 def test_a_blurred_view_is_named(views):
     from scipy.ndimage import gaussian_filter
 
@@ -165,6 +169,7 @@ def test_a_blurred_view_is_named(views):
     assert list(history["suspects"]) == [views.names[5]]
 
 
+@pytest.mark.thorough
 def test_hard_views_give_a_result_or_a_clear_error(views):
     few = replace(views, **{n: getattr(views, n)[:2] for n in ("names", "images", "alpha", "intrinsics")},
                   camera_to_world=views.camera_to_world[:2])  # fmt: skip
@@ -289,6 +294,7 @@ def test_moved_gaussians_look_the_same_from_the_moved_camera():
     assert torch.allclose(2.5 * a.distance, b.distance, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_nodes(views, fitted, tmp_path):
     context = FakeContext(scratch=tmp_path)
     out = nodes.pgsr(context, views, p=nodes.PgsrParams(iterations=6, count=500, max_gaussians=800))

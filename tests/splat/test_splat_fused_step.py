@@ -36,6 +36,7 @@ def begun(views, settings, way):
     return way(pictures, adam), adam, Density(len(gaussians), gaussians.means)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "changes",
     [{}, {"gains": True}, {"ssim_weight": 0.0}, {"geometric_weight": 0.0, "photometric_weight": 0.0}, {"degree": 0}],

@@ -35,6 +35,7 @@ def compare(gaussians, intrinsics, pose, height, width, seed=0, tol=1e-9, **opti
     return drawing, mine
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(
     count=st.integers(1, 40),

@@ -14,6 +14,7 @@ from benchmarks.stability import table
 ROOT = Path(__file__).parent.parent.parent
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("row", [r for r in table.collect() if r.measure and not r.slow], ids=lambda r: r.name)
 def test_row(row):
     before = torch.get_num_threads()
@@ -53,6 +54,7 @@ def test_a_row_that_raises_is_a_miss_and_one_without_its_library_is_not_a_pass()
         table.row("room", "hazard", "figure")
 
 
+@pytest.mark.thorough
 def test_the_command_exits_with_1_on_a_miss_and_writes_json(tmp_path):
     code = (
         "import sys\n"

@@ -72,6 +72,7 @@ def test_motions_pass_and_noise_does_not():
     assert smooth(noise).norm() < 0.1 * noise.norm()
 
 
+@pytest.mark.thorough
 def test_in_the_loop_it_recovers_a_ball_and_keeps_it_smooth():
     """From a radius 4 % too small: nearer to the truth, and smoother than plain steps without any smoothness."""
     views = photographs(ball(), count=4)

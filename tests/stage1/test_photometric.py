@@ -34,6 +34,7 @@ def bulged(depth: float):
     return (vertices * (1 + depth / RADIUS * cap)[:, None]).astype(np.float32), faces, cap == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_a_bulge_goes_back_and_the_rest_stays(views, scale):
     """Most of 0.1 radii is won back, what is right moves by less than a fiftieth; the same at every scale."""

@@ -148,6 +148,7 @@ def test_every_model_is_drawn_as_pixel_by_pixel_in_value_and_gradient(kind):
 # --- the start
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", OTHERS)
 def test_the_first_values_look_like_the_first_texture(kind, views):
     start = begun(kind)
@@ -157,6 +158,7 @@ def test_the_first_values_look_like_the_first_texture(kind, views):
     assert psnr(shown, true) > {"per_vertex": 26, "per_face": 24, "mlp": 28}[kind]
 
 
+@pytest.mark.thorough
 def test_the_network_depends_on_its_seed_and_not_on_the_scenes_scale(views):
     a, b = begun("mlp"), begun("mlp", seed=2)
     assert np.array_equal(a.model["values"], begun.__wrapped__("mlp").model["values"])
@@ -205,6 +207,7 @@ def test_a_merge_keeps_what_survives(kind):
     model_of(merged)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", OTHERS)
 def test_a_new_atlas_leaves_the_model_alone(kind, views):
     state = begun(kind)
@@ -224,6 +227,7 @@ def test_colours_that_were_not_carried_are_told():
 # --- the fit
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", OTHERS)
 def test_a_fit_improves_the_model_and_bakes_it(kind, views):
     grey = replace(fresh_state(ball(rings=20, sectors=32), fill=0.5))
@@ -240,6 +244,7 @@ def test_a_fit_improves_the_model_and_bakes_it(kind, views):
         assert float(state.model["values"].max()) <= 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", OTHERS)
 def test_repeated_and_resumed_fits_end_with_the_same_bytes(kind, views):
     start = begun(kind)

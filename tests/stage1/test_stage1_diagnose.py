@@ -133,6 +133,7 @@ def test_residuals_of_a_rendering_are_nearly_none():
     assert found.shift.norm(dim=1).max() < 0.2
 
 
+@pytest.mark.thorough
 def test_refine_with_a_part_of_the_masks_missing_and_the_warnings_of_its_node():
     """The outline of masked views is kept, the ground of the others is not painted onto the object."""
     true, bare = ball(0.6), [2, 7]

@@ -72,6 +72,7 @@ def test_harmonics_are_orthogonal_and_of_one_size():
 # --- drawing
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [1, 2])
 def test_it_is_drawn_as_pixel_by_pixel_in_value_and_gradient(order):
     rng = torch.Generator().manual_seed(3)
@@ -222,6 +223,7 @@ def test_residuals_that_were_not_carried_are_told():
 # --- the fit
 
 
+@pytest.mark.thorough
 def test_it_learns_what_changes_with_the_direction_and_the_texture_keeps_the_mean():
     train, test = shiny("train"), shiny("test")
     settings = RefineSettings(iterations=160, vertex_lr=0.0)
@@ -236,6 +238,7 @@ def test_it_learns_what_changes_with_the_direction_and_the_texture_keeps_the_mea
     assert abs(residual[:, 1:].mean()) < 0.05
 
 
+@pytest.mark.thorough
 def test_shrinkage_pulls_the_residual_to_zero():
     sizes = []
     for shrinkage in (0.0, 0.3, 30.0):

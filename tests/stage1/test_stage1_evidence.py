@@ -4,6 +4,7 @@ import functools
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from stage1_scenes import ball, fresh_state, photographs, texture
 
@@ -47,12 +48,14 @@ def moved(views: Views, evidence: float) -> np.ndarray:
     return np.linalg.norm(state.vertices - start.vertices, axis=1)
 
 
+@pytest.mark.thorough
 def test_without_masks_the_silent_half_moves_less():
     full, held = moved(bare(), 0.0), moved(bare(), 1.0)
     assert held[white()].mean() < 0.75 * full[white()].mean()
     assert moved(bare(), 3.0)[white()].mean() < held[white()].mean()
 
 
+@pytest.mark.thorough
 def test_with_masks_nothing_changes():
     seen = photographs(half_white())
     np.testing.assert_array_equal(moved(seen, 1.0), moved(seen, 0.0))

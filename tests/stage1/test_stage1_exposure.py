@@ -40,10 +40,12 @@ def wandering(views: Views, seed: int = 0) -> tuple[Views, np.ndarray]:
     return replace(exposed, images=np.minimum(exposed.images, 1)), stops
 
 
+@pytest.mark.thorough
 def test_views_of_one_exposure_do_not_wander(scene):
     assert exposures(*scene).rough < 0.03
 
 
+@pytest.mark.thorough
 def test_exposures_that_wander_are_found_and_taken_out(scene):
     views, mesh = scene
     own = exposures(views, mesh)
@@ -119,6 +121,7 @@ def test_patches_in_shadow_or_cut_off_are_not_read(scene):
     assert np.isfinite(exposure.patch_colours(views, mesh)).any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("how", "taken"), [("auto", True), ("on", True), ("off", False)])
 def test_the_node_balances_where_exposures_wander_and_says_so(scene, tmp_path, how, taken):
     views, stops = wandering(scene[0])
@@ -164,6 +167,7 @@ def mirrored(views: Views, mesh: Mesh, stops: float) -> Views:
     return replace(views, images=images)
 
 
+@pytest.mark.thorough
 def test_the_appearance_is_chosen_by_how_much_parts_change_from_view_to_view(scene):
     views, mesh = scene
     said: list[str] = []

@@ -70,6 +70,7 @@ def test_value_and_gradient_are_those_of_a_loop_over_pixels(seed):
     torch.testing.assert_close(gradient, pushes / SIZE**2, rtol=1e-5, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_sides_that_changed_places_change_back():
     """Two square sheets joined at their rim, the upper one under the lower one: a pillow turned inside out."""
     count = 9

@@ -45,6 +45,7 @@ def dented(depth):
     return state(start), views(shown, size=64)
 
 
+@pytest.mark.thorough
 def test_noise_on_a_smooth_object_goes_and_the_next_round_stays_firm():
     start, seen = dented(0.01)
     settings = SETTINGS.replaced(iterations=60, total_iterations=200)
@@ -58,6 +59,7 @@ def test_noise_on_a_smooth_object_goes_and_the_next_round_stays_firm():
     assert np.array_equal(after.vertices, same.vertices)
 
 
+@pytest.mark.thorough
 def test_a_rough_object_keeps_the_soft_round():
     start, seen = dented(-0.03)
     settings = SETTINGS.replaced(iterations=120, total_iterations=200)
@@ -68,6 +70,7 @@ def test_a_rough_object_keeps_the_soft_round():
     assert np.array_equal(new.vertices, plain.vertices)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [5, 12, 17, 24])
 def test_a_cut_off_trial_goes_on_to_the_same_bytes(step, tmp_path):
     start, seen = dented(0.01)

@@ -38,6 +38,7 @@ def plainly(monkeypatch, *arguments, **options):
         return refine(*arguments, **options)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("settings", USUAL)
 def test_25_steps_are_those_of_plain_torch(views, settings, monkeypatch):
     """A pixel at the very value of its photograph pushes one way or the other: what steps apart stays a small share."""
@@ -53,6 +54,7 @@ def test_25_steps_are_those_of_plain_torch(views, settings, monkeypatch):
         assert np.linalg.norm(a - b) < 0.01 * moved, name
 
 
+@pytest.mark.thorough
 def test_25_steps_with_a_directional_appearance_are_those_of_plain_torch(views, monkeypatch):
     start = directional(fresh_state(ball(radius=0.56), fill=0.5), order=2, shrinkage=0.1, rate=1.0)
     ours, history = refine(start, views, STEPS, seed=3)
@@ -63,6 +65,7 @@ def test_25_steps_with_a_directional_appearance_are_those_of_plain_torch(views, 
     assert np.linalg.norm(a - b) < 0.01 * np.linalg.norm(b)
 
 
+@pytest.mark.thorough
 def test_bytes_are_the_same_on_any_number_of_cores_and_on_repeat(views):
     start = fresh_state(ball(radius=0.56, rings=40, sectors=60, texels=96), fill=0.5)
     made = []

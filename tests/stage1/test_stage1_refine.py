@@ -26,6 +26,7 @@ def arrays(state) -> dict[str, np.ndarray]:
     return {f.name: getattr(state, f.name) for f in fields(state) if isinstance(getattr(state, f.name), np.ndarray)}
 
 
+@pytest.mark.thorough
 def test_radius_and_texture_of_a_ball_are_recovered(views):
     start = fresh_state(ball(radius=0.52), fill=0.5)
     settings = RefineSettings(iterations=260, vertex_lr=0.03)
@@ -55,6 +56,7 @@ def test_silhouette_alone_finds_the_radius(views):
     assert np.array_equal(state.texture, start.texture)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "change",
     [
@@ -101,6 +103,7 @@ def test_inputs_are_left_alone_and_zero_iterations_change_nothing(views):
     assert history["loss"] == []
 
 
+@pytest.mark.thorough
 def test_gains_absorb_exposure_and_average_to_one():
     exposure = np.linspace(0.8, 1.2, 8)
     views = photographs(ball(), exposure=exposure)
@@ -138,6 +141,7 @@ def test_depth_moves_the_surface_towards_the_prior(views):
     assert without["loss"][-1] < 0.1
 
 
+@pytest.mark.thorough
 def test_progress_is_reported(views):
     calls = []
     refine(

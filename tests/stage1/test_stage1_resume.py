@@ -29,6 +29,7 @@ def cut_at(step, folder):
     return checkpoint
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "change",
     [

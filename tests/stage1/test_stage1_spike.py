@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from exmesh_nodes import topology, uv
 
 from exmesh_graph.stage1.refine import refine
@@ -21,6 +22,7 @@ def loss(state, views):
     return float(np.abs(colours - target).mean() + 5 * np.abs(alpha - views.alpha).mean())
 
 
+@pytest.mark.thorough
 def test_split_merge_and_a_new_atlas_hardly_raise_the_loss():
     views, start, context = photographs(ball(), 8, 64), ball(0.57), FakeContext()
     small = uv.UnwrapParams(texture_size=64, padding=2)

@@ -159,6 +159,7 @@ def test_coverage_pulls_the_surface_over_the_region(views):
     assert covered["coverage"] == pytest.approx(0, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_ball_without_masks_keeps_its_size_only_with_a_region():
     """A grey ball before a grey wall: by colour alone it may as well vanish."""
     views = unmasked(photographs(ball(), count=6), wall=0.2)

@@ -20,6 +20,8 @@ from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from tests.stage2 import probe_scenes
 from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, photographed, plaster_die
 
+pytestmark = pytest.mark.thorough  # all of them, for what they share costs most
+
 QUICK = DecompositionSettings(
     texture_size=48,
     environment_height=16,

@@ -81,6 +81,7 @@ def test_evidence_is_the_squared_slope_of_the_pictures(carrier, train_views, tra
     assert 0.6 < float(ratio.median()) < 1.6, STEP  # finite differences over 0.1 of roughness
 
 
+@pytest.mark.thorough
 def test_a_fit_with_the_prior_ends_with_less_spread_of_roughness(carrier, train_views, transport):
     told_lines = []
     settings = SHORT.replaced(texture_size=32)

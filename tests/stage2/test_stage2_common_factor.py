@@ -110,6 +110,7 @@ def test_the_factor_does_not_undo_what_the_chroma_term_does_to_the_sky(carrier, 
     assert np.mean(curves["image"][-10:]) < 0.033
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("wrong", "rate", "low", "high"), [(0.8, 0.06, 0.98, 1.13), (0.8, 0.0, 1.15, 1.3), (1.2, 0.06, 0.75, 0.92)]
 )

@@ -48,6 +48,7 @@ def test_steps_of_exposure_are_found_and_do_not_reach_the_materials(carrier, tra
     assert apart(asset) < apart(blind)
 
 
+@pytest.mark.thorough
 def test_the_gains_are_part_of_a_checkpoint(carrier, train_views, transport, tmp_path):
     class CutOff(Exception):
         pass

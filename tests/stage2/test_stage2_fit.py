@@ -58,6 +58,7 @@ def fitted(carrier, train_views, transport):
     return asset, curves, steps
 
 
+@pytest.mark.thorough
 def test_materials_light_and_new_views_are_recovered(fitted, render, true_asset, true_render, cameras):
     asset, curves, steps = fitted
     start = dataclasses.replace(
@@ -88,6 +89,7 @@ def test_materials_light_and_new_views_are_recovered(fitted, render, true_asset,
     assert (asset.environment >= 0).all()
 
 
+@pytest.mark.thorough
 def test_same_inputs_give_the_same_bytes(fitted, carrier, train_views, transport):
     again, _ = fit(carrier, train_views, transport, QUICK, seed=3)
     for name in ("base_color", "roughness", "environment", "seen"):

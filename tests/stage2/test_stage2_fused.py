@@ -97,6 +97,7 @@ def _agree(model, number=2, tolerance=2e-5, step=STEP):
     return known
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "settings",
     [
@@ -178,6 +179,7 @@ def test_photographs_at_the_top_of_their_range(carrier, train_views, transport):
     _agree(model)
 
 
+@pytest.mark.thorough
 def test_the_same_bytes_for_any_number_of_cores_and_on_repeat(carrier, train_views, transport, monkeypatch):
     """Pieces are cut small enough that there are many; of two sizes of pieces the bytes differ only by rounding."""
     from exmesh_graph.stage2.fused import maps, view
@@ -192,6 +194,7 @@ def test_the_same_bytes_for_any_number_of_cores_and_on_repeat(carrier, train_vie
     assert all(one == found[0] for one in found)
 
 
+@pytest.mark.thorough
 def test_a_fit_goes_the_way_of_plain_operations(carrier, train_views, transport, true_asset, monkeypatch):
     """From maps without equal neighbours, whose variation has no ties for rounding to decide."""
     generator = np.random.default_rng(0)

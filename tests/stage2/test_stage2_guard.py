@@ -61,6 +61,7 @@ class _NanGradient(torch.autograd.Function):
         return gradient * math.nan
 
 
+@pytest.mark.thorough
 def test_a_photograph_with_a_nan_pixel_is_named_left_out_and_changes_nothing_else(carrier, train_views, transport):
     said = []
     asset, curves = fit(carrier, _broken(train_views, [5]), transport, SETTINGS, warn=said.append)
@@ -79,6 +80,7 @@ def test_a_photograph_with_a_nan_pixel_is_named_left_out_and_changes_nothing_els
         fit(carrier, _broken(train_views, range(8)), transport, SETTINGS)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["value", "gradient"])
 def test_a_term_that_fails_once_costs_a_return_to_the_last_good_state(spoil, carrier, train_views, transport, kind):
     calls = []
@@ -120,6 +122,7 @@ def test_a_return_takes_the_exposures_back_too(spoil, carrier, train_views, tran
     assert not bool((gains[-1] == 1.0).any())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["value", "gradient"])
 def test_a_view_that_always_fails_is_left_out_by_name_and_term(spoil, carrier, train_views, transport, kind):
     def change(terms, model):
@@ -150,6 +153,7 @@ def test_parameters_that_run_away_come_back_with_lower_rates(spoil, carrier, tra
     assert _finite(asset)
 
 
+@pytest.mark.thorough
 def test_a_fit_that_gets_worse_than_it_started_comes_back(spoil, carrier, train_views, transport):
     spoil(lambda step, view, model: step >= 20, lambda terms, model: terms.update(image=terms["image"] * 50))
     said = []
@@ -160,6 +164,7 @@ def test_a_fit_that_gets_worse_than_it_started_comes_back(spoil, carrier, train_
     assert _finite(asset)
 
 
+@pytest.mark.thorough
 def test_a_rise_below_the_start_is_taken_back_at_the_end(spoil, carrier, train_views, transport, monkeypatch):
     """Far above its best and yet below 1.25 times its start, as a sky that runs away may end."""
     start, plain = [], Guard.start
@@ -180,6 +185,7 @@ def test_a_sky_term_that_never_is_finite_ends_in_an_error_that_names_it(spoil, c
         fit(carrier, train_views, transport, SETTINGS)
 
 
+@pytest.mark.thorough
 def test_a_guarded_fit_resumes_to_the_same_bytes_and_says_its_warnings_again(
     spoil, carrier, train_views, transport, tmp_path
 ):
@@ -212,6 +218,7 @@ def test_a_guarded_fit_resumes_to_the_same_bytes_and_says_its_warnings_again(
         assert getattr(again, name).tobytes() == getattr(whole, name).tobytes(), name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("share", [0.0, 0.4])
 def test_the_memory_budget_does_not_change_a_byte(carrier, train_views, transport, share):
     settings = SETTINGS.replaced(iterations=20, ssim_weight=0.2, corrections=2)

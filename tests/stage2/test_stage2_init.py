@@ -66,6 +66,7 @@ def test_an_unwired_start_is_the_nodes_default(carrier, train_views, transport):
         assert getattr(wired, name).tobytes() == getattr(bare, name).tobytes()
 
 
+@pytest.mark.thorough
 def test_a_fit_goes_on_from_an_earlier_one(carrier, train_views, transport):
     """Maps and light are taken over as they are; the first step is as good as the last was."""
     first, curves = fit(carrier, train_views, transport, SHORT, seed=1)

@@ -29,6 +29,7 @@ def _metal(size):
     return np.where((u > 0.06) & (u < 0.3), 1.0, 0.0).astype(np.float32)
 
 
+@pytest.mark.thorough
 def test_metal_and_dielectric_side_by_side(true_asset, cameras, carrier, transport):
     """Light, colour and roughness unknown: nine of ten texels are told right, the dielectric stays below 0.05."""
     intrinsics, poses = cameras

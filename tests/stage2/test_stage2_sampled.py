@@ -53,6 +53,7 @@ def _found(terms_of, model, step=3):
     return terms, predicted, [p.grad.clone() for p in parameters]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("light", "changes"),
     [
@@ -177,6 +178,7 @@ def test_the_gradient_is_that_of_other_samples_than_the_picture(carrier, train_v
         torch.testing.assert_close(found[True, 0][1], found[False, 1][1])
 
 
+@pytest.mark.thorough
 def test_a_squared_loss_pulls_down_only_where_picture_and_gradient_share_their_samples(carrier, train_views):
     """E[(X - t) dX] for a picture X around its own mean t: the covariance of X and dX, 0 with samples of its own."""
     pulls = {}
@@ -193,6 +195,7 @@ def test_a_squared_loss_pulls_down_only_where_picture_and_gradient_share_their_s
     assert abs(pulls[True]) < 0.3 * pulls[False]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("light", [FEW, FEW.replaced(kept=2), FEW.replaced(bounces=0)])
 def test_a_cut_off_fit_goes_on_to_the_same_bytes(carrier, train_views, light, tmp_path):
     kept = {}
@@ -276,6 +279,7 @@ def test_kept_rays_light_what_a_turned_normal_newly_faces(carrier, train_views, 
     assert float(shaded["lost"] / shaded["fresh"]) < 0.97
 
 
+@pytest.mark.thorough
 def test_the_component_plugs_into_the_node(carrier, train_views):
     component = light_nodes.MonteCarlo(samples=2, secondary_rays=2, secondary_samples=1)
     assert dict(component) == dict(FEW)

@@ -67,6 +67,7 @@ def _reference(body, surface, environment):
     return light.render(points, monte_carlo.Material(read[:, :3], read[:, 3]), query, torch.from_numpy(environment), 1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("roughness", [0.5, 0.2])
 def test_a_small_suns_light_and_shadow_lie_where_they_should(true_asset, cameras, roughness, monkeypatch):
     """The ball's shadow on the slab and both their shading; mean error over mean radiance. Without the sharp term the

@@ -119,6 +119,7 @@ def test_figures_and_histories(client: TestClient, workspace: Workspace) -> None
     assert client.get("/api/artifact/table", params={"digest": digest}).json()["columns"] == ["name", "value", "reason"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", ["../../artifact.json", "/etc/passwd", "..%2f..%2fartifact.json", "link", "a\0b"])
 def test_files_of_an_artifact_and_nothing_else(
     client: TestClient, workspace: Workspace, tmp_path: Path, path: str

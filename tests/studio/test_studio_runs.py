@@ -61,6 +61,7 @@ def test_a_run_that_is_over_when_it_is_first_seen_makes_a_new_plan(workspace: Wo
     assert (after["counts"]["run"], after["counts"]["unknown"]) == (0, 0)
 
 
+@pytest.mark.thorough
 def test_a_run_of_edits_and_a_sweep_of_what_is_marked(client: TestClient, folder: Path) -> None:
     client.post("/api/edit", json={"ops": [{"set": "one.value", "to": 5}, {"set": "n", "to": 2}]})
     name = run_of(client, client.post("/api/runs", json={"workers": 0}))

@@ -109,6 +109,7 @@ def test_a_child_extends_the_file(client: TestClient, folder: Path) -> None:
     save(client, 409, **{"as": "child", "file": "mine.yaml"})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("file", ["../out.yaml", "/tmp/out.yaml", "sub/out.yaml", "out.py", "a\0.yaml", ""])
 def test_nothing_is_written_outside_of_the_folder(client: TestClient, folder: Path, file: str) -> None:
     edit(client, {"set": "one.value", "to": 7})

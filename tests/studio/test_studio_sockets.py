@@ -120,6 +120,7 @@ def test_slow_senders(port: int) -> None:
     assert time.monotonic() - began < 16
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: 50 open pages, one of which never reads; more than are allowed",
     "all others hear of an edit; the slow one is told that it lags; 429",

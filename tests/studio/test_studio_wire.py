@@ -114,6 +114,7 @@ def test_idle_connections(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
                 assert link.recv(1) == b""  # closed by the server
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: large answers that are never read, hundreds of them", "the memory stays; others are answered"
 )
@@ -131,6 +132,7 @@ def test_answers_that_are_not_read(port: int) -> None:
         assert time.monotonic() - began < 15
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: searches and names made to be slow (patterns, endless words)", "an answer within seconds"
 )

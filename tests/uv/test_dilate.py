@@ -36,6 +36,7 @@ def test_plain_arrays_and_empty_masks():
     assert (dilate(plane, mask) == 4).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("levels", [0, 1, 2, 3])
 def test_red_charts_on_blue_ground_stay_red_at_every_mip_level(levels):
     vertices, faces = icosphere(2)

@@ -63,6 +63,7 @@ def at_surface(texture, uvs, uv_faces, n=50_000):
     return sample_bilinear(texture, np.einsum("nk,nkc->nc", bary, uvs[uv_faces[face]].astype(np.float64)))
 
 
+@pytest.mark.thorough
 def test_checkerboard_round_trip():
     _, _, one, two = atlases()
     texture, inside = paint(checker(32), *one)
@@ -106,6 +107,7 @@ def test_ground_between_charts_never_bleeds_in():
     np.testing.assert_allclose(moved["t"], 0.25, atol=1e-6)  # everywhere: filled to the last texel
 
 
+@pytest.mark.thorough
 def test_resolution_may_change():
     vertices, faces, one, _ = atlases()
     fine = unwrap(vertices, faces, 2 * SIZE)

@@ -35,6 +35,7 @@ MESHES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MESHES)
 def test_atlas_is_valid(name):
     vertices, faces = MESHES[name]
@@ -62,6 +63,7 @@ def test_atlas_is_valid(name):
     assert (face_id >= 0).sum() > 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_scale_and_place_do_not_change_the_atlas(scale):
     vertices, faces = MESHES["sphere"]
@@ -72,6 +74,7 @@ def test_scale_and_place_do_not_change_the_atlas(scale):
     np.testing.assert_allclose(uv_areas(*one).sum(), uv_areas(*other).sum(), rtol=0.1)
 
 
+@pytest.mark.thorough
 def test_same_bytes_again():
     vertices, faces = MESHES["rough"]
     first, again = (unwrap(vertices, faces, 512) for _ in range(2))
@@ -89,6 +92,7 @@ def test_texels_have_one_size_everywhere_and_both_ways():
     assert high < 1.4 * middle
 
 
+@pytest.mark.thorough
 def test_faces_without_area_get_a_place_beside_their_neighbours():
     vertices, faces = icosphere(2)
     vertices = vertices.copy()
@@ -106,6 +110,7 @@ def test_faces_without_area_get_a_place_beside_their_neighbours():
     assert len(np.unique(pairs[:, 0])) == len(pairs)
 
 
+@pytest.mark.thorough
 def test_nonmanifold_meshes_are_refused_or_cut():
     vertices, faces = icosphere(3)
     rng = np.random.default_rng(0)

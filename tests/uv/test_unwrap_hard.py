@@ -63,6 +63,7 @@ def broken(kind, level=3):
     return rng.normal(size=(162, 3)).astype(np.float32), icosphere(2)[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind",
     ["duplicates", "backs", "triple edges", "degenerate", "collapsed", "isolated", "holes", "soup", "crumpled"],
@@ -105,6 +106,7 @@ def test_nodes_cut_and_say_so():
     assert check_atlas(vertices, faces, carrier.uvs, carrier.uv_faces, 256).flipped == 0
 
 
+@pytest.mark.thorough
 def test_xatlas_is_ended_when_its_time_is_up():
     vertices, faces = rough_sphere()
     context, begun = FakeContext(), time.monotonic()
@@ -125,6 +127,7 @@ def test_a_death_of_xatlas_is_told(monkeypatch):
     assert len(uvs)
 
 
+@pytest.mark.thorough
 def test_xatlas_charts():
     vertices, faces = rough_sphere()
     before = "xatlas" in sys.modules
@@ -136,6 +139,7 @@ def test_xatlas_charts():
     assert ("xatlas" in sys.modules) == before  # it stays in its own process
 
 
+@pytest.mark.thorough
 def test_few_charts_on_a_rough_surface():
     vertices, faces = rough_sphere(4)
     first = unwrap(vertices, faces, 512)
@@ -144,6 +148,7 @@ def test_few_charts_on_a_rough_surface():
     assert report.stretch < 1.2
 
 
+@pytest.mark.thorough
 def test_same_bytes_on_a_rough_surface():
     vertices, faces = rough_sphere()
     first, again = (unwrap(vertices, faces, 512) for _ in range(2))

@@ -87,6 +87,7 @@ def test_unwrap_gives_a_grey_carrier():
     assert check_atlas(got.vertices, got.faces, got.uvs, got.uv_faces, 64).flipped == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["score", "area", "random", "uniform"])
 def test_split_reaches_its_target_and_keeps_the_state_whole(method):
     state = state_of(icosphere(2))
@@ -126,6 +127,7 @@ def test_merge_drops_what_no_view_shows():
     assert got.facets() == {"manifold": True, "closed": True, "uv": True, "units": "normalised"}
 
 
+@pytest.mark.thorough
 def test_rounds_of_all_nodes_stay_sound():
     state, views = state_of(torus(24, 12)), ring_of_views()
     rng = np.random.default_rng(1)
@@ -159,6 +161,7 @@ def test_maintain_warns_of_folds_and_refuses_welds():
         uv.maintain(context, state, p=uv.MaintainParams())
 
 
+@pytest.mark.thorough
 def test_maintain_keeps_texels_that_lookups_read():
     from exmesh_graph.uv.raster import rasterize_atlas
 

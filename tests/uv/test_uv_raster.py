@@ -52,6 +52,7 @@ def test_every_centre_of_a_tiled_square_has_exactly_one_face():
     np.testing.assert_allclose(bary[face_id >= 0].sum(-1), 1, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_bary_leads_back_to_the_texel_centre():
     vertices, faces = icosphere(3)
     uvs, uv_faces = unwrap(vertices, faces, 200)
@@ -61,6 +62,7 @@ def test_bary_leads_back_to_the_texel_centre():
     np.testing.assert_allclose(uv, centres(200, 200)[hit], atol=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("margin", [0.75, 1.5, 6.0])
 def test_margin_gives_the_nearest_point_of_the_charts(margin):
     from scipy.ndimage import distance_transform_edt

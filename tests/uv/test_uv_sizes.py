@@ -22,6 +22,7 @@ def views(focal):
     return Views(("v",), picture, picture[..., 0] + 1, intrinsics[None], np.linalg.inv(pose)[None], "train")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("focal", "expected"), [(400, 192), (1200, 576), (10, 64)])
 def test_a_texel_spans_five_quarters_of_a_pixel(focal, expected):
     """A sphere of radius 0.5 and area pi at a distance of 4: side = sqrt(pi / 0.6) f / 5."""
@@ -33,6 +34,7 @@ def test_a_texel_spans_five_quarters_of_a_pixel(focal, expected):
     assert abs(expected - np.sqrt(np.pi / 0.6) * focal / 5) <= 33 or expected == 64
 
 
+@pytest.mark.thorough
 def test_many_small_charts_get_a_larger_atlas():
     """Fifty specks: the space between them takes most of an atlas, and their texels are still as small as asked for."""
     ball, rng = icosphere(1, 0.02), np.random.default_rng(0)
@@ -56,6 +58,7 @@ def test_the_node_asks_the_photographs_and_says_when_there_are_none():
         uv.unwrap(FakeContext(), mesh, p=uv.UnwrapParams(texture_size=0))
 
 
+@pytest.mark.thorough
 def test_a_new_atlas_asks_the_photographs_too_and_keeps_its_side_without():
     start = uv.unwrap(FakeContext(), Mesh(*icosphere(2, 0.5)), p=uv.UnwrapParams(texture_size=64)).carrier
     state = fresh(start)

@@ -22,9 +22,11 @@ from importlib.util import MAGIC_NUMBER
 from pathlib import Path
 from typing import Any
 
+from exmesh_graph import pythontree
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache import syntax
 from exmesh_graph.graph.cache.syntax import Import
+from exmesh_graph.pythontree import walk
 
 OWN = "exmesh_graph"
 _SUFFIXES = (*EXTENSION_SUFFIXES, ".py", ".pyc")  # in Python's order
@@ -110,7 +112,7 @@ class _Slice:
             names = set(syntax.bound_by(statement))
             for name in names:
                 self.binders.setdefault(name, []).append(index)
-            effect = isinstance(statement, ast.Import | ast.ImportFrom) and names & own - self.mentioned
+            effect = isinstance(statement, (ast.Import, ast.ImportFrom)) and names & own - self.mentioned
             if not syntax.is_text(statement) and (not names or effect or syntax.acts(statement, own, skipped)):
                 self.always.append(index)
             if isinstance(statement, ast.ClassDef) and not skipped & set(map(id, statement.decorator_list)):
@@ -136,7 +138,7 @@ class _Slice:
         built = {name for i in chosen for name in syntax.used_by(body[i], annotations=False)}
         for index in sorted(chosen):
             statement = body[index]
-            if isinstance(statement, ast.Import | ast.ImportFrom):
+            if isinstance(statement, (ast.Import, ast.ImportFrom)):
                 used = {name for i in chosen if i != index for name in syntax.used_by(body[i])}
                 pairs = zip(statement.names, syntax.imports_in(statement, self.module.package), strict=True)
                 for alias, item in pairs:
@@ -171,7 +173,7 @@ def _pairs(items: Iterable[Sequence[Any]]) -> list[Import]:
 def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
     origins: dict[str, Import] = {}
     for statement in tree.body:
-        if isinstance(statement, ast.Import | ast.ImportFrom):
+        if isinstance(statement, (ast.Import, ast.ImportFrom)):
             if any(name is None for _, name in syntax.imports_in(statement, package)):
                 return None
             if isinstance(statement, ast.ImportFrom):
@@ -179,7 +181,7 @@ def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
                     origins[alias.asname or alias.name] = item
         elif isinstance(statement, ast.Assign):
             targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
-            calls = any(isinstance(item, ast.Call) for item in ast.walk(statement))
+            calls = any(isinstance(item, ast.Call) for item in walk(statement))
             if calls or not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
                 return None
         elif not syntax.is_text(statement):
@@ -190,7 +192,7 @@ def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
 @functools.cache
 def _reader() -> str:
     """What a remembered fact depends on beside the bytes: this very reader, and the grammar."""
-    own = b"".join(path.read_bytes() for path in (Path(__file__), Path(syntax.__file__)))
+    own = b"".join(path.read_bytes() for path in map(Path, (__file__, syntax.__file__, pythontree.__file__)))
     return f"{hashlib.sha256(own).hexdigest()} {sys.version_info[:2]}"
 
 

@@ -6,6 +6,8 @@ import ast
 import re
 from collections.abc import Collection, Iterator, Mapping
 
+from exmesh_graph.pythontree import children, walk
+
 Import = tuple[str, str | None]
 """(module, name imported from it); None for `import module` and `from module import *`."""
 
@@ -17,17 +19,17 @@ LOADERS = ("import_module", "__import__")
 
 def bound_by(statement: ast.stmt) -> Iterator[str]:
     """Module-level names that a top-level statement defines or changes; `import *` binds none that could be told."""
-    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+    if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
         yield statement.name
         for item in _run(statement):  # in decorators, defaults and the bodies of classes
             yield from item.names if isinstance(item, ast.Global) else ()
             yield from [item.target.id] if isinstance(item, ast.NamedExpr) else ()
         return
-    for item in ast.walk(statement):
+    for item in walk(statement):
         yield from (name for name, _ in _bound(item, ""))
-        if isinstance(item, ast.Attribute | ast.Subscript) and isinstance(item.ctx, ast.Store):
+        if isinstance(item, (ast.Attribute, ast.Subscript)) and isinstance(item.ctx, ast.Store):
             base: ast.expr = item
-            while isinstance(base, ast.Attribute | ast.Subscript):
+            while isinstance(base, (ast.Attribute, ast.Subscript)):
                 base = base.value
             if isinstance(base, ast.Name):
                 yield base.id
@@ -41,7 +43,7 @@ def _bound(item: ast.AST, package: str) -> Iterator[tuple[str, str]]:
         yield item.rest, ""
     elif isinstance(item, ast.Name) and isinstance(item.ctx, ast.Store):
         yield item.id, ""
-    elif isinstance(item, ast.Import | ast.ImportFrom):
+    elif isinstance(item, (ast.Import, ast.ImportFrom)):
         for alias, (module, name) in zip(item.names, imports_in(item, package), strict=True):
             if alias.name != "*":
                 short = alias.asname or alias.name.partition(".")[0]
@@ -51,7 +53,7 @@ def _bound(item: ast.AST, package: str) -> Iterator[tuple[str, str]]:
 def framework_names(tree: ast.AST, package: str) -> dict[str, str]:
     """{name: dotted origin} of what stands for something of this project and, in no scope, for anything else."""
     bound: dict[str, set[str]] = {}
-    for item in ast.walk(tree):
+    for item in walk(tree):
         for name, origin in [(item.arg, "")] if isinstance(item, ast.arg) else _bound(item, package):
             bound.setdefault(name, set()).add(origin)
     return {
@@ -63,13 +65,13 @@ def declaring(tree: ast.AST, names: Mapping[str, str]) -> set[int]:
     """The ids of the calls in `tree` that declare: the framework's own decorators, `param(...)` of a class's field."""
 
     def ours(call: ast.AST | None, words: tuple[str, ...]) -> bool:
-        if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name | ast.Attribute):
+        if not isinstance(call, ast.Call) or not isinstance(call.func, (ast.Name, ast.Attribute)):
             return False
         root, *rest = ast.unparse(call.func).split(".")
         return _OURS.get(".".join([names.get(root, ""), *rest])) in words
 
     found: set[int] = set()
-    for item in ast.walk(tree):
+    for item in walk(tree):
         found |= {id(part) for part in getattr(item, "decorator_list", ()) if ours(part, ("node", "component"))}
         for field in item.body if isinstance(item, ast.ClassDef) else ():
             if isinstance(field, ast.AnnAssign) and ours(field.value, ("param",)):
@@ -85,7 +87,7 @@ def used_by(statement: ast.AST, annotations: bool = True) -> Iterator[str]:
         for field, value in ast.iter_fields(item):
             if field not in ("annotation", "returns") or annotations:
                 todo += [part for part in (value if isinstance(value, list) else [value]) if isinstance(part, ast.AST)]
-            for part in ast.walk(value) if annotations and field in ("annotation", "returns") and value else ():
+            for part in walk(value) if annotations and field in ("annotation", "returns") and value else ():
                 if isinstance(part, ast.Constant) and isinstance(part.value, str):
                     yield from re.findall(r"[^\W\d]\w*", part.value)
         if isinstance(item, ast.Name):
@@ -96,7 +98,7 @@ def used_by(statement: ast.AST, annotations: bool = True) -> Iterator[str]:
 
 def imports_in(tree: ast.AST, package: str) -> Iterator[Import]:
     """What is imported anywhere in `tree`, also by `importlib.import_module("text")`."""
-    for item in ast.walk(tree):
+    for item in walk(tree):
         if isinstance(item, ast.Import):
             for alias in item.names:
                 yield alias.name, None
@@ -137,7 +139,7 @@ def acts(statement: ast.stmt, own: Collection[str], skipped: set[int]) -> bool:
             return True
         if isinstance(item, ast.AugAssign) or (isinstance(item, ast.Expr) and isinstance(item.value, ast.Call)):
             return True
-        if isinstance(item, ast.Attribute | ast.Subscript) and not isinstance(item.ctx, ast.Load):
+        if isinstance(item, (ast.Attribute, ast.Subscript)) and not isinstance(item.ctx, ast.Load):
             return True
     return False
 
@@ -150,14 +152,14 @@ def _run(statement: ast.AST, skipped: Collection[int] = ()) -> Iterator[ast.AST]
         if isinstance(item, ast.Lambda) or id(item) in skipped:
             continue
         yield item
-        if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef):
+        if isinstance(item, (ast.FunctionDef, ast.AsyncFunctionDef)):
             todo += [*item.decorator_list, *item.args.defaults, *filter(None, item.args.kw_defaults)]
         else:
-            todo += ast.iter_child_nodes(item)
+            todo += children(item)
 
 
 def _root(part: ast.AST) -> str:
-    while isinstance(part, ast.Attribute | ast.Subscript | ast.Call | ast.Starred):
+    while isinstance(part, (ast.Attribute, ast.Subscript, ast.Call, ast.Starred)):
         part = part.func if isinstance(part, ast.Call) else part.value
     return part.id if isinstance(part, ast.Name) else ""
 

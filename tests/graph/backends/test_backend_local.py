@@ -38,6 +38,7 @@ nodes:
 """
 
 
+@pytest.mark.thorough
 def test_independent_branches_run_at_the_same_time(bench: Any, states: Any, tmp_path: Path) -> None:
     (tmp_path / "meet").mkdir()
     record = run(bench, MEET.format(kind="meet"), f"folder={tmp_path}/meet", tokens={"cpu": 2})
@@ -45,6 +46,7 @@ def test_independent_branches_run_at_the_same_time(bench: Any, states: Any, tmp_
     assert bench.value(record, "d") == 2
 
 
+@pytest.mark.thorough
 def test_a_node_goes_to_the_worker_that_holds_its_inputs(bench: Any, tmp_path: Path) -> None:
     (tmp_path / "meet").mkdir()
     text = (
@@ -61,12 +63,14 @@ def test_a_node_goes_to_the_worker_that_holds_its_inputs(bench: Any, tmp_path: P
     assert (x, y) == (c, b)
 
 
+@pytest.mark.thorough
 def test_a_named_token_keeps_nodes_apart(bench: Any, states: Any, tmp_path: Path) -> None:
     (tmp_path / "meet").mkdir()
     record = run(bench, MEET.format(kind="alone"), f"folder={tmp_path}/meet", tokens={"cpu": 2, "licence": 1})
     assert set(states(record).values()) == {"done"}
 
 
+@pytest.mark.thorough
 def test_a_token_that_the_machine_lacks_is_said(bench: Any) -> None:
     text = 'nodes: {a: {type: toy.const}, b: {type: toy.alone, number: "@a.number", folder: x}}'
     with pytest.raises(NodeFailed, match=r"toy\.alone asks for licence=1, and there is licence=0") as caught:
@@ -74,6 +78,7 @@ def test_a_token_that_the_machine_lacks_is_said(bench: Any) -> None:
     assert "--tokens licence=1" in str(caught.value)
 
 
+@pytest.mark.thorough
 def test_a_node_sees_the_gpus_it_was_given(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fake GPU tokens, numbered as the environment numbers them."""
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,6")
@@ -84,11 +89,13 @@ def test_a_node_sees_the_gpus_it_was_given(bench: Any, monkeypatch: pytest.Monke
     assert {bench.value(record, f"g{i}") for i in (1, 2)} <= {4.0, 6.0}
 
 
+@pytest.mark.thorough
 def test_threads_are_granted_by_tokens(bench: Any) -> None:
     text = 'nodes: {a: {type: toy.const}, w: {type: toy.wide, number: "@a.number"}}'
     assert bench.value(run(bench, text, tokens={"cpu": 3}), "w") == 3.0
 
 
+@pytest.mark.thorough
 def test_one_process_serves_nodes_with_many_threads_and_with_one(bench: Any) -> None:
     """A new process imports torch and compiled kernels again, seconds each time."""
     text = """
@@ -104,6 +111,7 @@ nodes:
     assert bench.value(record, "a") == bench.value(record, "d")
 
 
+@pytest.mark.thorough
 def test_a_node_of_any_number_of_cores_makes_room_for_another(bench: Any, states: Any) -> None:
     (bench.root / "there").mkdir()
     text = MEET.format(kind="meet").replace("b: {type: toy.meet", "b: {type: toy.sharing")
@@ -137,6 +145,7 @@ nodes:
     assert before.exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("how", "words"),
     [
@@ -169,6 +178,7 @@ nodes:
     assert list((bench.store.root / "work").iterdir()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("how", ["interrupt", "signal"])
 @pytest.mark.reliability(
     "a node raises KeyboardInterrupt; its worker gets a SIGINT", "one failed node; the run is not done"
@@ -213,6 +223,7 @@ nodes:
 COUNT = 'nodes: {{a: {{type: toy.const}}, n: {{type: toy.count, number: "@a.number", steps: 60{more}}}}}'
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "kill -9 of a node that keeps checkpoints; Ctrl-C",
     "it goes on from there and ends with the same bytes",
@@ -234,6 +245,7 @@ def test_a_killed_worker_goes_on_from_its_checkpoint(bench: Any, tmp_path: Path)
     assert list((other.store.root / "checkpoints").iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_other_parameters_do_not_resume_a_checkpoint(bench: Any) -> None:
     with pytest.raises(NodeFailed):
         run(bench, COUNT.format(more=", stop_at: 40"), checkpoint_every=0.0)
@@ -265,6 +277,7 @@ def wait_for(condition: Any, seconds: float = 20) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("workers", ["0", "1"])
 @pytest.mark.reliability(
     "kill -9 of a node that keeps checkpoints; Ctrl-C",
@@ -302,6 +315,7 @@ def workers_of(pid: int) -> list[int]:
     return found
 
 
+@pytest.mark.thorough
 def test_workers_of_a_killed_run_end_and_another_run_goes_on(bench: Any, tmp_path: Path) -> None:
     trace = tmp_path / "trace"
     text = COUNT.format(more=f", seconds: 0.02, trace: {trace}").replace("60", "600")
@@ -381,6 +395,7 @@ nodes:
         (bench.root / "runs" / "latest").unlink()
 
 
+@pytest.mark.thorough
 def test_another_result_of_a_random_node_replaces_the_first(bench: Any, states: Any) -> None:
     text = """
 nodes:

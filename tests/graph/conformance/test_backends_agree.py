@@ -42,6 +42,7 @@ def folder(bench: Any) -> Path:
     return Path((bench.root / "runs" / "latest").resolve())
 
 
+@pytest.mark.thorough
 def test_results_and_digests_are_those_of_any_other_backend(
     bench: Any, states: Any, run_on: Any, tmp_path: Path
 ) -> None:
@@ -66,6 +67,7 @@ nodes:
 """
 
 
+@pytest.mark.thorough
 def test_a_failure_is_one_node(bench: Any, states: Any, run_on: Any) -> None:
     with pytest.raises(NodeFailed, match="x: toy: the number is too small") as caught:
         run_on(FAIL, keep_going=True)
@@ -77,6 +79,7 @@ def test_a_failure_is_one_node(bench: Any, states: Any, run_on: Any) -> None:
     assert states(run_on(FAIL, "x.value=1")) == {"a": "hit", "x": "done", "b": "hit", "c": "done"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("how", "words"), [("segfault", "SIGSEGV"), ("kill", "SIGKILL"), ("exit", "exit status 7")])
 def test_a_dead_process_is_one_node(bench: Any, states: Any, run_on: Any, kind: str, how: str, words: str) -> None:
     if kind == "inline":
@@ -90,6 +93,7 @@ def test_a_dead_process_is_one_node(bench: Any, states: Any, run_on: Any, kind: 
     assert list(bench.store.verify()) == []
 
 
+@pytest.mark.thorough
 def test_a_broken_input_is_made_again(bench: Any, states: Any, run_on: Any) -> None:
     first = run_on(GRAPH)
     digest = next(row for row in first["nodes"] if row["name"] == "files")["outputs"]["files"]["digest"]
@@ -122,6 +126,7 @@ nodes:
 """
 
 
+@pytest.mark.thorough
 def test_lists_are_mapped_and_gathered_and_what_is_absent_switches_off(bench: Any, states: Any, run_on: Any) -> None:
     record = run_on(LISTS)
     assert bench.value(record, "all") == 23449  # 2, 3, 4, 5 in order, and -1 for `more`
@@ -131,6 +136,7 @@ def test_lists_are_mapped_and_gathered_and_what_is_absent_switches_off(bench: An
     assert {name for name, state in longer.items() if state == "hit"} == {f"each[{n}]" for n in (1, 2, 3, 4)}
 
 
+@pytest.mark.thorough
 def test_a_limit_is_one_failed_node_and_a_passing_cause_is_tried_again(
     bench: Any, states: Any, run_on: Any, kind: str, tmp_path: Path
 ) -> None:
@@ -143,12 +149,14 @@ def test_a_limit_is_one_failed_node_and_a_passing_cause_is_tried_again(
             run_on(f"nodes: {{a: {{type: toy.const}}, g: {slow}}}")
 
 
+@pytest.mark.thorough
 def test_named_tokens_keep_nodes_apart(states: Any, run_on: Any, tmp_path: Path) -> None:
     (tmp_path / "meet").mkdir()
     record = run_on(NAMED.replace("KIND", "alone"), f"folder={tmp_path}/meet", tokens={"licence": 1})
     assert set(states(record).values()) == {"done"}
 
 
+@pytest.mark.thorough
 def test_independent_nodes_run_at_the_same_time(states: Any, run_on: Any, kind: str, tmp_path: Path) -> None:
     if kind == "inline":
         pytest.skip("inline jobs run one after the other")
@@ -170,6 +178,7 @@ def test_threads_are_those_of_one_machine(bench: Any, run_on: Any, kind: str, mo
     assert bench.value(run_on(text), "w") == 2.0
 
 
+@pytest.mark.thorough
 def test_progress_logs_and_prints_arrive(bench: Any, run_on: Any, kind: str) -> None:
     text = 'nodes: {a: {type: toy.const}, s: {type: toy.slow, number: "@a.number", seconds: 0.6, steps: 6}}'
     run_on(text + "\n")
@@ -188,6 +197,7 @@ def test_progress_logs_and_prints_arrive(bench: Any, run_on: Any, kind: str) -> 
 COUNT = 'nodes: {a: {type: toy.const}, n: {type: toy.count, number: "@a.number", steps: 60MORE}}'
 
 
+@pytest.mark.thorough
 def test_a_killed_node_goes_on_from_its_checkpoint(bench: Any, run_on: Any, kind: str, tmp_path: Path) -> None:
     if kind == "inline":
         pytest.skip("inline jobs share the process of the run")
@@ -244,6 +254,7 @@ def wait_for(path: Path, backend: Any) -> None:
         assert time.monotonic() < end
 
 
+@pytest.mark.thorough
 def test_cancel_ends_a_job_at_once_without_an_outcome(
     bench: Any, backend: Any, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,6 +274,7 @@ def test_cancel_ends_a_job_at_once_without_an_outcome(
     assert len((tmp_path / "slow").read_text().split()) <= count + 3
 
 
+@pytest.mark.thorough
 def test_stop_lets_a_job_write_its_checkpoint(
     bench: Any, backend: Any, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

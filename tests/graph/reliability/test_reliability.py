@@ -43,6 +43,7 @@ def campaign(tmp_path: Path, record_property: Callable[[str, object], None]) -> 
 traced = pytest.mark.skipif(why_not() is not None, reason=why_not() or "")
 
 
+@pytest.mark.thorough
 @traced
 @pytest.mark.reliability("kill -9 before each system call that changes a file; each write torn in half", NOTHING_LOST)
 def test_kill_at_every_step(campaign: Any) -> None:
@@ -77,35 +78,41 @@ def test_three_runners_with_kills(campaign: Any) -> None:
     assert facts["killed"] > 0
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("one flipped bit in an object, record, checkpoint, lease, pin or memo", NOTICED)
 def test_flipped_bits(campaign: Any) -> None:
     facts = campaign("flipped_bits", 10, 200)
     assert set(facts) >= ROOMS
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("any of these files truncated", NOTICED)
 def test_truncated_files(campaign: Any) -> None:
     facts = campaign("truncated_files", 10, 200)
     assert set(facts) >= ROOMS
 
 
+@pytest.mark.thorough
 @traced
 @pytest.mark.reliability("disk full from each step on", "a message names the folder; " + NOTHING_LOST)
 def test_full_disk(campaign: Any) -> None:
     campaign("full_disk", 6, 100_000)
 
 
+@pytest.mark.thorough
 @traced
 @pytest.mark.reliability("input/output error at each step", "a message names folder or node; " + NOTHING_LOST)
 def test_failing_disk(campaign: Any) -> None:
     campaign("failing_disk", 6, 100_000)
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("store may only be read", "hits are served; a miss is an error that names the folder")
 def test_read_only_store(campaign: Any) -> None:
     campaign("read_only_store", 2, 40)
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("wall clock stands still or jumps by up to a year", "no deadlock; " + NOTHING_LOST)
 def test_jumping_clock(campaign: Any) -> None:
     campaign("jumping_clock", 3, 100)

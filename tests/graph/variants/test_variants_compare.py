@@ -20,6 +20,7 @@ def words(old: Checked, new: Checked) -> list[str]:
     return compare(old.resolved(), new.resolved(), same).lines()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("patch", "expected"),
     [

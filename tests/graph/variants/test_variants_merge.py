@@ -57,6 +57,7 @@ PATCHES = [
 ]  # fmt: skip
 
 
+@pytest.mark.thorough
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(chosen=st.lists(st.sets(st.sampled_from(PATCHES), max_size=2), min_size=1, max_size=4))
 def test_keys_in_a_merged_run_are_those_of_separate_runs(
@@ -113,6 +114,7 @@ FOOTPRINTS = {
 }
 
 
+@pytest.mark.thorough
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(order=st.permutations(sorted(FOOTPRINTS)), size=st.integers(2, 6))
 @pytest.mark.reliability("patches of a variant in any order, on different nodes", "the same graph")

@@ -27,6 +27,7 @@ def test_there_are_ablations() -> None:
     assert {path.stem for path in ABLATIONS.glob("*.yaml")} >= {"stage1", "stage2", "schedule"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", sorted(ABLATIONS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_variant_checks_and_differs_from_the_base(path: Path, packs: Any) -> None:
     if path.stem == "no_masks" and not (SHARED / "dtu_scan24").is_dir():
@@ -40,6 +41,7 @@ def test_every_variant_checks_and_differs_from_the_base(path: Path, packs: Any) 
         assert start <= set(member.names.values()), f"{row.name} shares no coarse start"
 
 
+@pytest.mark.thorough
 def test_stage_two_shares_all_of_stage_one(packs: Any) -> None:
     rows = check_variants(ABLATIONS / "stage2.yaml", [], packs)
     merged = merge([(f"{row.name}#{row.repeat}", row.checked) for row in rows])

@@ -16,6 +16,7 @@ def edit(client: TestClient, *ops: Any) -> Any:
     return client.post("/api/edit", json={"ops": list(ops)})
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("studio: bodies that are no JSON, no object, nest or count too deep", "400")
 @pytest.mark.parametrize(
     "body",
@@ -53,6 +54,7 @@ def test_giant_messages(client: TestClient) -> None:
     assert chunked.status_code == 413
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: edits with other types, control characters, huge numbers and texts, unknown words",
     "400, 422, or a fault of the graph",
@@ -105,6 +107,7 @@ def test_odd_edits(client: TestClient, op: Any) -> None:
     assert client.get("/api/document").json()["problems"] == []
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: odd bodies and queries to every address", "an answer that says what is wrong, never 500"
 )

@@ -23,6 +23,7 @@ OUT = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("studio: path tricks in the page's files", "404")
 @pytest.mark.parametrize("path", OUT)
 def test_paths_out_of_the_pages_files(client: TestClient, path: str) -> None:
@@ -32,6 +33,7 @@ def test_paths_out_of_the_pages_files(client: TestClient, path: str) -> None:
         assert "root:" not in answer.text
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability("studio: path tricks in names of runs, artifacts, lights and graphs", "404, nothing opened")
 @pytest.mark.parametrize("name", ["..", ".", "../runs", "..%2f..", "/etc", "a/b", "latest", "C:\\x"])
 def test_paths_in_names(client: TestClient, folder: Path, name: str) -> None:

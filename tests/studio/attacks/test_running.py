@@ -55,6 +55,7 @@ def test_looking_runs_no_code(client: TestClient, folder: Path) -> None:
     assert not list(folder.rglob("pwned"))
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: YAML bombs, endless rounds and files that extend themselves are opened", "told as faults, at once"
 )

@@ -92,6 +92,7 @@ BOMBS: dict[str, tuple[str, dict[str, bytes]]] = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: artifacts of a shared store that are bombs, hold pickles or lie about their sizes",
     "a message, no memory taken, nothing run",
@@ -173,6 +174,7 @@ def test_lights(client: TestClient, folder: Path, little_memory: None, name: str
     assert time.monotonic() - began < 10
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: YAML in the values of edits (anchors, tags, merge keys, line breaks), then saved", "texts, as typed"
 )
@@ -219,6 +221,7 @@ def test_the_open_file_becomes_a_link(
     assert outside.read_text().startswith("# secret")
 
 
+@pytest.mark.thorough
 @pytest.mark.reliability(
     "studio: a graph that extends or holds a file that is no graph (/etc/passwd, keys)", "a fault without its text"
 )
