@@ -390,8 +390,8 @@ RESULTS = _group(
     "what was served wrong to a third party that looked at results alone",
     (
         f"{CACHE}/syntax.py",
-        "ast.Subscript) and not isinstance(item.ctx, ast.Load):\n            return",
-        "ast.Subscript) and False:\n            return",
+        "ast.Subscript)) and not isinstance(item.ctx, ast.Load):\n            return",
+        "ast.Subscript)) and False:\n            return",
         _KEPT,
         "does_to_others",
     ),

@@ -5,7 +5,6 @@ Exit codes: 0 done; 1 a node, the store or the report failed; 2 the graph or the
 
 from __future__ import annotations
 
-import gc
 import os
 import shlex
 import signal
@@ -265,8 +264,6 @@ def run_app() -> None:
     except KeyboardInterrupt:
         typer.echo("interrupted", err=True)
         sys.exit(130)
-    finally:
-        gc.freeze()  # the process ends: nobody needs Python to look through all it holds, which takes seconds
 
 
 def _show_warning(

@@ -15,7 +15,7 @@ import marshal
 import os
 import struct
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import MAGIC_NUMBER
@@ -26,7 +26,6 @@ from exmesh_graph import pythontree
 from exmesh_graph.errors import GraphError
 from exmesh_graph.graph.cache import syntax
 from exmesh_graph.graph.cache.syntax import Import
-from exmesh_graph.pythontree import walk
 
 OWN = "exmesh_graph"
 _SUFFIXES = (*EXTENSION_SUFFIXES, ".py", ".pyc")  # in Python's order
@@ -62,7 +61,8 @@ class ModuleText:
 
     @functools.cached_property
     def imports(self) -> list[Import]:
-        return _pairs(self.fact(self, "imports", lambda: list(syntax.imports_in(self.tree, self.package))))
+        found = self.fact(self, "imports", lambda: list(syntax.imports_in(self.tree, self.package)))
+        return [(module, name) for module, name in found]  # as JSON they were lists
 
     @functools.cached_property
     def digest(self) -> str:
@@ -94,7 +94,7 @@ class ModuleText:
     def slice(self, function: str) -> tuple[str, list[Import], list[int]]:
         """(digest, imports, lines) of the part of the module that `function` uses."""
         digest, imports, lines = self.fact(self, "slice " + function, lambda: _Slice(self).of(function))
-        return digest, _pairs(imports), lines
+        return digest, [(name, part) for name, part in imports], lines
 
 
 class _Slice:
@@ -166,10 +166,6 @@ class _Slice:
         return own
 
 
-def _pairs(items: Iterable[Sequence[Any]]) -> list[Import]:
-    return [(item[0], item[1]) for item in items]
-
-
 def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
     origins: dict[str, Import] = {}
     for statement in tree.body:
@@ -181,7 +177,7 @@ def _exports(tree: ast.Module, package: str) -> dict[str, Import] | None:
                     origins[alias.asname or alias.name] = item
         elif isinstance(statement, ast.Assign):
             targets = [t.id for t in statement.targets if isinstance(t, ast.Name)]
-            calls = any(isinstance(item, ast.Call) for item in walk(statement))
+            calls = any(isinstance(item, ast.Call) for item in pythontree.walk(statement))
             if calls or not all(t.startswith("__") for t in targets) or len(targets) != len(statement.targets):
                 return None
         elif not syntax.is_text(statement):
