@@ -41,10 +41,21 @@ settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCh
 settings.load_profile("busy")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first; all else in its order."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """The longest files first; all else in its order. A run of everything leaves out what is thorough."""
+    if _is_of_everything(config):
+        left_out = [item for item in items if "thorough" in item.keywords]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if "thorough" not in item.keywords]
     place = {Path(__file__).parent / name: row for row, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
+
+
+def _is_of_everything(config: pytest.Config) -> bool:
+    """Whether neither files, words nor marks were asked for."""
+    root, here = config.rootpath, Path(__file__).parent
+    whole = {root / path for path in config.args} <= {root, here}
+    return whole and not config.option.keyword and config.option.markexpr in ("", "not slow")
 
 
 @pytest.fixture(autouse=True)
