@@ -209,7 +209,7 @@ ROLES = [
     ("files", "u: one, v: two", "u: two, v: one"),
     ("files", "u: none", "v: none"),
     ("one", "path: one/1.txt", "path: one/2.txt"),
-    ("last", "u: one/1.txt, v: two/1.txt", "u: three/1.txt, v: two/1.txt"),
+    ("last", "u: one/1.txt, v: four/1.txt", "u: three/1.txt, v: four/1.txt"),
 ]
 
 
@@ -217,7 +217,7 @@ ROLES = [
 @pytest.mark.parametrize(("kind", "before", "after"), ROLES)
 def test_which_path_holds_which_file(pack: Opened, kind: str, before: str, after: str) -> None:
     bench = pack(FILES)
-    for name in ("a.txt", "b.txt", "one/1.txt", "one/2.txt", "two/1.txt", "two/3.txt", "three/1.txt"):
+    for name in ("a.txt", "b.txt", "one/1.txt", "one/2.txt", "two/3.txt", "three/1.txt", "four/1.txt"):
         (bench.root / name).parent.mkdir(exist_ok=True)
         (bench.root / name).write_text(name)
     (bench.root / "none").mkdir()
