@@ -817,6 +817,22 @@ class _Stage2(Family):
         roughness: Neutral roughness; auto: low where the probe finds that a fit from 0.5 misses sharp reflections. [> 0, < 1, or auto, by needs]
         metallic: Metallic; above 0 only for fits with metallic: true. [>= 0, <= 1]
         """
+class _Stage3(Family):
+    def refine(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, transport: Wire[Transport] | Node, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 600, vertex_lr: float | Parameter = 0.0027, vertex_decay: float | Parameter = 0.18, texture_lr: float | Parameter = 0.0027, texture_decay: float | Parameter = 0.37, ssim_weight: float | Parameter = 0.2, silhouette_weight: float | Parameter = 5.0, lobe_samples: int | Parameter = 16, memory_gib: float | Parameter = 4.0, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
+        """Move the vertices of a finished asset: highlights and shading of its own light now say where its normals point.
+
+        iterations: Iterations, one view each; 0: the asset stays as it is. [>= 0]
+        vertex_lr: Length of a vertex's step at the start. [mean edge lengths, >= 0, <= 1]
+        vertex_decay: A vertex's step ends at this share of its start. [> 0, <= 1]
+        texture_lr: Step of a texel at the start, in sRGB-encoded units. [>= 0, <= 1]
+        texture_decay: A texel's step ends at this share of its start. [> 0, <= 1]
+        ssim_weight: Share of D-SSIM, (1 - SSIM) / 2, in the colour loss. [>= 0, <= 1]
+        silhouette_weight: Weight of the silhouette loss; unused without masks. [>= 0]
+        lobe_samples: Rays of a vertex's specular lobe, per view, before the start. [>= 1, <= 1024]
+        memory_gib: Memory for pictures ready to be compared; of a larger set the rest is made anew at each visit. [GiB, >= 0]
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
+        device: Where to compute; auto takes a CUDA device if there is one.
+        """
 class _Transport(Family):
     def bounce(self, name: str = "", *, light: Wire[Transport] | Node, needs: Wire[SceneNeeds] | Node | None = None, bounces: int | Literal["auto"] | Parameter = 1, secondary_material: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TransportNode:
         """Build the interreflection operator from the secondary hits and switch it on.
@@ -920,6 +936,7 @@ class Families:
     scene: _Scene
     stage1: _Stage1
     stage2: _Stage2
+    stage3: _Stage3
     transport: _Transport
     usd: _Usd
     uv: _Uv

@@ -12,7 +12,7 @@ import torch
 
 from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.optim import EPSILON, SECOND, adam_step, decayed, view_at
-from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage1.appearance.model import AppearanceModel, Surface
 from exmesh_graph.stage1.diagnose import diagnose
 from exmesh_graph.stage1.firmness import firmer_if_as_good
 from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
@@ -48,6 +48,7 @@ def refine(
     seed: int = 0,
     depths: DepthMaps | None = None,
     region: Mesh | None = None,
+    appearance: AppearanceModel | None = None,
     progress: Progress | None = None,
     where: str = "stage1.refine",
     device: torch.device | str = "cpu",
@@ -58,6 +59,7 @@ def refine(
 
     `smoothness` is the L_s (default: `smoothness.Bilaplacian`).
     `region` is a surface, the coarse start say: with views without masks, only pixels that show it count.
+    `appearance`, made for this call, colours the surface in place of the model that the state holds.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
     name where they are fitted, with `settings.firmer` above 1 "firmness" and "cost" (`firmness`), and after the last
@@ -79,13 +81,13 @@ def refine(
 
     def loop(firmness: float) -> _Loop:
         firm = replace(state, firmness=firmness)
-        return _Loop(firm, targets, settings, smoothness or Bilaplacian(), seed, where, device)
+        return _Loop(firm, targets, settings, smoothness or Bilaplacian(), seed, where, device, appearance)
 
     if settings.firmer > 1 and settings.iterations > 0:
         new, history = firmer_if_as_good(loop, settings.firmer, settings.iterations, progress, checkpoint, resumed)
     else:
         new, history = loop(state.firmness).run(progress, checkpoint, resumed)
-    if settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
+    if appearance is None and settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
         history |= diagnose(surface_of(new, device), targets, gains=settings.gains)
     return new, history
 
@@ -116,9 +118,12 @@ class _Loop:
         seed: int,
         where: str,
         device: torch.device | str,
+        appearance: AppearanceModel | None = None,
     ) -> None:
         self.state, self.targets, self.settings, self.seed, self.where = state, targets, settings, seed, where
         self.surface: Surface = surface_of(state, device)
+        if appearance is not None:
+            self.surface = self.surface._replace(appearance=appearance)
         self.appearance = self.surface.appearance
         self.surface.vertices.requires_grad_()
         self.appearance.prepare(self.surface, targets)

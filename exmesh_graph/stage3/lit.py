@@ -1,0 +1,211 @@
+"""Colour that moves with the normals: the texture, and on every vertex what the light that was found does beside it.
+
+    colour(x, d) = texture(x) + S(n, d) - m        S - m of the vertices, interpolated over the face
+
+S is the sRGB-encoded radiance that a vertex with normal n sends towards the camera, d away, by the asset's own
+materials and environment; m is its mean, at the start's normals, over the views that show the vertex. So what one
+texture cannot follow (highlights that wander, gloss, shading that a wrong normal bends) is explained by the asset in
+place of the shape, and the normals answer for what is left of it. The texture holds the mean, and whatever the asset
+has wrong of it.
+
+    S = sRGB(f_d E(n) + split_sum(r(n, d), roughness) c)
+
+E(n) = E(n_0) + (n - n_0) . F, F the vector irradiance (stage2.surface), so shadows and bounces are those of the start.
+c is, per vertex and view, what rays measured of the specular lobe at the start over its split sum (stage2.light).
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+
+from exmesh_graph.colour import linear_to_srgb
+from exmesh_graph.gpu.cores import share
+from exmesh_graph.gpu.torch_setup import tensor_of
+from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.shading import brdf, envmap
+from exmesh_graph.shading.envmap import Pyramid
+from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.operators import at_surface
+from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, reflectance_table
+from exmesh_graph.shading.suns import Suns
+from exmesh_graph.stage1.appearance.colours import UVTexture
+from exmesh_graph.stage1.appearance.directional import directions
+from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage2.light.traced import traced_specular
+from exmesh_graph.stage2.scene import Body, Lighting, Scene
+from exmesh_graph.stage2.surface import GRAZING, bent_irradiance
+from exmesh_graph.targets import Targets
+from exmesh_graph.types import Asset, Transport
+
+#: Bounds of c: where the split sum is nearly black the ratio means nothing.
+_LARGEST = 4.0
+#: A sun is taken to stand at least this cosine above a vertex's horizon: below it, no first order holds.
+_LOWEST = 0.1
+
+
+class Lit(UVTexture):
+    """The asset's texture (sRGB-encoded, a leaf), drawn with the tints of its own light; made for one fit.
+
+    The asset's mesh must be the surface that `prepare` is given. `seed` moves the lobes' rays.
+    """
+
+    def __init__(self, asset: Asset, transport: Transport, lobe_samples: int, seed: int, device: str = "cpu") -> None:
+        super().__init__(torch.tensor(asset.texture, dtype=torch.float32, device=device))
+        self.light = VertexLight(asset, transport, device)
+        self.samples, self.seed = lobe_samples, seed
+        self.scale: dict[bytes, torch.Tensor] = {}
+        self.mean = torch.zeros_like(self.light.start)
+
+    @torch.no_grad()
+    def prepare(self, surface: Surface, targets: Targets) -> None:
+        """Measure c of every view, and take the mean of S over the views that show a vertex's faces."""
+        vertices, faces, light = surface.vertices.detach(), surface.faces.long(), self.light
+
+        def of(number: int) -> tuple[torch.Tensor, torch.Tensor]:
+            pose = targets.world_to_camera[number]
+            place = project(vertices, targets.intrinsics[number], pose)
+            shown = rasterize_projected(place, surface.faces, targets.height, targets.width).face_id
+            visible = torch.zeros_like(vertices[:, 0])
+            visible[faces[shown[shown >= 0].unique().long()].reshape(-1)] = 1
+            return light.specular_scale(pose, visible > 0, self.samples, (self.seed << 20) + number), visible
+
+        total, seen = torch.zeros_like(self.mean), torch.zeros_like(vertices[:, 0])
+        measured = share(of, range(len(targets)))
+        for pose, (scale, visible) in zip(targets.world_to_camera, measured, strict=True):
+            self.scale[_key(pose)] = scale
+            total += visible[:, None] * light.display(vertices, pose, scale)
+            seen += visible
+        self.mean = total / seen.clamp(min=1)[:, None]
+
+    def tints(self, vertices: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
+        return self.light.display(vertices, world_to_camera, self.scale[_key(world_to_camera)]) - self.mean
+
+
+class VertexLight:
+    """What an asset's environment does at its vertices, differentiable in where these are."""
+
+    @torch.no_grad()
+    def __init__(self, asset: Asset, transport: Transport, device: str = "cpu") -> None:
+        self.body = body = Body(asset, transport, device)
+        (scene,) = body.under([Lighting()])
+        self.faces = body.geometry.faces
+        count = len(body.geometry.vertices)
+        # any face of a vertex tells its texel and its points of the transport
+        self.face = torch.zeros(count, dtype=torch.int64, device=device)
+        self.bary = torch.zeros(count, 3, device=device)
+        self.bary[:, 0] = 1
+        corners = torch.eye(3, device=device)
+        for corner in (2, 1, 0):
+            self.face[self.faces[:, corner]] = torch.arange(len(self.faces), device=device)
+        for corner in range(3):
+            mine = self.faces[self.face, corner] == torch.arange(count, device=device)
+            self.bary[mine] = corners[corner]
+        self.material = gather_rows(body.maps, *body.texels(self.face, self.bary))[:, : 5 if body.metallic else 4]
+        points = body.points(self.face, self.bary)
+        self.sent = body.sends(gather_rows(body.maps, *body.lattice_texels)) * scene.irradiance
+        vector = body.vectors.vector(scene.environment.binned, self.sent) + _of_suns(body, scene)
+        self.irradiance = gather_rows(scene.irradiance, *points)
+        self.vector = gather_rows(vector, *points)
+        self.start = vertex_normals(body.geometry.vertices, self.faces)
+        radiance = tensor_of(asset.environment).to(device)
+        height, width = radiance.shape[:2]
+        self.stack = PrefilteredStack(height, width, device)
+        self.rows, self.pyramid = self.stack.build(radiance), Pyramid(radiance)
+        self.table = reflectance_table(device=device)
+
+    def display(self, vertices: torch.Tensor, world_to_camera: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
+        """S [V, 3] of `vertices` [V, 3] seen by a camera, with c `scale` [V, 3].
+
+        Equations: 12, 20.
+        """
+        base, metallic = self.material[:, :3], self.material[:, 4] if self.body.metallic else None
+        normal = vertex_normals(vertices, self.faces)
+        irradiance = bent_irradiance(self.irradiance, self.vector, self.start, normal)
+        specular = self.split_sum(normal, directions(vertices, world_to_camera)) * scale
+        return linear_to_srgb(brdf.diffuse(base, metallic) * irradiance + specular)
+
+    def split_sum(self, normal: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
+        """Unoccluded specular radiance [V, 3] of the vertices towards `view` [V, 3] under `normal` [V, 3]."""
+        base, roughness = self.material[:, :3], self.material[:, 3]
+        short = (GRAZING - (normal * view).sum(-1)).clamp_min(0)
+        normal = F.normalize(normal + short[:, None] * view, dim=-1)
+        n_v = (normal * view).sum(-1).clamp(1e-3, 1)
+        reflected = F.normalize(2 * n_v[:, None] * normal - view, dim=-1)
+        # longitude has no derivative at the poles: a direction there is taken as one next to it
+        beside = torch.tensor([1e-3, 1.0, 0.0]).to(reflected) * torch.sign(reflected[:, 1:2])
+        reflected = torch.where(reflected[:, 1:2].abs() > 1 - 1e-6, beside, reflected)
+        index, weight = self.stack.locate(*envmap.uv_of(reflected), roughness)
+        f0 = brdf.base_reflectance(base, self.material[:, 4] if self.body.metallic else None)
+        return directional_albedo(self.table, n_v, roughness, f0) * gather_rows(self.rows, index, weight)
+
+    @torch.no_grad()
+    def specular_scale(
+        self, world_to_camera: torch.Tensor, shown: torch.Tensor, samples: int, seed: int
+    ) -> torch.Tensor:
+        """c [V, 3]: the specular light that `samples` rays of a vertex bring over its split sum; 1 where not `shown`
+        bool [V]."""
+        body, scale = self.body, torch.ones_like(self.start)
+        pose = world_to_camera.to(self.start)
+        camera = -pose[:3, :3].T @ pose[:3, 3]
+        surface = body.geometry.samples(self.face[shown], self.bary[shown], camera)
+        material = self.material[shown]
+        f0 = brdf.base_reflectance(material[:, :3], material[:, 4] if body.metallic else None)
+        shift = torch.rand(len(scale), 2, generator=torch.Generator().manual_seed(seed)).to(scale)[shown]
+        traced = traced_specular(
+            surface, body.geometry.face_normals, material[:, 3], f0.expand(len(surface), 3).contiguous(), self.pyramid,
+            body.tracer, lambda face, bary: at_surface(body.light, self.sent, face, bary), samples, shift,
+        )  # fmt: skip
+        split = self.split_sum(self.start, directions(body.geometry.vertices, world_to_camera))[shown]
+        scale[shown] = (traced / split.clamp_min(1e-6)).clamp(0, _LARGEST)
+        return scale
+
+
+def vertex_normals(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
+    """Unit normals [V, 3] of `vertices` [V, 3], faces int64 [F, 3]: `geometry.adjacency.angle_weighted_normals`,
+    differentiable but for the angles."""
+    return weighted_normals(vertices, faces, corner_angles(vertices.detach(), faces))
+
+
+def corner_angles(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
+    """Angles [F, 3] of the faces at their corners, rad."""
+    edges = _edges(vertices, faces)
+    back = -edges.roll(1, 1)
+    return torch.atan2(torch.linalg.cross(edges, back, dim=-1).norm(dim=-1), (edges * back).sum(-1))
+
+
+def weighted_normals(vertices: torch.Tensor, faces: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
+    """Unit normals [V, 3]: the sums of the faces' own, weighted by `angles` [F, 3]. Zero where no face has area."""
+    edges = _edges(vertices, faces)
+    normal = F.normalize(torch.linalg.cross(edges[:, 0], -edges[:, 2], dim=-1), dim=-1, eps=1e-20)
+    weighted = (angles[..., None] * normal[:, None]).reshape(-1, 3)
+    total = torch.zeros_like(vertices).index_add(0, faces.reshape(-1), weighted)
+    return F.normalize(total, dim=-1, eps=1e-12)
+
+
+def _edges(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
+    """[F, 3, 3], from each corner to the next."""
+    corners = vertices.index_select(0, faces.reshape(-1)).view(-1, 3, 3)
+    return corners.roll(-1, 1) - corners
+
+
+def _of_suns(body: Body, scene: Scene) -> torch.Tensor | float:
+    """The vector irradiance [P, 9] that the environment's small suns bring directly; 0 without any."""
+    sky = scene.environment
+    if sky.transfer is None:
+        return 0.0
+    towards = _middles(sky.suns).to(sky.transfer)
+    normals = tensor_of(body.light.normals).to(sky.transfer)
+    seen = sky.transfer / (normals @ towards.T).clamp_min(_LOWEST)  # [P, S]
+    return (seen @ (towards[:, :, None] * sky.flux[:, None, :]).reshape(len(towards), 9)).reshape(-1, 9)
+
+
+def _middles(suns: Suns) -> torch.Tensor:
+    """Unit directions [S, 3] of the suns."""
+    grid = (torch.arange(16, dtype=torch.float64) + 0.5) / 16
+    middle = torch.full_like(grid, 0.5)
+    return F.normalize(suns.directions(torch.stack([grid, middle, middle], dim=1)).mean(1), dim=-1)
+
+
+def _key(world_to_camera: torch.Tensor) -> bytes:
+    return world_to_camera.cpu().numpy().tobytes()

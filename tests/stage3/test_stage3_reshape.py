@@ -1,0 +1,210 @@
+"""The third stage: normals, light at the vertices against rays and finite differences, shape found again, resumed."""
+
+import functools
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from exmesh_nodes import stage3, transport
+
+from exmesh_graph.colour import srgb_to_linear
+from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.adjacency import angle_weighted_normals
+from exmesh_graph.shading.settings import BounceSettings, TransportSettings
+from exmesh_graph.shading.transport import direct_transport, with_bounces
+from exmesh_graph.stage1.init import initial_state
+from exmesh_graph.stage1.refine import refine
+from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage1.smoothness import Bilaplacian
+from exmesh_graph.stage2.scene import Body, Lighting, shade
+from exmesh_graph.stage3.lit import VertexLight, corner_angles, weighted_normals
+from exmesh_graph.stage3.reshape import at_rest, reshape
+from exmesh_graph.stage3.settings import ReshapeSettings
+from exmesh_graph.testing import FakeContext, asset, carrier, sky, views
+from exmesh_graph.types import Asset, Transport
+from exmesh_graph.types.state import load_state, save_state
+
+FIRM = Bilaplacian(weight=0.3)
+
+
+def light_of(body: Asset, bounces: int = 1) -> Transport:
+    light = direct_transport(body.vertices, body.faces, TransportSettings(directions=128, points=1500))
+    return with_bounces(light, bounces) if bounces else light
+
+
+@functools.cache
+def truth() -> Asset:
+    """A ball that shines, under a sky of one bright, broad side."""
+    d = sky(16)
+    return asset(carrier(rings=16, sectors=24), roughness=0.3, environment=d)
+
+
+@functools.cache
+def seen():
+    return views(truth(), 12, 64)
+
+
+def dented(of: Asset, depth: float = 0.02) -> Asset:
+    """With waves along the normal, which outlines hardly tell."""
+    v = of.vertices.astype(np.float64)
+    wave = np.sin(9 * v[:, 0] + 1) * np.sin(8 * v[:, 1]) * np.sin(7 * v[:, 2] + 2)
+    moved = replace(of, vertices=(v * (1 + depth * wave[:, None])).astype(np.float32))
+    return replace(moved, texture=initial_state(moved, seen()).texture)  # what Stage I leaves in an asset
+
+
+def off(found, of: Asset) -> float:
+    """Mean distance from the true surface, along its radius."""
+    radius = np.linalg.norm(found.vertices.astype(np.float64), axis=1) - np.linalg.norm(of.vertices, axis=1)
+    return float(np.abs(radius).mean())
+
+
+# --- normals
+
+
+def test_normals_are_those_of_shading():
+    rng = np.random.default_rng(0)
+    ball = carrier(rings=8, sectors=12)
+    vertices = ball.vertices.astype(np.float64) + rng.normal(0, 0.03, ball.vertices.shape)
+    vertices[5] = vertices[6]  # faces without area
+    faces = torch.from_numpy(ball.faces.astype(np.int64))
+    points = torch.from_numpy(vertices)
+    found = weighted_normals(points, faces, corner_angles(points, faces))
+    np.testing.assert_allclose(found.numpy(), angle_weighted_normals(vertices, ball.faces), atol=1e-9)
+
+
+def test_their_gradient_with_the_angles_held():
+    rng = np.random.default_rng(1)
+    ball = carrier(rings=3, sectors=4)
+    points = torch.from_numpy(ball.vertices + rng.normal(0, 0.03, ball.vertices.shape)).requires_grad_()
+    faces = torch.from_numpy(ball.faces.astype(np.int64))
+    angles = corner_angles(points.detach(), faces)
+    assert torch.autograd.gradcheck(lambda x: weighted_normals(x, faces, angles), (points,))
+
+
+def test_a_vertex_without_area_has_a_zero_normal_and_gradient():
+    points = torch.zeros(3, 3, dtype=torch.float64, requires_grad=True)
+    faces = torch.tensor([[0, 1, 2]])
+    normal = weighted_normals(points, faces, corner_angles(points.detach(), faces))
+    normal.sum().backward()
+    assert not normal.any()
+    assert bool(torch.isfinite(points.grad).all())
+
+
+# --- light at the vertices
+
+
+@pytest.mark.parametrize("metallic", [False, True])
+def test_a_vertex_is_lit_as_rays_say(metallic):
+    """At the start, S is the radiance that the full renderer finds there with the same rays."""
+    maps = {"metallic": np.full((32, 32), 0.7, np.float32)} if metallic else {}
+    one = replace(dented(truth(), 0.08), **maps)
+    light = light_of(one)
+    lit = VertexLight(one, light)
+    photographs = seen()
+    pose = torch.from_numpy(np.linalg.inv(photographs.camera_to_world[3]))
+    camera = torch.from_numpy(photographs.camera_to_world[3, :3, 3].astype(np.float32))
+    towards = torch.nn.functional.normalize(camera - lit.body.geometry.vertices, dim=1)
+    shown = (lit.start * towards).sum(1) > 0.1
+    scale = lit.specular_scale(pose, shown, 32, 9)
+    assert bool((scale[~shown] == 1).all())
+    assert float(scale[shown].std()) > 0.01
+    body = Body(one, light)
+    surface = body.geometry.samples(lit.face, lit.bary, camera)[shown]
+    shift = torch.rand(len(shown), 2, generator=torch.Generator().manual_seed(9))[shown]
+    moved = torch.cat([shift, torch.zeros(len(shift), 3)], dim=1)
+    (expected,) = shade(body, body.under([Lighting()]), surface, 32, moved)
+    found = srgb_to_linear(lit.display(lit.body.geometry.vertices, pose, scale))[shown]
+    error = (found - expected).abs() / expected.clamp_min(0.02)
+    # what a ray meets sends its points' products here, the product of their means there
+    assert float(error.median()) < 1e-5
+    assert float(error.max()) < 0.03
+
+
+def test_its_gradient_says_what_moved_vertices_change(monkeypatch):
+    """Against differences along random moves, the corner angles held as in the gradient."""
+    one = truth()
+    lit = VertexLight(one, light_of(one))
+    angles = corner_angles(lit.body.geometry.vertices, lit.faces)
+    monkeypatch.setattr("exmesh_graph.stage3.lit.corner_angles", lambda *_: angles)
+    pose = torch.from_numpy(np.linalg.inv(seen().camera_to_world[0]))
+    vertices = lit.body.geometry.vertices.clone()
+    shown = (lit.start * torch.nn.functional.normalize(vertices, dim=1)).sum(1) > 0
+    weight = torch.randn(len(vertices), 3, generator=torch.Generator().manual_seed(3)) * shown[:, None]
+    scale = torch.ones_like(vertices)
+
+    def total(points: torch.Tensor) -> torch.Tensor:
+        return (weight * lit.display(points, pose, scale)).double().sum()
+
+    for number in range(3):
+        move = torch.randn(len(vertices), 3, generator=torch.Generator().manual_seed(10 + number))
+        moving = vertices.clone().requires_grad_()
+        (gradient,) = torch.autograd.grad(total(moving), moving)
+        step = 2e-4
+        change = (total(vertices + step * move) - total(vertices - step * move)) / (2 * step)
+        assert float((gradient.double() * move).sum()) == pytest.approx(float(change), rel=0.05), (
+            number
+        )  # the sky's lookups are linear in pieces
+
+
+# --- the stage
+
+
+@pytest.mark.thorough
+def test_it_brings_back_a_shape_that_the_outlines_do_not_tell():
+    start = dented(truth())
+    settings = ReshapeSettings(iterations=300, vertex_lr=0.005, lobe_samples=8)
+    found, history = reshape(start, seen(), light_of(start), settings, smoothness=FIRM, seed=1)
+    assert off(found, truth()) < 0.55 * off(start, truth())
+    assert history["psnr"][-1] > history["psnr"][0]
+    for name in ("faces", "uvs", "uv_faces", "base_color", "roughness", "environment"):
+        assert getattr(found, name) is getattr(start, name)
+    # without the light, a texture alone
+    plain = RefineSettings(iterations=300, total_iterations=300, vertex_lr=0.005, vertex_decay=0.18, texture_lr=0.0027)
+    state, _ = refine(at_rest(start), seen(), plain, smoothness=FIRM, seed=1)
+    assert off(found, truth()) < 0.95 * off(state, truth())
+
+
+@pytest.mark.thorough
+def test_a_cut_off_stage_goes_on_to_the_same_bytes(tmp_path):
+    start = dented(truth())
+    light, settings = light_of(start), ReshapeSettings(iterations=7, lobe_samples=2)
+    whole, history = reshape(start, seen(), light, settings, seed=4)
+
+    class CutOff(Exception):
+        pass
+
+    def checkpoint(now, state):
+        if now == 3:
+            (tmp_path / "kept").mkdir()
+            save_state(tmp_path / "kept", state)
+            raise CutOff
+
+    with pytest.raises(CutOff):
+        reshape(start, seen(), light, settings, seed=4, checkpoint=checkpoint)
+    again, same = reshape(start, seen(), light, settings, seed=4, resumed=(3, load_state(tmp_path / "kept")))
+    assert same == history
+    for field in fields(whole):
+        expected, found = getattr(whole, field.name), getattr(again, field.name)
+        if isinstance(expected, np.ndarray):
+            assert expected.tobytes() == found.tobytes(), field.name
+
+
+def test_no_iterations_leave_the_asset_and_another_meshs_transport_is_refused():
+    one = truth()
+    same, history = reshape(one, seen(), light_of(one, 0), ReshapeSettings(iterations=0))
+    assert same is one
+    assert history == {}
+    with pytest.raises(GeometryError):
+        reshape(one, seen(), light_of(asset(), 0), ReshapeSettings(iterations=1))
+
+
+def test_the_node():
+    ctx = FakeContext(node="reshape", seed=2)
+    light = transport.direct(ctx, truth(), p=TransportSettings(directions=64, points=800)).transport
+    lit = transport.bounce(ctx, light, p=BounceSettings(bounces=1)).transport
+    found, history = stage3.refine(ctx, truth(), seen(), lit, p=stage3.RefineParams(iterations=3, lobe_samples=2))
+    assert isinstance(found, Asset)
+    assert found.vertices.tobytes() != truth().vertices.tobytes()
+    assert history.values["moved"]["largest"] > 0
+    assert any("vertices moved" in line for line in ctx.lines)
