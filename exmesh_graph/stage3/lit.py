@@ -91,16 +91,7 @@ class VertexLight:
         (scene,) = body.under([Lighting()])
         self.faces = body.geometry.faces
         count = len(body.geometry.vertices)
-        # any face of a vertex tells its texel and its points of the transport
-        self.face = torch.zeros(count, dtype=torch.int64, device=device)
-        self.bary = torch.zeros(count, 3, device=device)
-        self.bary[:, 0] = 1
-        corners = torch.eye(3, device=device)
-        for corner in (2, 1, 0):
-            self.face[self.faces[:, corner]] = torch.arange(len(self.faces), device=device)
-        for corner in range(3):
-            mine = self.faces[self.face, corner] == torch.arange(count, device=device)
-            self.bary[mine] = corners[corner]
+        self.face, self.bary = _carrying(self.faces, count)
         self.material = gather_rows(body.maps, *body.texels(self.face, self.bary))[:, : 5 if body.metallic else 4]
         points = body.points(self.face, self.bary)
         self.sent = body.sends(gather_rows(body.maps, *body.lattice_texels)) * scene.irradiance
@@ -159,6 +150,16 @@ class VertexLight:
         split = self.split_sum(self.start, directions(body.geometry.vertices, world_to_camera))[shown]
         scale[shown] = (traced / split.clamp_min(1e-6)).clamp(0, _LARGEST)
         return scale
+
+
+def _carrying(faces: torch.Tensor, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """A face of each of `count` vertices, int64 [V], the first of those that have it, and its place there, [V, 3]."""
+    corner = torch.arange(faces.numel(), device=faces.device)
+    # a vertex without a face takes the last corner, and is never shown
+    first = torch.full((count,), faces.numel() - 1, device=faces.device)
+    first = first.scatter_reduce(0, faces.reshape(-1), corner, "amin")
+    face = torch.div(first, 3, rounding_mode="floor")
+    return face, F.one_hot(first % 3, 3).float()
 
 
 def vertex_normals(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:

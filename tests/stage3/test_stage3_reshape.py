@@ -11,6 +11,7 @@ from exmesh_nodes import stage3, transport
 from exmesh_graph.colour import srgb_to_linear
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import angle_weighted_normals
+from exmesh_graph.gpu.torch_setup import sharing
 from exmesh_graph.shading.settings import BounceSettings, TransportSettings
 from exmesh_graph.shading.transport import direct_transport, with_bounces
 from exmesh_graph.stage1.init import initial_state
@@ -188,6 +189,25 @@ def test_a_cut_off_stage_goes_on_to_the_same_bytes(tmp_path):
         expected, found = getattr(whole, field.name), getattr(again, field.name)
         if isinstance(expected, np.ndarray):
             assert expected.tobytes() == found.tobytes(), field.name
+
+
+def test_the_same_bytes_on_any_number_of_cores():
+    start = dented(truth())
+    light, settings = light_of(start), ReshapeSettings(iterations=4, lobe_samples=2)
+    ends = []
+    for threads in (1, 3):
+        with sharing(threads):
+            ends.append(reshape(start, seen(), light, settings, seed=7)[0])
+    assert ends[0].vertices.tobytes() == ends[1].vertices.tobytes()
+    assert ends[0].texture.tobytes() == ends[1].texture.tobytes()
+
+
+def test_a_vertex_without_a_face_stays():
+    start = dented(truth())
+    lonely = replace(start, vertices=np.concatenate([start.vertices, [[9, 9, 9]]]).astype(np.float32))
+    found, _ = reshape(lonely, seen(), light_of(lonely), ReshapeSettings(iterations=2, lobe_samples=2), smoothness=FIRM)
+    assert np.isfinite(found.vertices).all()
+    assert (found.vertices[-1] == 9).all()
 
 
 def test_no_iterations_leave_the_asset_and_another_meshs_transport_is_refused():
