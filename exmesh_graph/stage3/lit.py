@@ -12,9 +12,12 @@ has wrong of it.
 
 E(n) = E(n_0) + (n - n_0) . F, F the vector irradiance (stage2.surface), so shadows and bounces are those of the start.
 c is, per vertex and view, what rays measured of the specular lobe at the start over its split sum (stage2.light).
+Normals weigh faces by their angles at the start.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -44,6 +47,13 @@ _LARGEST = 4.0
 _LOWEST = 0.1
 
 
+class Shown(NamedTuple):
+    """Vertices that a view may show, int64 [N], and their c [N, 3]."""
+
+    vertices: torch.Tensor
+    scale: torch.Tensor
+
+
 class Lit(UVTexture):
     """The asset's texture (sRGB-encoded, a leaf), drawn with the tints of its own light; made for one fit.
 
@@ -54,32 +64,35 @@ class Lit(UVTexture):
         super().__init__(torch.tensor(asset.texture, dtype=torch.float32, device=device))
         self.light = VertexLight(asset, transport, device)
         self.samples, self.seed = lobe_samples, seed
-        self.scale: dict[bytes, torch.Tensor] = {}
+        self.shown: dict[bytes, Shown] = {}
         self.mean = torch.zeros_like(self.light.start)
 
     @torch.no_grad()
     def prepare(self, surface: Surface, targets: Targets) -> None:
-        """Measure c of every view, and take the mean of S over the views that show a vertex's faces."""
+        """Measure c of every view, and take the mean of S over the views that show a vertex's faces or one beside."""
         vertices, faces, light = surface.vertices.detach(), surface.faces.long(), self.light
 
-        def of(number: int) -> tuple[torch.Tensor, torch.Tensor]:
+        def of(number: int) -> Shown:
             pose = targets.world_to_camera[number]
             place = project(vertices, targets.intrinsics[number], pose)
-            shown = rasterize_projected(place, surface.faces, targets.height, targets.width).face_id
-            visible = torch.zeros_like(vertices[:, 0])
-            visible[faces[shown[shown >= 0].unique().long()].reshape(-1)] = 1
-            return light.specular_scale(pose, visible > 0, self.samples, (self.seed << 20) + number), visible
+            face_id = rasterize_projected(place, surface.faces, targets.height, targets.width).face_id
+            seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
+            seen[faces[face_id[face_id >= 0].unique().long()].reshape(-1)] = True
+            seen[faces[seen[faces].any(1)].reshape(-1)] = True  # a ring more: what moves may come into view
+            chosen = torch.nonzero(seen)[:, 0]
+            return Shown(chosen, light.specular_scale(pose, chosen, self.samples, (self.seed << 20) + number))
 
-        total, seen = torch.zeros_like(self.mean), torch.zeros_like(vertices[:, 0])
-        measured = share(of, range(len(targets)))
-        for pose, (scale, visible) in zip(targets.world_to_camera, measured, strict=True):
-            self.scale[_key(pose)] = scale
-            total += visible[:, None] * light.display(vertices, pose, scale)
-            seen += visible
-        self.mean = total / seen.clamp(min=1)[:, None]
+        total, count = torch.zeros_like(self.mean), torch.zeros_like(self.mean[:, :1])
+        for pose, shown in zip(targets.world_to_camera, share(of, range(len(targets))), strict=True):
+            self.shown[_key(pose)] = shown
+            total[shown.vertices] += light.display(vertices, pose, shown)
+            count[shown.vertices] += 1
+        self.mean = total / count.clamp(min=1)
 
     def tints(self, vertices: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
-        return self.light.display(vertices, world_to_camera, self.scale[_key(world_to_camera)]) - self.mean
+        shown = self.shown[_key(world_to_camera)]
+        tint = self.light.display(vertices, world_to_camera, shown) - self.mean[shown.vertices]
+        return torch.zeros_like(self.mean).index_copy(0, shown.vertices, tint)
 
 
 class VertexLight:
@@ -98,27 +111,29 @@ class VertexLight:
         vector = body.vectors.vector(scene.environment.binned, self.sent) + _of_suns(body, scene)
         self.irradiance = gather_rows(scene.irradiance, *points)
         self.vector = gather_rows(vector, *points)
-        self.start = vertex_normals(body.geometry.vertices, self.faces)
+        self.angles = corner_angles(body.geometry.vertices, self.faces)
+        self.start = weighted_normals(body.geometry.vertices, self.faces, self.angles)
         radiance = tensor_of(asset.environment).to(device)
         height, width = radiance.shape[:2]
         self.stack = PrefilteredStack(height, width, device)
         self.rows, self.pyramid = self.stack.build(radiance), Pyramid(radiance)
         self.table = reflectance_table(device=device)
 
-    def display(self, vertices: torch.Tensor, world_to_camera: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-        """S [V, 3] of `vertices` [V, 3] seen by a camera, with c `scale` [V, 3].
+    def display(self, vertices: torch.Tensor, world_to_camera: torch.Tensor, shown: Shown) -> torch.Tensor:
+        """S [N, 3] of those of `vertices` [V, 3] that a camera may show.
 
         Equations: 12, 20.
         """
-        base, metallic = self.material[:, :3], self.material[:, 4] if self.body.metallic else None
-        normal = vertex_normals(vertices, self.faces)
-        irradiance = bent_irradiance(self.irradiance, self.vector, self.start, normal)
-        specular = self.split_sum(normal, directions(vertices, world_to_camera)) * scale
-        return linear_to_srgb(brdf.diffuse(base, metallic) * irradiance + specular)
+        chosen = shown.vertices
+        material = self.material[chosen]
+        normal = weighted_normals(vertices, self.faces, self.angles).index_select(0, chosen)
+        irradiance = bent_irradiance(self.irradiance[chosen], self.vector[chosen], self.start[chosen], normal)
+        view = directions(vertices.index_select(0, chosen), world_to_camera)
+        diffuse = brdf.diffuse(material[:, :3], material[:, 4] if self.body.metallic else None)
+        return linear_to_srgb(diffuse * irradiance + self.split_sum(material, normal, view) * shown.scale)
 
-    def split_sum(self, normal: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
-        """Unoccluded specular radiance [V, 3] of the vertices towards `view` [V, 3] under `normal` [V, 3]."""
-        base, roughness = self.material[:, :3], self.material[:, 3]
+    def split_sum(self, material: torch.Tensor, normal: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
+        """Unoccluded specular radiance [N, 3] towards `view` [N, 3] of materials [N, C] under `normal` [N, 3]."""
         short = (GRAZING - (normal * view).sum(-1)).clamp_min(0)
         normal = F.normalize(normal + short[:, None] * view, dim=-1)
         n_v = (normal * view).sum(-1).clamp(1e-3, 1)
@@ -126,30 +141,31 @@ class VertexLight:
         # longitude has no derivative at the poles: a direction there is taken as one next to it
         beside = torch.tensor([1e-3, 1.0, 0.0]).to(reflected) * torch.sign(reflected[:, 1:2])
         reflected = torch.where(reflected[:, 1:2].abs() > 1 - 1e-6, beside, reflected)
-        index, weight = self.stack.locate(*envmap.uv_of(reflected), roughness)
-        f0 = brdf.base_reflectance(base, self.material[:, 4] if self.body.metallic else None)
-        return directional_albedo(self.table, n_v, roughness, f0) * gather_rows(self.rows, index, weight)
+        index, weight = self.stack.locate(*envmap.uv_of(reflected), material[:, 3])
+        albedo = directional_albedo(self.table, n_v, material[:, 3], self.f0(material))
+        return albedo * gather_rows(self.rows, index, weight)
+
+    def f0(self, material: torch.Tensor) -> torch.Tensor:
+        """Reflectance [N, 3] at normal incidence."""
+        f0 = brdf.base_reflectance(material[:, :3], material[:, 4] if self.body.metallic else None)
+        return f0.expand(len(material), 3).contiguous()
 
     @torch.no_grad()
     def specular_scale(
-        self, world_to_camera: torch.Tensor, shown: torch.Tensor, samples: int, seed: int
+        self, world_to_camera: torch.Tensor, chosen: torch.Tensor, samples: int, seed: int
     ) -> torch.Tensor:
-        """c [V, 3]: the specular light that `samples` rays of a vertex bring over its split sum; 1 where not `shown`
-        bool [V]."""
-        body, scale = self.body, torch.ones_like(self.start)
-        pose = world_to_camera.to(self.start)
+        """c [N, 3] of the vertices `chosen` int64 [N]: the specular light that `samples` rays bring over the split
+        sum."""
+        body, material, pose = self.body, self.material[chosen], world_to_camera.to(self.start)
         camera = -pose[:3, :3].T @ pose[:3, 3]
-        surface = body.geometry.samples(self.face[shown], self.bary[shown], camera)
-        material = self.material[shown]
-        f0 = brdf.base_reflectance(material[:, :3], material[:, 4] if body.metallic else None)
-        shift = torch.rand(len(scale), 2, generator=torch.Generator().manual_seed(seed)).to(scale)[shown]
+        surface = body.geometry.samples(self.face[chosen], self.bary[chosen], camera)
+        shift = torch.rand(len(self.start), 2, generator=torch.Generator().manual_seed(seed)).to(pose)[chosen]
         traced = traced_specular(
-            surface, body.geometry.face_normals, material[:, 3], f0.expand(len(surface), 3).contiguous(), self.pyramid,
-            body.tracer, lambda face, bary: at_surface(body.light, self.sent, face, bary), samples, shift,
+            surface, body.geometry.face_normals, material[:, 3], self.f0(material), self.pyramid, body.tracer,
+            lambda face, bary: at_surface(body.light, self.sent, face, bary), samples, shift,
         )  # fmt: skip
-        split = self.split_sum(self.start, directions(body.geometry.vertices, world_to_camera))[shown]
-        scale[shown] = (traced / split.clamp_min(1e-6)).clamp(0, _LARGEST)
-        return scale
+        split = self.split_sum(material, self.start[chosen], directions(body.geometry.vertices[chosen], pose))
+        return (traced / split.clamp_min(1e-6)).clamp(0, _LARGEST)
 
 
 def _carrying(faces: torch.Tensor, count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -162,12 +178,6 @@ def _carrying(faces: torch.Tensor, count: int) -> tuple[torch.Tensor, torch.Tens
     return face, F.one_hot(first % 3, 3).float()
 
 
-def vertex_normals(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
-    """Unit normals [V, 3] of `vertices` [V, 3], faces int64 [F, 3]: `geometry.adjacency.angle_weighted_normals`,
-    differentiable but for the angles."""
-    return weighted_normals(vertices, faces, corner_angles(vertices.detach(), faces))
-
-
 def corner_angles(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
     """Angles [F, 3] of the faces at their corners, rad."""
     edges = _edges(vertices, faces)
@@ -176,7 +186,8 @@ def corner_angles(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
 
 
 def weighted_normals(vertices: torch.Tensor, faces: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
-    """Unit normals [V, 3]: the sums of the faces' own, weighted by `angles` [F, 3]. Zero where no face has area."""
+    """Unit normals [V, 3]: the sums of the faces' own, weighted by `angles` [F, 3]; with those of `corner_angles` what
+    `geometry.adjacency.angle_weighted_normals` gives. Zero where no face has area."""
     edges = _edges(vertices, faces)
     normal = F.normalize(torch.linalg.cross(edges[:, 0], -edges[:, 2], dim=-1), dim=-1, eps=1e-20)
     weighted = (angles[..., None] * normal[:, None]).reshape(-1, 3)
