@@ -24,7 +24,7 @@ class RefineOut(NamedTuple):
 @node(
     "stage3.refine",
     version="1",
-    libraries=("torch", "embreex", "warp-lang", "scipy", "OpenImageIO"),
+    libraries=("torch", "embreex", "warp-lang", "scipy"),
     resumable=True,
     resources=ON_DEVICE,
 )

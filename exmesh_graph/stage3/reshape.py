@@ -41,8 +41,12 @@ def reshape(
     if settings.iterations == 0:
         return asset, {}
     lit = Lit(asset, transport, settings.lobe_samples, seed, str(device))
-    shared = {name: getattr(settings, name) for name in ReshapeSettings.model_fields if name != "lobe_samples"}
-    steps = RefineSettings(total_iterations=settings.iterations, fill_unseen=False, **shared)
+    steps = RefineSettings(
+        iterations=settings.iterations, total_iterations=settings.iterations, fill_unseen=False,
+        vertex_lr=settings.vertex_lr, vertex_decay=settings.vertex_decay,
+        texture_lr=settings.texture_lr, texture_decay=settings.texture_decay,
+        ssim_weight=settings.ssim_weight, silhouette_weight=settings.silhouette_weight, memory_gib=settings.memory_gib,
+    )  # fmt: skip
     state, history = refine(
         at_rest(asset), views, steps, smoothness=smoothness, region=region, appearance=lit, seed=seed, where=where,
         device=device, progress=progress, checkpoint=checkpoint, resumed=resumed,
