@@ -160,9 +160,8 @@ def _in_module(sources: Sources, text: ModuleText) -> dict[str, Any]:
 
 def _looked(text: ModuleText) -> dict[str, Any]:
     found = looked_at(text.tree, text.data.decode("utf-8", "replace").splitlines(), text.package)
-    vars(text).pop(
-        "tree", None
-    )  # is read again where it is asked for: those of all modules are as slow to keep as to make
+    # read again where it is asked for: the trees of all modules are as slow to keep as to make
+    vars(text).pop("tree", None)
     return found
 
 

@@ -131,21 +131,25 @@ class TangentFrames:
 
 
 def bent(surface: SurfaceSamples, frame: tuple[torch.Tensor, ...], slopes: torch.Tensor) -> SurfaceSamples:
-    """`surface` with its normal, reflected direction and n_v under the map's `slopes` [N, 2]; differentiable.
-
-    A normal turned away from the camera is bent back to a grazing one, as smooth normals are.
-    """
+    """`surface` with its normal, reflected direction and n_v under the map's `slopes` [N, 2]; differentiable."""
     tangent, bitangent, normal = frame
     mapped = F.normalize(slopes[:, :1] * tangent + slopes[:, 1:] * bitangent + normal, dim=-1)
-    n_v = (mapped * surface.view).sum(-1)
-    short = (GRAZING - n_v).clamp_min(0)
-    mapped = F.normalize(mapped + short[:, None] * surface.view, dim=-1)
-    n_v = (mapped * surface.view).sum(-1).clamp(1e-3, 1)
-    reflected = F.normalize(2 * n_v[:, None] * mapped - surface.view, dim=-1)
+    mapped, n_v, reflected = turned_to(mapped, surface.view)
+    return replace(surface, normal=mapped, reflected=reflected, n_v=n_v)
+
+
+def turned_to(normal: torch.Tensor, view: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Unit `normal` [N, 3] as a camera in direction `view` [N, 3] shades it, n_v [N] and the mirrored direction [N, 3].
+
+    A normal turned away from the camera is bent back to a grazing one, as smooth normals are. Differentiable.
+    """
+    short = (GRAZING - (normal * view).sum(-1)).clamp_min(0)
+    normal = F.normalize(normal + short[:, None] * view, dim=-1)
+    n_v = (normal * view).sum(-1).clamp(1e-3, 1)
+    reflected = F.normalize(2 * n_v[:, None] * normal - view, dim=-1)
     # longitude has no derivative at the poles: a direction there is taken as one next to it
     beside = torch.tensor([1e-3, 1.0, 0.0]).to(reflected) * torch.sign(reflected[:, 1:2])
-    reflected = torch.where(reflected[:, 1:2].abs() > 1 - 1e-6, beside, reflected)
-    return replace(surface, normal=mapped, reflected=reflected, n_v=n_v)
+    return normal, n_v, torch.where(reflected[:, 1:2].abs() > 1 - 1e-6, beside, reflected)
 
 
 def mapped_surface(

@@ -37,7 +37,7 @@ from exmesh_graph.stage1.appearance.directional import directions
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage2.light.traced import traced_specular
 from exmesh_graph.stage2.scene import Body, Lighting, Scene
-from exmesh_graph.stage2.surface import GRAZING, bent_irradiance
+from exmesh_graph.stage2.surface import bent_irradiance, turned_to
 from exmesh_graph.targets import Targets
 from exmesh_graph.types import Asset, Transport
 
@@ -134,13 +134,7 @@ class VertexLight:
 
     def split_sum(self, material: torch.Tensor, normal: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
         """Unoccluded specular radiance [N, 3] towards `view` [N, 3] of materials [N, C] under `normal` [N, 3]."""
-        short = (GRAZING - (normal * view).sum(-1)).clamp_min(0)
-        normal = F.normalize(normal + short[:, None] * view, dim=-1)
-        n_v = (normal * view).sum(-1).clamp(1e-3, 1)
-        reflected = F.normalize(2 * n_v[:, None] * normal - view, dim=-1)
-        # longitude has no derivative at the poles: a direction there is taken as one next to it
-        beside = torch.tensor([1e-3, 1.0, 0.0]).to(reflected) * torch.sign(reflected[:, 1:2])
-        reflected = torch.where(reflected[:, 1:2].abs() > 1 - 1e-6, beside, reflected)
+        _, n_v, reflected = turned_to(normal, view)
         index, weight = self.stack.locate(*envmap.uv_of(reflected), material[:, 3])
         albedo = directional_albedo(self.table, n_v, material[:, 3], self.f0(material))
         return albedo * gather_rows(self.rows, index, weight)

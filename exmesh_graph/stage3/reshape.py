@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from exmesh_graph.stage1.init import initial_state
 from exmesh_graph.stage1.refine import Checkpoint, Progress, Resumed, refine
 from exmesh_graph.stage1.regularise import Smoothness
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage3.lit import Lit
 from exmesh_graph.stage3.settings import ReshapeSettings
-from exmesh_graph.types import Asset, Mesh, Stage1State, Transport, Views
+from exmesh_graph.types import Asset, Mesh, Transport, Views
 
 
 def reshape(
@@ -47,20 +48,11 @@ def reshape(
         texture_lr=settings.texture_lr, texture_decay=settings.texture_decay,
         ssim_weight=settings.ssim_weight, silhouette_weight=settings.silhouette_weight, memory_gib=settings.memory_gib,
     )  # fmt: skip
+    start = initial_state(asset, views, texture="carrier", device=device)
     state, history = refine(
-        at_rest(asset), views, steps, smoothness=smoothness, region=region, appearance=lit, seed=seed, where=where,
+        start, views, steps, smoothness=smoothness, region=region, appearance=lit, seed=seed, where=where,
         device=device, progress=progress, checkpoint=checkpoint, resumed=resumed,
     )  # fmt: skip
     moved = np.linalg.norm(state.vertices - asset.vertices, axis=1)
     history["moved"] = {"mean": float(moved.mean()), "largest": float(moved.max())}
     return replace(asset, vertices=state.vertices, texture=state.texture), history
-
-
-def at_rest(asset: Asset) -> Stage1State:
-    """The asset's mesh as a state of Stage I, optimiser moments at zero."""
-    count, texture = len(asset.vertices), np.asarray(asset.texture, np.float32)
-    return Stage1State(
-        vertices=asset.vertices, faces=asset.faces, uvs=asset.uvs, uv_faces=asset.uv_faces, texture=texture,
-        vertex_m=np.zeros((count, 3), np.float32), vertex_v=np.zeros(count, np.float32),
-        texture_m=np.zeros_like(texture), texture_v=np.zeros_like(texture), gradient_ema=np.zeros(count, np.float32),
-    )  # fmt: skip

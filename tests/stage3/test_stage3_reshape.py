@@ -20,7 +20,7 @@ from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.smoothness import Bilaplacian
 from exmesh_graph.stage2.scene import Body, Lighting, shade
 from exmesh_graph.stage3.lit import Shown, VertexLight, corner_angles, weighted_normals
-from exmesh_graph.stage3.reshape import at_rest, reshape
+from exmesh_graph.stage3.reshape import reshape
 from exmesh_graph.stage3.settings import ReshapeSettings
 from exmesh_graph.testing import FakeContext, asset, carrier, sky, views
 from exmesh_graph.types import Asset, Transport
@@ -158,7 +158,7 @@ def test_it_brings_back_a_shape_that_the_outlines_do_not_tell():
         assert getattr(found, name) is getattr(start, name)
     # without the light, a texture alone
     plain = RefineSettings(iterations=300, total_iterations=300, vertex_lr=0.005, vertex_decay=0.18, texture_lr=0.0027)
-    state, _ = refine(at_rest(start), seen(), plain, smoothness=FIRM, seed=1)
+    state, _ = refine(initial_state(start, seen(), texture="carrier"), seen(), plain, smoothness=FIRM, seed=1)
     assert off(found, truth()) < 0.95 * off(state, truth())
 
 
