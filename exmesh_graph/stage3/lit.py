@@ -3,7 +3,7 @@
     colour(x, d) = texture(x) + S(n, d) - m        S - m of the vertices, interpolated over the face
 
 S is the sRGB-encoded radiance that a vertex with normal n sends towards the camera, d away, by the asset's own
-materials and environment; m is its mean, at the start's normals, over the views that show the vertex. So what one
+materials and environment; m is its mean, at the start's normals, over views that may show the vertex. So what one
 texture cannot follow (highlights that wander, gloss, shading that a wrong normal bends) is explained by the asset in
 place of the shape, and the normals answer for what is left of it. The texture holds the mean, and whatever the asset
 has wrong of it.
