@@ -42,7 +42,7 @@ from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.smoothness import Bilaplacian
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.testing import latlong_ball, pattern, state
-from exmesh_graph.types import Carrier, Views
+from exmesh_graph.types import Carrier, Stage1State, Views
 
 Row = dict[str, float]
 RATE = 0.02
@@ -85,6 +85,23 @@ def main() -> None:
 
 def prepared(options: argparse.Namespace) -> dict[str, refine._Loop]:
     """The loop in both ways, on the same ball and photographs."""
+    start, photographs = scene(options)
+    made = {}
+    for way in ("plain", "fused"):
+        with plainly(way == "plain"):
+            made[way] = loop_of(start, photographs)
+    return made
+
+
+def loop_of(start: Stage1State, photographs: Views, device: str = "cpu") -> refine._Loop:
+    """A loop of Stage I on `device`, its pictures prepared."""
+    targets = prepare_targets(photographs, device=device)
+    targets.ssim_target(0)
+    return refine._Loop(start, targets, RefineSettings(iterations=10**6), Bilaplacian(), 0, "benchmark", device)
+
+
+def scene(options: argparse.Namespace) -> tuple[Stage1State, Views]:
+    """A ball, shrunk, and one photograph of it, of the sizes in `options`."""
     rings = round((options.faces / 4) ** 0.5)
     shape = latlong_ball(rings, 2 * rings, 0.9)
     carrier = Carrier(*shape, pattern(options.texels))
@@ -104,15 +121,7 @@ def prepared(options: argparse.Namespace) -> dict[str, refine._Loop]:
         pose[None],
         "train",
     )
-    start = state(Carrier(0.99 * shape[0], *shape[1:], carrier.texture), fill=0.5)
-    settings = RefineSettings(iterations=10**6)
-    targets = prepare_targets(photographs)
-    targets.ssim_target(0)
-    made = {}
-    for way in ("plain", "fused"):
-        with plainly(way == "plain"):
-            made[way] = refine._Loop(start, targets, settings, Bilaplacian(), 0, "benchmark", "cpu")
-    return made
+    return state(Carrier(0.99 * shape[0], *shape[1:], carrier.texture), fill=0.5), photographs
 
 
 @contextmanager

@@ -125,7 +125,7 @@ def median(pairs: list[tuple[float, float]]) -> tuple[float, float]:
     return statistics.median(p for p, _ in pairs), statistics.median(w for _, w in pairs)
 
 
-def build(options: argparse.Namespace) -> Decomposition:
+def build(options: argparse.Namespace, device: str = "cpu") -> Decomposition:
     """The model, away from its uniform start."""
     texture = np.full((options.texture, options.texture, 3), 0.5, np.float32)
     carrier = replace(scenes.sphere(), texture=texture)
@@ -140,12 +140,12 @@ def build(options: argparse.Namespace) -> Decomposition:
     settings = DecompositionSettings(
         environment_height=options.sky, ssim_weight=options.ssim_weight, normal_map=options.sampled
     )
-    model = Decomposition(carrier, views, light, settings, "cpu")
+    model = Decomposition(carrier, views, light, settings, device)
     model.start()
     generator = torch.Generator().manual_seed(0)
     with torch.no_grad():
         for parameter in (model.maps.parameter, model.environment):
-            parameter += 0.3 * torch.randn(parameter.shape, generator=generator)
+            parameter += 0.3 * torch.randn(parameter.shape, generator=generator).to(parameter)
     return model
 
 

@@ -187,6 +187,22 @@ def _stage_one(device: torch.device) -> Results:
     return {"moved vertices": torch.from_numpy(new.vertices), "texture": torch.from_numpy(new.texture)}
 
 
+def _stage_two(device: torch.device) -> Results:
+    from exmesh_graph.shading.transport import trace_transport, with_bounces
+    from exmesh_graph.stage2.decomposition import Decomposition
+    from exmesh_graph.stage2.objective import weighted_terms
+    from exmesh_graph.stage2.settings import DecompositionSettings
+
+    ball = testing.carrier()
+    light = with_bounces(trace_transport(ball.vertices, ball.faces, 64, 1), 1)
+    settings = DecompositionSettings(environment_height=16, indirect_ramp=1)
+    model = Decomposition(ball, testing.views(ball, 2), light, settings, str(device))
+    model.start()
+    terms, radiance = weighted_terms(model, model.buffers[0], 1)
+    leaves = {"maps": model.maps.parameter, "sky": model.environment, "common factor": model.factor.parameter}
+    return {"radiance": radiance, **_with_gradients(torch.stack(list(terms.values())), **leaves)}
+
+
 TRIALS: dict[str, Trial] = {
     "visibility": _visibility,
     "shading and antialiasing": _picture,
@@ -198,6 +214,7 @@ TRIALS: dict[str, Trial] = {
     "image losses": _losses,
     "Adam": _adam,
     "two iterations of Stage I": _stage_one,
+    "a step of Stage II": _stage_two,
 }
 
 

@@ -9,6 +9,7 @@ its centre at u = (j + 0.5) / W, v = (i + 0.5) / H. Lookups are bilinear, wrap i
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import torch
@@ -40,6 +41,12 @@ def solid_angles(height: int, width: int) -> np.ndarray:
     """Solid angle of the texels of each row [sr], float64 [H]; `W` times their sum is exactly 4 pi."""
     edges = np.cos(np.pi * np.arange(height + 1) / height)
     return (edges[:-1] - edges[1:]) * (2 * np.pi / width)
+
+
+@cache
+def _row_weights(height: int, width: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+    """`solid_angles` as a tensor: brought to a GPU once, which would wait for each copy. Not to be written to."""
+    return torch.as_tensor(solid_angles(height, width), dtype=dtype, device=device)
 
 
 def bilinear(height: int, width: int, u: torch.Tensor, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -110,7 +117,7 @@ def total_variation(environment: torch.Tensor) -> torch.Tensor:
     Equation: 23.
     """
     height, width = environment.shape[:2]
-    row = torch.as_tensor(solid_angles(height, width), dtype=environment.dtype, device=environment.device)
+    row = _row_weights(height, width, environment.dtype, environment.device)
     along = (environment - environment.roll(-1, dims=1)).abs().mean(dim=(1, 2))
     down = (environment[1:] - environment[:-1]).abs().mean(dim=(1, 2))
     between = 0.5 * (row[1:] + row[:-1])
@@ -120,7 +127,7 @@ def total_variation(environment: torch.Tensor) -> torch.Tensor:
 
 def mean_radiance(environment: torch.Tensor) -> torch.Tensor:
     """Mean radiance over the sphere (solid-angle weighted), [3]."""
-    row = torch.as_tensor(solid_angles(*environment.shape[:2]), dtype=environment.dtype, device=environment.device)
+    row = _row_weights(*environment.shape[:2], environment.dtype, environment.device)
     return (environment.mean(dim=1) * row[:, None]).sum(dim=0) / row.sum()
 
 
@@ -167,7 +174,7 @@ class Pyramid:
 
 def _halve(environment: torch.Tensor) -> torch.Tensor:
     height, width = environment.shape[:2]
-    row = torch.as_tensor(solid_angles(height, width), dtype=environment.dtype, device=environment.device)
+    row = _row_weights(height, width, environment.dtype, environment.device)
     row = row.reshape(height // 2, 2, 1, 1, 1)
     blocks = environment.reshape(height // 2, 2, width // 2, 2, 3)
     return (blocks * row).sum(dim=(1, 3)) / (row.sum(dim=1)[:, 0] * 2)

@@ -46,15 +46,15 @@ def test_brdf_and_its_sampling():
     normal, view, light = _vectors()
     color, rough, metal = torch.rand(500, 3), torch.linspace(0.1, 1, 500), torch.linspace(0, 1, 500)
     _same(lambda *x: (brdf.evaluate(*x),), normal, view, light, color, rough, metal)
-    _same(
-        lambda n, v, c, r, m, u: sample_brdf(n, v, c, r, m, u.expand(500, -1, -1)),
-        normal,
-        view,
-        color,
-        rough,
-        metal,
-        hammersley(16)[None],
-    )
+    inputs = normal, view, color, rough, metal, hammersley(16).expand(500, -1, -1)
+    exact = sample_brdf(*(x.double() for x in inputs))
+    here, there = sample_brdf(*inputs), [x.cpu() for x in sample_brdf(*(x.cuda() for x in inputs))]
+    # the first coordinate is stretched by 1 / share: the last digits of a share grow with it, on either device
+    for true, one, other in zip(exact, here, there, strict=True):
+        size = true.abs() + 1e-3 * true.abs().mean()
+        ours, theirs = ((x - true).abs() / size for x in (one, other))
+        assert float(theirs.quantile(0.99)) < 2 * float(ours.quantile(0.99)) + 1e-6
+        assert float(theirs.mean()) < 4 * float(ours.mean()) + 1e-6
 
 
 def test_prefiltered_levels():

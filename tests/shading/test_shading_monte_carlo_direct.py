@@ -270,7 +270,7 @@ def test_cuda_draws_and_shades_as_the_cpu_does(kind):
     for device in ("cpu", "cuda"):
         there = Points(*(t.to(device) for t in (points.position, points.flat, points.normal, points.view)))
         mat = Material(*(t.to(device) for t in (m.base_color, m.roughness, m.metallic)))
-        sky = environment.to(device).requires_grad_()
+        sky = environment.detach().to(device).requires_grad_()
         drawn = draw_light(there, mat, make_pool(EnvSampler(sky), kind, 8, 3), tracer_of(mesh))
         value = shade(drawn, there.normal, there.view, mat, sky)
         value.sum().backward()

@@ -206,7 +206,7 @@ def test_cuda_draws_the_same():
     gaussians, (intrinsics, pose) = cloud(2000, size=0.1, dtype=torch.float32), camera(200, 150)
     results = []
     for device in ("cpu", "cuda"):
-        tensors = gaussians.map(lambda t, d=device: t.to(d).requires_grad_())
+        tensors = gaussians.map(lambda t, d=device: t.detach().to(d).requires_grad_())
         drawing = planes(render(tensors, intrinsics, pose, 150, 200))
         drawing.square().sum().backward()
         results.append([drawing.detach().cpu(), *(t.grad.cpu() for t in tensors.tensors().values())])
