@@ -27,8 +27,8 @@ OBJECT_STORE = 80 * 2**20  # bytes; data moves through the graph's store, not th
 SWEEP = """
 extends: {root}/graphs/hull.yaml
 name: scenes
-nodes: {{light: null, probe: null, neutral: null, bounce: null, pbr: null, usd: null, score: null,
-        score_pictures: null}}
+nodes: {{light: null, probe: null, neutral: null, bounce: null, pbr: null, reshape: null, usd: null,
+        score: null, score_pictures: null, shape: {{mesh: "@settle.state"}}}}
 outputs: {{asset: null}}
 variants:
   only_split: [{{bypass: rounds.merge}}]

@@ -69,6 +69,17 @@ def launch(kernel: Any, size: int | tuple[int, ...], *arguments: Any) -> None:
         wp.launch(kernel, dim=size, inputs=converted, device=wp.device_from_torch(device), stream=stream)
 
 
+def launch_adjoint(kernel: Any, size: int, arguments: Sequence[Any], adjoints: Sequence[Any]) -> None:
+    """Launch the adjoint that Warp has derived of `kernel`, on a CPU, on this thread.
+
+    `adjoints` has for each argument the tensor that its gradient is added to (for what the kernel writes: the gradient
+    that comes in), None for those that none is wanted of, and a zero for what is no array.
+    """
+    given, wanted = convert(kernel, arguments), convert(kernel, adjoints)
+    with _loading:
+        warp().launch(kernel, dim=size, inputs=given, adj_inputs=wanted, adjoint=True, device="cpu")
+
+
 def launch_converted(kernel: Any, size: int | tuple[int, ...], converted: Sequence[Any]) -> None:
     """Launch on the CPU with arguments of `convert`.
 

@@ -35,9 +35,11 @@ from exmesh_graph.shading.suns import Suns
 from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.appearance.directional import directions
 from exmesh_graph.stage1.appearance.model import Surface
+from exmesh_graph.stage1.vertices import serves
 from exmesh_graph.stage2.light.traced import traced_specular
 from exmesh_graph.stage2.scene import Body, Lighting, Scene
 from exmesh_graph.stage2.surface import bent_irradiance, turned_to
+from exmesh_graph.stage3.fused import LEAST_SINE, Tables, VertexKernels
 from exmesh_graph.targets import Targets
 from exmesh_graph.types import Asset, Transport
 
@@ -48,7 +50,7 @@ _LOWEST = 0.1
 
 
 class Shown(NamedTuple):
-    """Vertices that a view may show, int64 [N], and their c [N, 3]."""
+    """Vertices that a view may show, int64 [N], each once, and their c [N, 3]."""
 
     vertices: torch.Tensor
     scale: torch.Tensor
@@ -118,12 +120,19 @@ class VertexLight:
         self.stack = PrefilteredStack(height, width, device)
         self.rows, self.pyramid = self.stack.build(radiance), Pyramid(radiance)
         self.table = reflectance_table(device=device)
+        self.kernels = VertexKernels(self._tables()) if serves(body.geometry.vertices) else None
 
     def display(self, vertices: torch.Tensor, world_to_camera: torch.Tensor, shown: Shown) -> torch.Tensor:
-        """S [N, 3] of those of `vertices` [V, 3] that a camera may show.
+        """S [N, 3] of those of `vertices` [V, 3] that a camera may show; by kernels where they serve.
 
         Equations: 12, 20.
         """
+        if self.kernels is None or not serves(vertices.detach()):
+            return self.plain_display(vertices, world_to_camera, shown)
+        return self.kernels.display(vertices, _eye(world_to_camera.to(vertices)), shown.vertices, shown.scale)
+
+    def plain_display(self, vertices: torch.Tensor, world_to_camera: torch.Tensor, shown: Shown) -> torch.Tensor:
+        """`display` in torch: the reference, and the form of other devices and dtypes."""
         chosen = shown.vertices
         material = self.material[chosen]
         normal = weighted_normals(vertices, self.faces, self.angles).index_select(0, chosen)
@@ -151,8 +160,7 @@ class VertexLight:
         """c [N, 3] of the vertices `chosen` int64 [N]: the specular light that `samples` rays bring over the split
         sum."""
         body, material, pose = self.body, self.material[chosen], world_to_camera.to(self.start)
-        camera = -pose[:3, :3].T @ pose[:3, 3]
-        surface = body.geometry.samples(self.face[chosen], self.bary[chosen], camera)
+        surface = body.geometry.samples(self.face[chosen], self.bary[chosen], _eye(pose))
         shift = torch.rand(len(self.start), 2, generator=torch.Generator().manual_seed(seed)).to(pose)[chosen]
         traced = traced_specular(
             surface, body.geometry.face_normals, material[:, 3], self.f0(material), self.pyramid, body.tracer,
@@ -160,6 +168,20 @@ class VertexLight:
         )  # fmt: skip
         split = self.split_sum(material, self.start[chosen], directions(body.geometry.vertices[chosen], pose))
         return (traced / split.clamp_min(1e-6)).clamp(0, _LARGEST)
+
+    def _tables(self) -> Tables:
+        count, material = len(self.material), self.material
+        diffuse = brdf.diffuse(material[:, :3], material[:, 4] if self.body.metallic else None)
+        levels = torch.stack([self.stack.heights, self.stack.widths, self.stack.starts], dim=1)
+        return Tables(
+            faces=self.faces.int(), angles=self.angles, normals=self.start, diffuse=diffuse,
+            irradiance=self.irradiance, vector=self.vector.reshape(count, 9), f0=self.f0(material),
+            roughness=material[:, 3], rows=self.rows, levels=levels.int(), reflectance=self.table,
+        )  # fmt: skip
+
+
+def _eye(world_to_camera: torch.Tensor) -> torch.Tensor:
+    return -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
 
 
 def _carrying(faces: torch.Tensor, count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -181,9 +203,13 @@ def corner_angles(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
 
 def weighted_normals(vertices: torch.Tensor, faces: torch.Tensor, angles: torch.Tensor) -> torch.Tensor:
     """Unit normals [V, 3]: the sums of the faces' own, weighted by `angles` [F, 3]; with those of `corner_angles` what
-    `geometry.adjacency.angle_weighted_normals` gives. Zero where no face has area."""
+    `geometry.adjacency.angle_weighted_normals` gives, but for needles (`LEAST_SINE`), which count nothing. Zero where
+    no face has area."""
     edges = _edges(vertices, faces)
-    normal = F.normalize(torch.linalg.cross(edges[:, 0], -edges[:, 2], dim=-1), dim=-1, eps=1e-20)
+    out, back = edges[:, 0], -edges[:, 2]
+    cross = torch.linalg.cross(out, back, dim=-1)
+    needle = cross.detach().norm(dim=-1) <= LEAST_SINE * out.detach().norm(dim=-1) * back.detach().norm(dim=-1)
+    normal = F.normalize(torch.where(needle[:, None], 0, cross), dim=-1, eps=1e-20)
     weighted = (angles[..., None] * normal[:, None]).reshape(-1, 3)
     total = torch.zeros_like(vertices).index_add(0, faces.reshape(-1), weighted)
     return F.normalize(total, dim=-1, eps=1e-12)

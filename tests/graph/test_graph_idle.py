@@ -66,7 +66,7 @@ def test_faults_of_idle_nodes_are_told(bench: Any) -> None:
 def test_shipped_graphs_run_all_that_they_ran(packs: Any) -> None:
     """Only variants that move wires have idle nodes."""
     folder = Path(__file__).parents[2] / "graphs"
-    for name in ("quickstart.yaml", "hull.yaml", "stage3.yaml", "use.yaml", "dcc/edit.yaml", "dcc/relight.yaml"):
+    for name in ("quickstart.yaml", "hull.yaml", "use.yaml", "dcc/edit.yaml", "dcc/relight.yaml"):
         assert not check_variant(folder / name, [], packs, "base").idle, name
     moved = check_variant(folder / "ablations" / "stage2.yaml", [], packs, "stage1_only")
     assert list(moved.idle) == ["light", "probe", "bounce"]

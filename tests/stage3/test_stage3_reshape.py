@@ -144,6 +144,52 @@ def test_its_gradient_says_what_moved_vertices_change():
         )  # the sky's lookups are linear in pieces
 
 
+def lit_hard(metallic: bool) -> tuple[VertexLight, torch.Tensor]:
+    """A ball with a vertex at a pole of the sky, faces without area and one that is turned inside out, and moved
+    vertices."""
+    maps = {"metallic": np.full((32, 32), 0.7, np.float32)} if metallic else {}
+    one = replace(dented(truth(), 0.08), **maps)
+    lit = VertexLight(one, light_of(one))
+    vertices = lit.body.geometry.vertices + 2e-3 * torch.randn(
+        len(one.vertices), 3, generator=torch.Generator().manual_seed(1)
+    )
+    vertices[40] = vertices[41]
+    vertices[90] *= 0.5
+    return lit, vertices
+
+
+@pytest.mark.parametrize("metallic", [False, True])
+def test_the_kernels_are_the_plain_form_in_value_and_gradient(metallic):
+    lit, vertices = lit_hard(metallic)
+    assert lit.kernels is not None
+    generator = torch.Generator().manual_seed(2)
+    for number in (0, 5, 9):
+        pose = torch.from_numpy(np.linalg.inv(seen().camera_to_world[number]))
+        chosen = torch.randperm(len(vertices), generator=generator)[:300]  # seen from behind, some of them
+        shown = Shown(chosen, 4 * torch.rand(300, 3, generator=generator))
+        weight = torch.randn(300, 3, generator=generator)
+        found = []
+        for form in (lit.display, lit.plain_display):
+            moving = vertices.clone().requires_grad_()
+            value = form(moving, pose, shown)
+            found.append((value.detach(), torch.autograd.grad((value * weight).sum(), moving)[0]))
+        (value, gradient), (expected, exact) = found
+        torch.testing.assert_close(value, expected, rtol=1e-4, atol=1e-5)
+        off = (gradient - exact).norm(dim=1)
+        assert float(off.median()) < 1e-5 * float(exact.norm(dim=1).median())
+        # at the seams of the sky's texels and of its horizon either side is a gradient
+        assert float((off > 1e-3 * exact.norm(dim=1) + 1e-3).float().mean()) < 0.02
+
+
+def test_of_no_vertices_there_is_no_light():
+    lit, vertices = lit_hard(False)
+    moving = vertices.clone().requires_grad_()
+    pose = torch.from_numpy(np.linalg.inv(seen().camera_to_world[0]))
+    value = lit.display(moving, pose, Shown(torch.zeros(0, dtype=torch.int64), torch.zeros(0, 3)))
+    assert value.shape == (0, 3)
+    assert not torch.autograd.grad(value.sum(), moving)[0].any()
+
+
 # --- the stage
 
 

@@ -38,6 +38,7 @@ nodes:
   neutral: {roughness: 0.5, needs: null}
   bounce: {bounces: 1, needs: null}
   pbr: {needs: null, metallic: false, light_first: 0, texture_size: 64, environment_height: 16}
+  reshape: {iterations: 2, lobe_samples: 2}
   look: null
   score: {before: null}
   look_pictures: null
