@@ -3,7 +3,7 @@
 
 Sums over a vertex's faces are added by whoever draws a face, in the faces' order: launch those kernels whole.
 """
-# ruff: noqa: PLR2004
+# mypy: ignore-errors
 
 import warp as wp
 
@@ -44,9 +44,7 @@ def add_normals(
 
 
 @wp.func
-def bilinear_level(
-    rows: wp.array(dtype=wp.vec3), levels: wp.array(dtype=wp.vec3i), level: int, u: float, v: float
-):
+def bilinear_level(rows: wp.array(dtype=wp.vec3), levels: wp.array(dtype=wp.vec3i), level: int, u: float, v: float):
     """The prefiltered map at image coordinates (u, v) of one of its levels (height, width, first row)."""
     size = levels[level]
     height, width = float(size[0]), float(size[1])

@@ -46,7 +46,8 @@ def reshape(
         iterations=settings.iterations, total_iterations=settings.iterations, fill_unseen=False,
         vertex_lr=settings.vertex_lr, vertex_decay=settings.vertex_decay,
         texture_lr=settings.texture_lr, texture_decay=settings.texture_decay,
-        ssim_weight=settings.ssim_weight, silhouette_weight=settings.silhouette_weight, memory_gib=settings.memory_gib,
+        ssim_weight=settings.ssim_weight, silhouette_weight=settings.silhouette_weight,
+        gains=settings.gains, evidence=settings.evidence, memory_gib=settings.memory_gib,
     )  # fmt: skip
     start = initial_state(asset, views, texture="carrier", device=device)
     state, history = refine(

@@ -17,6 +17,13 @@ class ReshapeSettings(Params):
     texture_decay: float = param(0.37, gt=0, le=1, doc="A texel's step ends at this share of its start.")
     ssim_weight: float = param(0.2, ge=0, le=1, doc="Share of D-SSIM, (1 - SSIM) / 2, in the colour loss.")
     silhouette_weight: float = param(5.0, ge=0, doc="Weight of the silhouette loss; unused without masks.")
+    gains: bool = param(False, doc="Fit one factor per view and channel, for photographs of wandering exposure.")
+    evidence: float = param(
+        0.0,
+        ge=0,
+        unit="of the median",
+        doc="Without masks: vertices whose gradients are below this share of the median's take shorter steps. 0: no.",
+    )
     lobe_samples: int = param(16, ge=1, le=1024, doc="Rays of a vertex's specular lobe, per view, before the start.")
     memory_gib: float = param(
         4.0,
