@@ -818,7 +818,7 @@ class _Stage2(Family):
         metallic: Metallic; above 0 only for fits with metallic: true. [>= 0, <= 1]
         """
 class _Stage3(Family):
-    def refine(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, transport: Wire[Transport] | Node, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 600, vertex_lr: float | Parameter = 0.0027, vertex_decay: float | Parameter = 0.18, texture_lr: float | Parameter = 0.0027, texture_decay: float | Parameter = 0.37, ssim_weight: float | Parameter = 0.2, silhouette_weight: float | Parameter = 5.0, lobe_samples: int | Parameter = 16, memory_gib: float | Parameter = 4.0, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
+    def refine(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, transport: Wire[Transport] | Node, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 300, vertex_lr: float | Parameter = 0.008, vertex_decay: float | Parameter = 0.18, texture_lr: float | Parameter = 0.0027, texture_decay: float | Parameter = 0.37, ssim_weight: float | Parameter = 0.2, silhouette_weight: float | Parameter = 5.0, gains: bool | Parameter = False, evidence: float | Parameter = 0.0, lobe_samples: int | Parameter = 16, memory_gib: float | Parameter = 4.0, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
         """Move the vertices of a finished asset: highlights and shading of its own light now say where its normals point.
 
         iterations: Iterations, one view each; 0: the asset stays as it is. [>= 0]
@@ -828,6 +828,8 @@ class _Stage3(Family):
         texture_decay: A texel's step ends at this share of its start. [> 0, <= 1]
         ssim_weight: Share of D-SSIM, (1 - SSIM) / 2, in the colour loss. [>= 0, <= 1]
         silhouette_weight: Weight of the silhouette loss; unused without masks. [>= 0]
+        gains: Fit one factor per view and channel, for photographs of wandering exposure.
+        evidence: Without masks: vertices whose gradients are below this share of the median's take shorter steps. 0: no. [of the median, >= 0]
         lobe_samples: Rays of a vertex's specular lobe, per view, before the start. [>= 1, <= 1024]
         memory_gib: Memory for pictures ready to be compared; of a larger set the rest is made anew at each visit. [GiB, >= 0]
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
