@@ -2,7 +2,7 @@
 
     exmesh run graphs/photos.yaml && python -m benchmarks.photo_sample [--run runs/latest] [--steps]
 
---steps follows the surface: the coarse start, after each round, the end. `inside` is how far it lies inside the true
+--steps follows the surface: the coarse start, after each round, the end of Stage I, the asset. `inside` is how far it lies inside the true
 one on average, `pits` what 95 % of it are nearer than.
 
 Cameras and surface are found up to a similarity (Umeyama, PAMI 1991, eq. 40 to 42). It is fitted from the cameras'
@@ -31,13 +31,14 @@ from exmesh_graph.types import Mesh
 
 SAMPLE = Path(__file__).parent.parent / "graphs" / "samples" / "photos"
 ABOVE = 0.02  # of the radius
+_ENDS = (("end", "settle", "state"), ("asset", "reshape", "asset"))
 _SURFACE = ("chamfer", "accuracy", "completeness", "inside", "pits")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", type=Path, default=Path("runs/latest"))
-    parser.add_argument("--steps", action="store_true", help="figures of the start, each round and the end")
+    parser.add_argument("--steps", action="store_true", help="figures of the start, each round, the end and the asset")
     options = parser.parse_args()
     run = ex.open_run(options.run)
     if not options.steps:
@@ -51,7 +52,7 @@ def main() -> None:
 
 
 def steps(run: ex.Run) -> Iterator[tuple[str, Mesh]]:
-    """Name and surface of the run's coarse start, of each round of Stage I, and of its end."""
+    """Name and surface of the run's coarse start, of each round of Stage I, of its end, and of the asset."""
     yield "start", run["coarse"]["mesh"]
     for number in itertools.count(1):
         try:
@@ -59,17 +60,18 @@ def steps(run: ex.Run) -> Iterator[tuple[str, Mesh]]:
         except KeyError:  # no further round
             break
         yield f"round {number}", state
-    with contextlib.suppress(KeyError):  # a run up to the rounds
-        yield "end", run["settle"]["state"]
+    for name, node, port in _ENDS:
+        with contextlib.suppress(KeyError):  # a run up to there
+            yield name, run[node][port]
 
 
 def against_truth(run: ex.Run, sample: Path = SAMPLE, mesh: Mesh | None = None) -> dict[str, float]:
-    """Figures of a run of graphs/photos.yaml on the sample: of its end, or of another `mesh` of it.
+    """Figures of a run of graphs/photos.yaml on the sample: of the last surface that it made, or of another `mesh` of it.
 
     Optical axes in degrees, centres in per cent of their mean distance from their middle (as `benchmarks.photos` does),
     the surface in thousandths of its radius.
     """
-    views, mesh = run["views"]["train"], run["settle"]["state"] if mesh is None else mesh
+    views, mesh = run["views"]["train"], mesh or list(steps(run))[-1][1]
     truth = json.loads((sample / "truth" / "cameras.json").read_text(encoding="utf-8"))["camera_to_world"]
     cameras = np.array([truth[f"{Path(name).stem}.jpg"] for name in views.names]) @ np.diag([1.0, -1, -1, 1])
     scale, rotation, offset = similarity(views.camera_to_world[:, :3, 3], cameras[:, :3, 3])
