@@ -51,6 +51,11 @@ def refine(
     wired: dict[str, Any] = {"smoothness": smoothness, "region": region}
     with computing(p) as device:
         new, history = reshape(asset, views, transport, p, **wired, where=ctx.node, device=device, **loop_of(ctx))
+    if "explained" in history:
+        explained = f"{history['explained']:.2f} dB of the error of one texture"
+        ctx.log(f"what the light does beside the texture, view by view, explains {explained}")
+        if "moved" not in history:
+            ctx.warn(f"the light that was found fits the photographs no better ({explained}): the vertices stay")
     if "moved" in history:
         moved = history["moved"]
         ctx.log(f"vertices moved by {moved['mean']:.2g} on average and {moved['largest']:.2g} at most, in scene units")

@@ -71,7 +71,11 @@ class Lit(UVTexture):
 
     @torch.no_grad()
     def prepare(self, surface: Surface, targets: Targets) -> None:
-        """Measure c of every view, and take the mean of S over the views that show a vertex's faces or one beside."""
+        """Measure c of every view, and take the mean of S over the views that show a vertex's faces or one beside.
+
+        Once: later calls change nothing."""
+        if self.shown:
+            return
         vertices, faces, light = surface.vertices.detach(), surface.faces.long(), self.light
 
         def of(number: int) -> Shown:

@@ -9,9 +9,7 @@ class ReshapeSettings(Params):
     """Of `reshape.reshape`."""
 
     iterations: int = param(300, ge=0, doc="Iterations, one view each; 0: the asset stays as it is.")
-    vertex_lr: float = param(
-        0.008, ge=0, le=1, unit="mean edge lengths", doc="Length of a vertex's step at the start."
-    )
+    vertex_lr: float = param(0.008, ge=0, le=1, unit="mean edge lengths", doc="Length of a vertex's step at the start.")
     vertex_decay: float = param(0.18, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
     texture_lr: float = param(0.0027, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
     texture_decay: float = param(0.37, gt=0, le=1, doc="A texel's step ends at this share of its start.")

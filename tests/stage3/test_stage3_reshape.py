@@ -252,6 +252,19 @@ def test_a_vertex_without_a_face_stays():
     assert (found.vertices[-1] == 9).all()
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_light_that_explains_nothing_moves_no_vertex(turned):
+    """The found sky, or one whose bright side is opposite."""
+    start = dented(truth(), 0.01)
+    if turned:
+        start = replace(start, environment=np.roll(start.environment, start.environment.shape[1] // 2, axis=1))
+    ctx = FakeContext(node="reshape", seed=2)
+    found, history = stage3.refine(ctx, start, seen(), light_of(start), p=stage3.RefineParams(iterations=3))
+    assert (history.values["explained"] < 0) == turned
+    assert (found is start) == turned
+    assert bool(ctx.warnings) == turned
+
+
 def test_no_iterations_leave_the_asset_and_another_meshs_transport_is_refused():
     one = truth()
     same, history = reshape(one, seen(), light_of(one, 0), ReshapeSettings(iterations=0))
@@ -263,10 +276,11 @@ def test_no_iterations_leave_the_asset_and_another_meshs_transport_is_refused():
 
 def test_the_node():
     ctx = FakeContext(node="reshape", seed=2)
-    light = transport.direct(ctx, truth(), p=TransportSettings(directions=64, points=800)).transport
+    start = dented(truth())
+    light = transport.direct(ctx, start, p=TransportSettings(directions=64, points=800)).transport
     lit = transport.bounce(ctx, light, p=BounceSettings(bounces=1)).transport
-    found, history = stage3.refine(ctx, truth(), seen(), lit, p=stage3.RefineParams(iterations=3, lobe_samples=2))
+    found, history = stage3.refine(ctx, start, seen(), lit, p=stage3.RefineParams(iterations=3, lobe_samples=2))
     assert isinstance(found, Asset)
-    assert found.vertices.tobytes() != truth().vertices.tobytes()
+    assert found.vertices.tobytes() != start.vertices.tobytes()
     assert history.values["moved"]["largest"] > 0
     assert any("vertices moved" in line for line in ctx.lines)
