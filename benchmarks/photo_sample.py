@@ -2,8 +2,8 @@
 
     exmesh run graphs/photos.yaml && python -m benchmarks.photo_sample [--run runs/latest] [--steps]
 
---steps follows the surface: the coarse start, after each round, the end of Stage I, the asset. `inside` is how far it lies inside the true
-one on average, `pits` what 95 % of it are nearer than.
+--steps follows the surface: the coarse start, after each round, the end of Stage I, the asset. `inside` is how far it
+lies inside the true one on average, `pits` what 95 % of it are nearer than.
 
 Cameras and surface are found up to a similarity (Umeyama, PAMI 1991, eq. 40 to 42). It is fitted from the cameras'
 places, and for the surface refined by nearest points (ICP), so that its figures tell of its shape. The surface counts
@@ -66,7 +66,7 @@ def steps(run: ex.Run) -> Iterator[tuple[str, Mesh]]:
 
 
 def against_truth(run: ex.Run, sample: Path = SAMPLE, mesh: Mesh | None = None) -> dict[str, float]:
-    """Figures of a run of graphs/photos.yaml on the sample: of the last surface that it made, or of another `mesh` of it.
+    """Figures of a run of graphs/photos.yaml on the sample: of the surface it ended with, or of another `mesh` of it.
 
     Optical axes in degrees, centres in per cent of their mean distance from their middle (as `benchmarks.photos` does),
     the surface in thousandths of its radius.
