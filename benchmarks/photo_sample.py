@@ -71,7 +71,7 @@ def against_truth(run: ex.Run, sample: Path = SAMPLE, mesh: Mesh | None = None) 
     Optical axes in degrees, centres in per cent of their mean distance from their middle (as `benchmarks.photos` does),
     the surface in thousandths of its radius.
     """
-    views, mesh = run["views"]["train"], mesh or list(steps(run))[-1][1]
+    views, mesh = run["views"]["train"], list(steps(run))[-1][1] if mesh is None else mesh
     truth = json.loads((sample / "truth" / "cameras.json").read_text(encoding="utf-8"))["camera_to_world"]
     cameras = np.array([truth[f"{Path(name).stem}.jpg"] for name in views.names]) @ np.diag([1.0, -1, -1, 1])
     scale, rotation, offset = similarity(views.camera_to_world[:, :3, 3], cameras[:, :3, 3])

@@ -52,15 +52,19 @@ class PrefilteredStack:
 
         u, v [N]: image coordinates (envmap.uv_of) of the reflected direction; differentiable in roughness [N].
         """
-        upper = torch.searchsorted(self.knots, roughness.detach().contiguous()).clamp(1, len(LEVELS) - 1)
-        low, high = self.knots[upper - 1], self.knots[upper]
-        t = ((roughness - low) / (high - low)).clamp(0, 1)
+        lower, t = self.between(roughness)
         index, weight = [], []
-        for level, share in ((upper - 1, 1 - t), (upper, t)):
+        for level, share in ((lower, 1 - t), (lower + 1, t)):
             i, w = _bilinear_in(self.heights[level], self.widths[level], u, v)
             index.append(i + self.starts[level][:, None])
             weight.append(w * share[:, None])
         return torch.cat(index, dim=1), torch.cat(weight, dim=1)
+
+    def between(self, roughness: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The sharper of the two levels that each roughness [N] lies between, int64 [N], and the other's share [N]."""
+        upper = torch.searchsorted(self.knots, roughness.detach().contiguous()).clamp(1, len(LEVELS) - 1)
+        low, high = self.knots[upper - 1], self.knots[upper]
+        return upper - 1, ((roughness - low) / (high - low)).clamp(0, 1)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from torch.autograd.function import once_differentiable
 
 from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.warp_runtime import launch, launch_adjoint, warp
-from exmesh_graph.shading.specular import LEVELS
+from exmesh_graph.stage2.fused.view import SpecularTables
 
 LEAST_SINE = 1e-5
 """Sine of the angle between two edges of a face up to which it has no normal: float32 would make one of rounding."""
@@ -33,8 +33,9 @@ class Tables:
     normals     [V, 3], unit, at the start
     diffuse, irradiance [V, 3], f_d and E;  vector [V, 9] its change with the normal, x, y, z of rgb
     f0          [V, 3];  roughness [V]
-    rows        [R, 3], prefiltered levels (shading.specular.PrefilteredStack.build);  levels int32 [L, 3]
-    reflectance [64, 64, 2]
+    lower, share int64 [V], [V], the prefiltered levels of its roughness (PrefilteredStack.between)
+    rows        [R, 3], those levels (PrefilteredStack.build)
+    specular    where they lie, and A and B of the split sum
     """
 
     faces: torch.Tensor
@@ -45,19 +46,17 @@ class Tables:
     vector: torch.Tensor
     f0: torch.Tensor
     roughness: torch.Tensor
+    lower: torch.Tensor
+    share: torch.Tensor
     rows: torch.Tensor
-    levels: torch.Tensor
-    reflectance: torch.Tensor
+    specular: SpecularTables
 
     def arguments(self) -> tuple[torch.Tensor, ...]:
         """As `light_vertices` takes them, from `start` to `table`."""
-        knots = torch.tensor(LEVELS)
-        upper = torch.searchsorted(knots, self.roughness.contiguous()).clamp(1, len(LEVELS) - 1)
-        share = ((self.roughness - knots[upper - 1]) / (knots[upper] - knots[upper - 1])).clamp(0, 1)
         x, y, z = (part.contiguous() for part in self.vector.view(-1, 3, 3).unbind(1))
         return (
-            self.normals, self.diffuse, self.irradiance, x, y, z, (upper - 1).int(), share, self.rows, self.levels,
-            self.f0, self.roughness, self.reflectance,
+            self.normals, self.diffuse, self.irradiance, x, y, z, self.lower.int(), self.share, self.rows,
+            self.specular.levels, self.f0, self.roughness, self.specular.reflectance,
         )  # fmt: skip
 
 

@@ -36,6 +36,7 @@ from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.appearance.directional import directions
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.vertices import serves
+from exmesh_graph.stage2.fused.view import SpecularTables
 from exmesh_graph.stage2.light.traced import traced_specular
 from exmesh_graph.stage2.scene import Body, Lighting, Scene
 from exmesh_graph.stage2.surface import bent_irradiance, turned_to
@@ -176,11 +177,12 @@ class VertexLight:
     def _tables(self) -> Tables:
         count, material = len(self.material), self.material
         diffuse = brdf.diffuse(material[:, :3], material[:, 4] if self.body.metallic else None)
-        levels = torch.stack([self.stack.heights, self.stack.widths, self.stack.starts], dim=1)
+        lower, other = self.stack.between(material[:, 3])
         return Tables(
             faces=self.faces.int(), angles=self.angles, normals=self.start, diffuse=diffuse,
             irradiance=self.irradiance, vector=self.vector.reshape(count, 9), f0=self.f0(material),
-            roughness=material[:, 3], rows=self.rows, levels=levels.int(), reflectance=self.table,
+            roughness=material[:, 3], lower=lower, share=other, rows=self.rows,
+            specular=SpecularTables.of(self.stack, self.table),
         )  # fmt: skip
 
 
