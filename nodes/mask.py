@@ -125,7 +125,7 @@ class AutoOut(NamedTuple):
     depths: DepthMaps | None  # of stereo, of the views in `train`; absent where no masks were found
 
 
-@node("mask.auto", version="2", libraries=_STEREO)
+@node("mask.auto", version="3", libraries=_STEREO)
 def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: AutoParams) -> AutoOut:
     """Masks for photographs that have none, where an object stands apart: init.object, mask.from_surface, and a check.
 
@@ -159,6 +159,7 @@ def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tupl
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.masks.agreement import agreed_masks
     from exmesh_graph.masks.decide import found_row, none_row, table_row
+    from exmesh_graph.masks.ground import Table
     from exmesh_graph.masks.object import object_of_depths
 
     with sharing(p.threads):
@@ -173,7 +174,8 @@ def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tupl
                 f"their pictures (least_apart {p.least_apart:g})"
             )
             return views, [none_row(fault, {"apart": found.apart}), *rows]
-        agreement = agreed_masks(views, found.vertices, found.faces, p, p, progress=ctx.progress)
+        table = Table(found.table, depths) if found.removed and found.table is not None else None
+        agreement = agreed_masks(views, found.vertices, found.faces, p, p, table=table, progress=ctx.progress)
     if agreement.fault:
         return views, [none_row(agreement.fault, agreement.figures), *rows]
     train = _masked(ctx, views, agreement.masks)

@@ -10,6 +10,7 @@ import numpy as np
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.outlines import masks_of_surface
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
 from exmesh_graph.types import Views
@@ -42,16 +43,17 @@ def agreed_masks(
     cutting: CutSettings,
     settings: AgreementSettings,
     *,
+    table: Table | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Agreement:
     """Masks of the mesh (vertices [V, 3], faces [F, 3]) by two turns, and whether they have a common shape.
 
     The first turn cuts the drawn mesh to the pictures' edges. Its masks' visual hull, in which one view of twenty is
     outvoted, is drawn back: where it is another than the mask, that mask is contradicted. The second turn cuts the
-    hull, in half the band, so that views mend each other.
+    hull, in half the band, so that views mend each other. `table` as for `masks_of_surface`.
     """
     turns = 2 * len(views)
-    first = masks_of_surface(views, vertices, faces, cutting, progress=_part(progress, 0, turns))
+    first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_part(progress, 0, turns))
     seen = first.mean(axis=(1, 2)) >= _SEEN
     figures = {"seen": float(seen.mean()), "overlap": 0.0, "contradicted": 0.0}
     if seen.mean() < settings.least_seen or seen.sum() < 2:
@@ -69,7 +71,7 @@ def agreed_masks(
         fault = f"{figures['contradicted']:.0%} of the masks are another than their common shape (most_contradicted"
         return Agreement(first, figures, f"{fault} {settings.most_contradicted:g})")
     finer = cutting.replaced(band=max(1.0, cutting.band / 2))
-    second = masks_of_surface(views, *hull, finer, progress=_part(progress, len(views), turns))
+    second = masks_of_surface(views, *hull, finer, table=table, progress=_part(progress, len(views), turns))
     second[~seen] = False
     return Agreement(second, figures, "")
 

@@ -8,7 +8,7 @@ nearest in colour and place together, so that a side may have other colours else
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, maximum_filter
+from scipy.ndimage import distance_transform_edt, maximum_filter, uniform_filter
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
@@ -27,15 +27,22 @@ _NEAREST = 5
 _SAMPLES = 6000
 _CORE = 0.6
 _HOLE = 2.5
+_GAP = 0.7
+"""Chance, mean of a window of so many pixels, from which on the inside shows the table."""
+_WINDOW = 3
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
-def moved_to_edges(picture: np.ndarray, drawn: np.ndarray, band: float, smoothness: float = 2.0) -> np.ndarray:
+def moved_to_edges(
+    picture: np.ndarray, drawn: np.ndarray, band: float, smoothness: float = 2.0, table: np.ndarray | None = None
+) -> np.ndarray:
     """bool [H, W]: the outline of `drawn` bool [H, W], moved by at most `band` pixels to where the picture has an edge.
 
     picture     float32 [H, W, 3], display colour in [0, 1]
     smoothness  cost of a pixel's length of outline where the picture is flat, beside at most 1 for a pixel whose
                 colours are those of the other side
+    table       [H, W] in (0, 1): how likely a pixel shows the table below the object, 0.5 where that is not known
+                (`ground.table_shown`). It counts beside the colours, and gaps that show the table are open too
 
     Pixels farther than `band` from the outline stay as they are; so does the middle of parts that are thinner than
     that. Where a side has no pixel to learn its colours from, `drawn` is returned. Raises DataError for other shapes.
@@ -51,13 +58,27 @@ def moved_to_edges(picture: np.ndarray, drawn: np.ndarray, band: float, smoothne
     around = _around(drawn, int(np.ceil(_SEEN * band)) + 2)
     picture, drawn = picture[around], drawn[around]
     sure_in, sure_out, band_of = sides(drawn, band)
-    if not sure_in.any() or not sure_out.any() or not band_of.any():
+    own = sure_in
+    if table is not None:
+        table = table[around]
+        gap = sure_in & (table > 0.5) & (uniform_filter(table, _WINDOW, mode="nearest") > _GAP)
+        sure_in, band_of = sure_in & ~gap, band_of | gap
+        own = sure_in & (table <= 0.5)
+    if not own.any() or not sure_out.any() or not band_of.any():
         return result
     lab = rgb2lab(np.clip(picture, 0, 1)).astype(np.float32)
-    unlike = _unlike(lab, sure_in, sure_out, band_of, band)
+    unlike = _unlike(lab, own, sure_out, band_of, band)
+    if table is not None:
+        unlike = together(unlike, table[band_of])
     kept = least_cut(unlike, _contrast(lab, band_of), band_of, sure_in, smoothness)
     result[around][band_of] = kept
     return result
+
+
+def together(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The chance of what two independent chances in (0, 1) speak of; 0.5 says nothing."""
+    both = first * second
+    return both / np.maximum(both + (1 - first) * (1 - second), 1e-12)
 
 
 def _around(drawn: np.ndarray, margin: int) -> tuple[slice, slice]:

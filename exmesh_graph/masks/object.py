@@ -20,6 +20,7 @@ from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.pinhole import thinned
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.masks.settings import ObjectSettings
 from exmesh_graph.masks.standing import Standing, standing
@@ -53,7 +54,8 @@ def object_of_depths(
     alone = standing(vertices, faces, wide, maps, voxel, settings.table, settings.least_part, shown=_SHOWN, seed=seed)
     ground = alone.table if alone.removed else None
     vertices, faces = _closed(alone.vertices, alone.faces, wide, ground, settings.least_part)
-    return replace(alone, vertices=vertices * np.float32(reach), faces=faces)
+    table = alone.table and replace(alone.table, offset=alone.table.offset * reach)
+    return replace(alone, vertices=vertices * np.float32(reach), faces=faces, table=table)
 
 
 def open_object(
@@ -78,13 +80,7 @@ def open_object(
 def _looked_at(views: Views, depths: DepthMaps, side: int) -> tuple[Views, DepthMaps]:
     factor = max(1, math.ceil(max(views.width, views.height) / side))
     small = reduced(views, factor)
-    return small, thinned(depths, small, factor)
-
-
-def thinned(depths: DepthMaps, views: Views, factor: int) -> DepthMaps:
-    """Every `factor`-th pixel of the maps, of the middle of each square that became a pixel of the reduced `views`."""
-    rows, columns = (factor // 2 + factor * np.arange(count) for count in (views.height, views.width))
-    return replace(depths, depth=depths.depth[:, rows[:, None], columns])
+    return small, replace(depths, depth=thinned(depths.depth, (small.height, small.width), factor))
 
 
 def structured(views: Views, depths: DepthMaps, least: float) -> DepthMaps:

@@ -12,6 +12,7 @@ from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.reduce import downscale_area
 from exmesh_graph.masks.cut import moved_to_edges
 from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.ground import Table, table_shown
 from exmesh_graph.masks.settings import CutSettings
 from exmesh_graph.types import Views
 
@@ -24,9 +25,12 @@ def masks_of_surface(
     faces: np.ndarray,
     settings: CutSettings | None = None,
     *,
+    table: Table | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> np.ndarray:
     """bool [N, H, W]: what shows the mesh (vertices [V, 3], faces [F, 3]), cut to the edges of the pictures.
+
+    table  what the object stands on: where other views show it, its colours tell it from the object too
 
     In pictures of about `settings.side` pixels first; brought to full size the outline may move by the width of a
     reduced pixel once more. A view in which the mesh is not seen has no pixel.
@@ -37,13 +41,17 @@ def masks_of_surface(
     # an object of few pixels has fine parts: there the band is a part of the picture
     band = settings.band * float(np.clip(max(small.shape[1:]) / _SMALL, 0.5, 1))
     masks = np.zeros((len(views), views.height, views.width), bool)
+    shown = np.stack([_display(np.asarray(picture), factor) for picture in views.images])
+    likely = None if table is None else table_shown(table, views, shown, small, vertices)
     for view, outline in enumerate(small):
-        picture = np.asarray(views.images[view])
-        shown = _display(picture, factor)
-        found = moved_to_edges(shown, outline, band, settings.smoothness)
+        by_table = None if likely is None else likely[view]
+        found = moved_to_edges(shown[view], outline, band, settings.smoothness, by_table)
         if factor > 1:
             found = moved_to_edges(
-                _display(picture, 1), _enlarged(found, factor, masks.shape[1:]), 1.5 * factor, settings.smoothness
+                _display(np.asarray(views.images[view]), 1),
+                _enlarged(found, factor, masks.shape[1:]),
+                1.5 * factor,
+                settings.smoothness,
             )
         masks[view] = found
         if progress is not None:

@@ -1,4 +1,4 @@
-"""Six plain scenes for choosing, small and quick: what shines, what is metal, what is rough, what is hollow.
+"""Seven plain scenes for choosing, small and quick: what shines, what is metal, what is rough, what is hollow.
 
 A threshold that rests on one shiny scene is that scene's own. These are made at 256 pixels (`--size 256`), and differ
 from the scenes kept for scoring in shape, paint and light.
@@ -18,12 +18,14 @@ from benchmarks.scenes.shapes import (
     blend,
     block,
     box,
+    capsule,
     carve,
     ellipsoid,
     level_set,
     rod,
     smooth,
     tube,
+    turn,
     turned,
 )
 
@@ -220,11 +222,52 @@ def paint_wheel(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
     return colour, rough, metal
 
 
+def radio() -> list[Solid]:
+    """A table radio of black plastic: a rounded case with grooves over the speaker, a dial behind a step, two knobs."""
+
+    def distance(p: np.ndarray) -> np.ndarray:
+        x, y, z = np.moveaxis(p, -1, 0)
+        case = block(p, (0, 0, 0), (0.80, 0.32, 0.46), 0.14)
+        case = blend(case, ellipsoid(p, (0, 0.02, 0.34), (0.62, 0.26, 0.30)), 0.10)
+        for k in range(6):
+            high = 0.26 - 0.105 * k
+            wide = 0.30 - 0.5 * (high - 0.0) ** 2
+            groove = capsule(p, (-0.36 - wide, -0.335, high), (-0.36 + wide, -0.335, high), 0.03)
+            case = carve(case, groove, 0.02)
+        case = carve(case, np.maximum(np.hypot(x - 0.36, z - 0.12) - 0.24, y + 0.28), 0.02)
+        back = np.maximum(np.abs(x) - 0.5, np.abs(z) - 0.26)
+        return carve(case, np.maximum(back, 0.27 - y), 0.03)
+
+    found = [level_set("case", distance, 1.0, cells=150, faces=26000)]
+    for x in (0.20, 0.52):
+        profile = smooth((0.085, 0), (0.08, 0.07), (0.072, 0.10), (0.05, 0.108))
+        knob = turned("knob", [(0, 0), (0.085, 0)], profile, [(0.05, 0.108), (0, 0.108)], sides=40)
+        found.append(knob.moved((x, -0.315, -0.27), turn(0, 90)))
+    for x in (-0.55, 0.55):
+        found.append(box("foot", (0.10, 0.22, 0.05), 0.02).moved((x, 0, -0.47)))
+    return found
+
+
+def paint_radio(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
+    x, y, z = p.T
+    dust = 0.5 + 0.5 * noise(p, 7, 23, 3)
+    colour = mix((0.014, 0.013, 0.013), (0.034, 0.030, 0.028), dust)
+    far = np.hypot(x - 0.36, z - 0.12)
+    dial = (part == "case") & (far < 0.225) & (y < -0.2)
+    angle = np.arctan2(z - 0.12, x - 0.36)
+    marks = step(np.cos(24 * angle), 0.75, 0.2) * step(far, 0.14, 0.01)
+    colour = np.where(dial[:, None], mix((0.66, 0.56, 0.36), (0.25, 0.05, 0.03), marks), colour)
+    rough = np.where(dial, 0.45, mix(0.12, 0.21, dust))
+    rough = np.where(part == "knob", 0.3, np.where(part == "foot", 0.7, rough))
+    return colour, rough, np.zeros(len(p))
+
+
 SCENES = {
     "vase": Recipe(vase, paint_vase, ("interior", 90), 310, heights=(-0.3, 0.9), level=11.0),
     "blocks": Recipe(blocks, paint_blocks, ("sunset", 20), 320, heights=(-0.35, 0.92)),
     "lantern": Recipe(lantern, paint_lantern, ("interior", 250), 330, heights=(-0.4, 0.9)),
     "boulder": Recipe(boulder, paint_boulder, ("day", 91), 340, heights=(-0.35, 0.92), wander=True),
     "niche": Recipe(niche, paint_niche, ("sunrise", 60), 350, heights=(-0.35, 0.9)),
+    "radio": Recipe(radio, paint_radio, ("studio", 95), 370, heights=(-0.3, 0.93), level=13.0),
     "wheel": Recipe(wheel, paint_wheel, ("studio", 92), 360, heights=(-0.35, 0.9)),
 }

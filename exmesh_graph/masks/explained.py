@@ -1,0 +1,92 @@
+"""Which pixels other views explain: they show the same colour at the depth that stereo found there.
+
+Where a gap is narrower than stereo's window, the object's depth is carried across it. The colour there is another
+thing's, so that views which look at this depth from elsewhere show other colours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, map_coordinates, uniform_filter
+
+from exmesh_graph.masks.pinhole import pixels_of, rays_of, reduced_intrinsics
+from exmesh_graph.types import Views
+
+_NEAR = 8
+_LEAST = 2
+_DEPTH = 0.03
+"""Share by which another view's own depth may differ where it sees the same point."""
+_COLOUR = 0.06
+"""Display values: a pixel may be off the other views' median, and these off one another, by so much together."""
+
+
+def explained(views: Views, depth: np.ndarray, pictures: np.ndarray, outlines: np.ndarray) -> np.ndarray:
+    """bool [N, h, w]: the pixels of `outlines` bool [N, h, w] whose colour the views nearby confirm at their depth.
+
+    pictures  float32 [N, h, w, 3], display colour, the views' reduced by a whole factor; depth [N, h, w], 0 where
+    there is none. Such pixels take the nearest one's.
+    """
+    factor = views.width // pictures.shape[2]
+    eyes = views.camera_to_world[:, :3, 3].astype(np.float64)
+    cameras = [reduced_intrinsics(views, view, factor) for view in range(len(views))]
+    found = np.zeros(outlines.shape, bool)
+    for view, outline in enumerate(outlines):
+        deep = _filled(depth[view], outline)
+        if deep is None:
+            continue
+        rays = rays_of(outline.shape, cameras[view], views.world_to_camera[view])[outline]
+        far = deep[outline] / (rays @ views.world_to_camera[view][2, :3])
+        points = eyes[view] + far[:, None] * rays
+        towards = eyes - points.mean(axis=0)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        near = np.argsort(-towards @ towards[view], kind="stable")[1 : _NEAR + 1]
+        colours = np.stack(
+            [_colours(points, depth[k], pictures[k], cameras[k], views.world_to_camera[k]) for k in near]
+        )
+        middle, spread, count = robust(colours)
+        off = np.abs(pictures[view][outline] - middle).mean(axis=-1)
+        alike = np.zeros(outline.shape, np.float32)
+        alike[outline] = (count >= _LEAST) & (off + spread < _COLOUR)
+        found[view] = outline & (uniform_filter(alike, 3, mode="nearest") > 0.5)  # not by chance
+    return found
+
+
+def robust(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(median [P, 3], 1.4826 times the median absolute deviation [P], count [P]) of colours [K, P, 3] that are no NaN.
+
+    NaN where there is none.
+    """
+    count = np.isfinite(colours[..., 0]).sum(axis=0)
+    middle = np.stack([_median(colours[..., c], count) for c in range(3)], axis=-1)
+    return middle, 1.4826 * _median(np.abs(colours - middle).mean(axis=-1), count), count
+
+
+def _median(values: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Over the first axis [K, P] of the `count` [P] that are no NaN: these are sorted first."""
+    ordered = np.sort(values, axis=0)
+    low, high = (np.clip(row, 0, None)[None] for row in ((count - 1) // 2, count // 2))
+    high = np.minimum(high, len(values) - 1)
+    return (np.take_along_axis(ordered, low, 0)[0] + np.take_along_axis(ordered, high, 0)[0]) / 2
+
+
+def _filled(depth: np.ndarray, outline: np.ndarray) -> np.ndarray | None:
+    """[h, w]: inside the outline pixels without a depth have the nearest one's; None where no pixel has any."""
+    known = (depth > 0) & outline
+    if not known.any():
+        return None
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return depth[tuple(nearest)].astype(np.float64)
+
+
+def _colours(
+    points: np.ndarray, depth: np.ndarray, picture: np.ndarray, k: np.ndarray, to_camera: np.ndarray
+) -> np.ndarray:
+    """float32 [P, 3]: a view's colours of points [P, 3]; NaN where it does not see them, by its own depth."""
+    place, z = pixels_of(points, k, to_camera)
+    own = map_coordinates(depth, place, order=0, cval=0)
+    seen = (own > 0) & (np.abs(own - z) < _DEPTH * z)
+    colours = np.full((len(points), 3), np.nan, np.float32)
+    for channel in range(3):
+        part = map_coordinates(picture[..., channel], place[:, seen], order=1, cval=np.nan)
+        colours[seen, channel] = part
+    return colours

@@ -1,0 +1,164 @@
+"""The table that an object stands on, as all views together show it: a picture of it without the object.
+
+Where a view's pixel looks at the table, other views that look past the object from elsewhere know its colour. A pixel
+of this colour shows the table, one of another colour the object, even where both are of the same wood; and gaps through
+which the table is seen are found inside the outline. Below the object the picture comes from pixels that no depth of
+the object explains (`explained`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_dilation, gaussian_filter, map_coordinates
+
+from exmesh_graph.masks.cut import together
+from exmesh_graph.masks.explained import explained, robust
+from exmesh_graph.masks.pinhole import pixels_of, rays_of, reduced_intrinsics, thinned
+from exmesh_graph.masks.plane import Plane
+from exmesh_graph.types import DepthMaps, Views
+
+_VIEWS = 64
+"""Views that the picture of the table is made of, at most."""
+_LEAST = 3
+_TEXELS = (64, 512)
+_PART = 1 << 16
+_BESIDE = 3.0
+"""How far around the object the table is known, in half diagonals of its base."""
+_LOOSE = 2
+"""Pixels by which an outline may be off."""
+_NOISE = 0.02
+_UNSURE = 0.08
+"""Deviations of display values: of one picture, and between views, from which on a place of the table says nothing."""
+_LIGHT = 0.05
+"""Of the picture's longer side: over what distance a view's light on the table is taken for even."""
+_CHANCE = 0.2
+"""How well an object's colour meets the table's by chance, beside 1 for a perfect match."""
+_OWN, _FOREIGN = 0.2, 0.7
+"""Chances that a pixel inside the outline shows the table: where the object's depth explains it, and where it does not
+but the table's colour does."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The plane that an object stands on, and the depth maps it was found by, of the views' size."""
+
+    plane: Plane
+    depths: DepthMaps
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A table's picture.
+
+    colour   float32 [T, T, 3], display colour of its texels, the median over the views; NaN: not known
+    spread   float32 [T, T], its robust deviation from view to view
+    origin   [3], the outer corner of texel (0, 0); across [2, 3], the steps from texel to texel
+    """
+
+    colour: np.ndarray
+    spread: np.ndarray
+    origin: np.ndarray
+    across: np.ndarray
+    plane: Plane
+
+    def likeness(self, picture: np.ndarray, outline: np.ndarray, k: np.ndarray, to_camera: np.ndarray) -> np.ndarray:
+        """float64 [h, w] in (0, 1): how likely a pixel shows the table by its colour; 0.5 where that is not known.
+
+        picture  [h, w, 3], display colour; outline bool [h, w], about where the object is
+        k, to_camera  [3, 3] in pixels of this picture, [4, 4]
+        """
+        place, there = self._places(picture.shape, k, to_camera)
+        shown = np.stack([map_coordinates(c, place, order=1, cval=np.nan) for c in np.moveaxis(self.colour, -1, 0)], -1)
+        spread = map_coordinates(self.spread, place, order=1, cval=np.nan)
+        known = there & np.isfinite(shown).all(axis=-1) & (spread < _UNSURE)
+        off = np.where(known[..., None], picture - shown, 0)
+        off = off - _light(off, known & ~outline, _LIGHT * max(picture.shape[:2]))
+        distance = np.square(off).mean(axis=-1) / (_NOISE**2 + np.square(np.where(known, spread, 0)))
+        alike = np.exp(-distance / 2)
+        return np.where(known, alike / (alike + _CHANCE), 0.5)
+
+    def _places(self, shape: tuple[int, ...], k: np.ndarray, to_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(row and column on the table [2, h, w] of what each pixel looks at, whether it looks down on it [h, w])."""
+        rays, eye = rays_of(shape, k, to_camera), -to_camera[:3, :3].T @ to_camera[:3, 3]
+        slope = rays @ self.plane.normal
+        down = slope < -1e-6
+        far = (self.plane.offset - eye @ self.plane.normal) / np.where(down, slope, -1)
+        steps = self.across / np.square(self.across).sum(axis=1, keepdims=True)
+        place = (eye + far[..., None] * rays - self.origin) @ steps.T
+        return np.moveaxis(place, -1, 0) - 0.5, down & (far > 0)
+
+
+def table_shown(
+    table: Table, views: Views, pictures: np.ndarray, outlines: np.ndarray, vertices: np.ndarray
+) -> np.ndarray | None:
+    """float64 [N, h, w] in (0, 1): how likely pixels show the table and not the object; 0.5 where that is not known.
+
+    pictures  float32 [N, h, w, 3], display colour, the views' reduced by a whole factor
+    outlines  bool [N, h, w], about what shows the object (vertices [V, 3])
+    None where no place of the table is seen by three views.
+    """
+    factor = views.width // pictures.shape[2]
+    depth = thinned(table.depths.depth, pictures.shape[1:3], factor)
+    own = explained(views, depth, pictures, outlines)
+    usable = np.stack([~binary_dilation(one, iterations=_LOOSE) for one in outlines]) | (outlines & ~own)
+    ground = ground_of(table.plane, views, pictures, usable, vertices)
+    if ground is None:
+        return None
+    likely = np.empty(outlines.shape)
+    for view, outline in enumerate(outlines):
+        camera = reduced_intrinsics(views, view, factor), views.world_to_camera[view]
+        by_colour = ground.likeness(pictures[view], outline, *camera)
+        by_depth = np.where(own[view], _OWN, np.where(by_colour > 0.5, _FOREIGN, 0.5))
+        likely[view] = together(by_colour, np.where(outline, by_depth, 0.5))
+    return likely
+
+
+def ground_of(
+    plane: Plane, views: Views, pictures: np.ndarray, usable: np.ndarray, vertices: np.ndarray
+) -> Ground | None:
+    """The picture of the plane around the base of vertices [V, 3], from the pixels `usable` bool [N, h, w].
+
+    None where no place of it is seen by three views.
+    """
+    factor = views.width // pictures.shape[2]
+    chosen = np.unique(np.linspace(0, len(views) - 1, min(_VIEWS, len(views))).round().astype(int))
+    origin, across, size = _grid(plane, vertices, views, factor)
+    texels = np.moveaxis(np.indices((size, size)), 0, -1).reshape(-1, 2) + 0.5
+    points = origin + texels @ across
+    seen = np.full((len(chosen), len(points), 3), np.nan, np.float32)
+    for row, view in enumerate(chosen):
+        place, _ = pixels_of(points, reduced_intrinsics(views, view, factor), views.world_to_camera[view])
+        free = map_coordinates(usable[view].astype(np.float32), place, order=1, cval=0) > 0.99
+        for channel in range(3):
+            part = pictures[view, ..., channel]
+            seen[row, free, channel] = map_coordinates(part, place[:, free], order=1, cval=np.nan)
+    parts = [robust(part) for part in np.array_split(seen, max(1, len(points) // _PART), axis=1)]
+    colour, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
+    enough = count >= _LEAST
+    if not enough.any():
+        return None
+    colour[~enough], spread[~enough] = np.nan, np.nan
+    square = size, size
+    return Ground(colour.reshape(*square, 3), spread.reshape(square), origin, across, plane)
+
+
+def _grid(plane: Plane, vertices: np.ndarray, views: Views, factor: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """(origin [3], across [2, 3], texels along a side): a square around the object's base, a texel a pixel wide."""
+    side = np.linalg.svd(plane.normal[None])[2][1:]
+    flat = vertices @ side.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    reach = _BESIDE * float(np.linalg.norm(high - low)) / 2
+    centre = plane.normal * plane.offset + (low + high) / 2 @ side
+    away = np.linalg.norm(views.camera_to_world[:, :3, 3] - centre, axis=1)
+    pixel = float(np.median(away / views.intrinsics[:, 0, 0])) * factor
+    size = int(np.clip(2 * reach / pixel, *_TEXELS))
+    return centre - reach * side.sum(axis=0), side * (2 * reach / size), size
+
+
+def _light(off: np.ndarray, free: np.ndarray, width: float) -> np.ndarray:
+    """What `off` [h, w, 3] is on average around each pixel where `free`: gloss and exposure of this view."""
+    sure = (free & (np.abs(off).max(axis=-1) < 4 * _UNSURE)).astype(np.float32)
+    weight = np.maximum(gaussian_filter(sure, width), 1e-4)
+    return np.stack([gaussian_filter(sure * off[..., c], width) / weight for c in range(3)], axis=-1)

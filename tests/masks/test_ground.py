@@ -1,0 +1,185 @@
+"""A bench of the wood that its table is of: what the table's picture tells of the outline, and of the gap below it."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from mask_scenes import GROUND, disc, overlap_of
+from scipy.ndimage import binary_dilation, binary_erosion
+
+from exmesh_graph.masks.cut import together
+from exmesh_graph.masks.explained import explained, robust
+from exmesh_graph.masks.ground import Table, ground_of, table_shown
+from exmesh_graph.masks.outlines import masks_of_surface
+from exmesh_graph.masks.pinhole import pixels_of, rays_of, thinned
+from exmesh_graph.masks.plane import Plane
+from exmesh_graph.masks.settings import CutSettings
+from exmesh_graph.raster import rasterize
+from exmesh_graph.testing import look_at
+from exmesh_graph.types import DepthMaps, Views
+
+SIZE = 112
+PLANE = Plane(np.array([0.0, 1.0, 0.0]), GROUND, 0.5)
+BENCH = (((0.5, 0.1, 0.25), (0, 0.1, 0)), ((0.12, 0.2, 0.25), (-0.38, -0.15, 0)), ((0.12, 0.2, 0.25), (0.38, -0.15, 0)))
+
+
+class Scene(NamedTuple):
+    views: Views
+    masks: np.ndarray
+    gaps: np.ndarray  # what is seen through between the legs
+    block: tuple[np.ndarray, np.ndarray]  # the bench without its gap
+    depths: DepthMaps  # of the block, as stereo carries it across the gap
+
+
+@pytest.fixture(scope="module")
+def bench():
+    turns = 2 * np.pi * np.arange(14) / 14
+    heights = np.radians(np.where(np.arange(14) % 2, 16, 38))
+    eyes = 2.6 * np.stack([np.cos(heights) * np.sin(turns), np.sin(heights), np.cos(heights) * np.cos(turns)], axis=1)
+    poses = np.stack([look_at(eye) for eye in eyes])
+    k = np.repeat(np.array([[[1.7 * SIZE, 0, SIZE / 2], [0, 1.7 * SIZE, SIZE / 2], [0, 0, 1]]]), 14, axis=0)
+    parts, block = [cuboid(*part) for part in BENCH], cuboid((0.5, 0.275, 0.25), (0, -0.075, 0))
+    object_, _ = drawn(joined(*parts), k, poses)
+    filled, depth = drawn(block, k, poses)
+    whole, far = drawn(joined(*parts, disc(1.3)), k, poses)
+    points = np.stack([
+        pose[:3, 3] + z[..., None] * rays_of((SIZE, SIZE), one, np.linalg.inv(pose))
+        for pose, z, one in zip(poses, far, k, strict=True)
+    ])  # fmt: skip
+    images = np.where(whole[..., None], wood(points), 0.02).astype(np.float32)
+    names = tuple(f"v{i}" for i in range(14))
+    views = Views(names, images, np.ones((14, SIZE, SIZE), np.float32), k, poses, "train", has_masks=False)
+    return Scene(views, object_, filled & ~object_, block, DepthMaps(names, depth))
+
+
+def cuboid(half, at):
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [half_ for a, b, c, d in sides for half_ in ((a, b, c), (a, c, d))]
+    return (corners * half + at).astype(np.float32), np.array(faces, np.int32)
+
+
+def joined(*meshes):
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    faces = [one + start for (_, one), start in zip(meshes, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in meshes]).astype(np.float32), np.concatenate(faces)
+
+
+def drawn(mesh, k, poses):
+    seen = rasterize(*(torch.from_numpy(part) for part in (*mesh, k, np.linalg.inv(poses))), SIZE, SIZE)
+    return seen.face_id.numpy() >= 0, seen.depth.numpy()
+
+
+def wood(points):
+    """Brown with a grain of its own at each place: table and bench alike."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    grain = np.sin(31 * x + 3 * np.sin(9 * z)) + np.sin(23 * z + 17 * y + 2 * np.sin(11 * x)) + np.sin(29 * y - 19 * x)
+    return (0.25 + 0.06 * grain)[..., None] * [1.0, 0.7, 0.5]
+
+
+def masks_of(scene, table):
+    return masks_of_surface(scene.views, *scene.block, CutSettings(band=6), table=table)
+
+
+def test_wood_on_wood_is_told_apart_and_the_gap_is_found(bench):
+    table = Table(PLANE, bench.depths)
+    without, found = masks_of(bench, None), masks_of(bench, table)
+    # the table below the bench is seen from low down only: that is where its picture is known
+    low = np.arange(len(bench.views)) % 2 == 1
+    assert without[low][bench.gaps[low]].mean() > 0.9
+    assert found[low][bench.gaps[low]].mean() < 0.55
+    assert overlap_of(found, bench.masks) > overlap_of(without, bench.masks) + 0.03
+    assert (bench.masks & ~found).sum() < 0.02 * bench.masks.sum()
+
+
+def test_an_outline_that_is_off_comes_back(bench):
+    """Moved outlines, in pictures where colours alone cannot say where the table begins."""
+    pictures = np.clip(np.asarray(bench.views.images), 0, 1) ** (1 / 2.2)
+    for moved in (binary_dilation, binary_erosion):
+        outlines = np.stack([moved(one, iterations=3) for one in bench.masks])
+        likely = table_shown(
+            Table(PLANE, bench.depths), bench.views, pictures.astype(np.float32), outlines, bench.block[0]
+        )
+        off = outlines != bench.masks
+        told = np.where(bench.masks, likely < 0.4, likely > 0.6)[off]
+        wrong = np.where(bench.masks, likely > 0.6, likely < 0.4)[off]
+        assert told.mean() > 0.25, moved
+        assert told.sum() > 3 * wrong.sum(), moved
+
+
+def test_a_views_own_light_does_not_count(bench):
+    """One picture is brighter by 0.1, as gloss or exposure makes it: its table is the same."""
+    pictures = (np.clip(np.asarray(bench.views.images), 0, 1) ** (1 / 2.2)).astype(np.float32)
+    usable = np.stack([~binary_dilation(one, iterations=2) for one in bench.masks])
+    ground = ground_of(PLANE, bench.views, pictures, usable, bench.block[0])
+    k, to_camera = bench.views.intrinsics[0], bench.views.world_to_camera[0]
+    plain, brighter = (ground.likeness(one, bench.masks[0], k, to_camera) for one in (pictures[0], pictures[0] + 0.1))
+    on = usable[0] & (plain != 0.5)
+    assert (plain[on] > 0.5).mean() > 0.9
+    assert (brighter[on] > 0.5).mean() > 0.85
+
+
+def test_nothing_is_said_where_the_table_is_never_seen(bench):
+    hidden = np.zeros_like(bench.masks)
+    assert ground_of(PLANE, bench.views, np.asarray(bench.views.images), hidden, bench.block[0]) is None
+    ceiling = replace(PLANE, normal=-PLANE.normal, offset=-2.0)  # above all cameras: no pixel looks down on it
+    seen = ground_of(ceiling, bench.views, np.asarray(bench.views.images), ~hidden, bench.block[0])
+    k, to_camera = bench.views.intrinsics[0], bench.views.world_to_camera[0]
+    if seen is not None:
+        likely = seen.likeness(np.asarray(bench.views.images[0]), bench.masks[0], k, to_camera)
+        assert likely == pytest.approx(0.5)
+
+
+def test_a_depth_that_is_right_explains_and_one_carried_across_does_not(bench):
+    pictures = (np.clip(np.asarray(bench.views.images), 0, 1) ** (1 / 2.2)).astype(np.float32)
+    own = explained(bench.views, bench.depths.depth, pictures, bench.masks | bench.gaps)
+    inner = np.stack([binary_erosion(one, iterations=3) for one in bench.masks])
+    assert own[inner].mean() > 0.8
+    assert own[bench.gaps].mean() < 0.35
+    assert not own[~(bench.masks | bench.gaps)].any()
+    assert not explained(bench.views, 0 * bench.depths.depth, pictures, bench.masks).any()
+
+
+@given(st.integers(0, 10**6), st.integers(1, 7))
+def test_medians_of_what_is_known(seed, count):
+    rng = np.random.default_rng(seed)
+    colours = rng.random((count, 9, 3)).astype(np.float32)
+    colours[rng.random((count, 9)) < 0.4] = np.nan
+    middle, spread, known = robust(colours)
+    for pixel in range(9):
+        those = colours[np.isfinite(colours[:, pixel, 0]), pixel]
+        assert known[pixel] == len(those)
+        if len(those) == 0:
+            assert np.isnan(middle[pixel]).all()
+            continue
+        assert middle[pixel] == pytest.approx(np.median(those, axis=0))
+        assert spread[pixel] == pytest.approx(1.4826 * np.median(np.abs(those - np.median(those, axis=0)).mean(-1)))
+
+
+@given(st.floats(0.01, 0.99), st.floats(0.01, 0.99))
+def test_chances_together(a, b):
+    one, other = np.array([a]), np.array([b])
+    assert together(one, other) == pytest.approx(together(other, one))
+    assert together(one, np.array([0.5])) == pytest.approx(one)
+    assert together(one, 1 - one) == pytest.approx(0.5)
+
+
+def test_pixels_and_rays_are_inverse(bench):
+    k, to_camera = bench.views.intrinsics[3], bench.views.world_to_camera[3]
+    eye = bench.views.camera_to_world[3][:3, 3]
+    rows, columns = np.indices((SIZE, SIZE))
+    place, z = pixels_of(eye + 1.7 * rays_of((SIZE, SIZE), k, to_camera), k, to_camera)
+    assert place[0] == pytest.approx(rows, abs=1e-6)
+    assert place[1] == pytest.approx(columns, abs=1e-6)
+    assert z == pytest.approx(1.7)
+    behind, _ = pixels_of(eye - rays_of((SIZE, SIZE), k, to_camera), k, to_camera)
+    assert (behind < -1e5).all()
+
+
+def test_maps_are_thinned_in_the_middle_of_squares():
+    depth = np.arange(36.0).reshape(1, 6, 6)
+    assert thinned(depth, (2, 2), 3)[0].tolist() == [[7, 10], [25, 28]]
