@@ -37,7 +37,7 @@ from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.types import Carrier, Mesh, Stage1State, Views
 
-#: The quickstart's schedule: short, with the weights chosen in docs/stage2.md.
+#: The quickstart's schedule: short, with the weights chosen in docs/stage2_trials.md.
 QUICK = DecompositionSettings(
     texture_size=512,
     environment_height=64,

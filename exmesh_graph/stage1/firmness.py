@@ -1,8 +1,8 @@
 """How firm a surface should be: a round run twice, once firmer, and what the photographs say of the two.
 
 A smooth object that shines is bent by its gloss round by round, and a firmer mesh holds it; one with parts or hollows
-that are still to be found needs to give way (docs/stage1.md). What sets the two apart is what firmness costs: where ten
-times the smoothness leaves the photographs met as well, softness had nothing to find.
+that are still to be found needs to give way (docs/stage1_trials.md). What sets the two apart is what firmness costs:
+where ten times the smoothness leaves the photographs met as well, softness had nothing to find.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 _LEAST = 0.25
-"""Share of the weight on long edges: what they take away is bounded by what was measured (docs/stage1.md)."""
+"""Share of the weight on long edges: what they take away is bounded by what was measured (docs/stage1_trials.md)."""
 
 
 class Laplacian(Params):

@@ -3,7 +3,7 @@
 The common factor: base colour times s under light divided by s looks the same but for what the coat reflects
 (F0 = 0.04, whatever the base colour) and for interreflection. Both tell s, but hardly to Adam: every texel of maps and
 sky moves by the sign of its own noisy gradient, and the small common part of those gradients is lost. As one number for
-all texels it is the sum of them, and settles within some hundred steps (docs/stage2.md).
+all texels it is the sum of them, and settles within some hundred steps (docs/stage2_trials.md).
 
 The exposures, for photographs whose brightness wanders: a view's gain is the factor that brings the rendering to its
 photograph. Where the view is visited, the gain's logarithm follows the median over the view's pixels of

@@ -15,11 +15,11 @@ from exmesh_graph.stage2.surface import slopes_of
 from exmesh_graph.types import Asset
 
 #: How far past 1 the sigmoid of roughness reaches, as a share of its span. A sigmoid that ends at 1 would need an
-#: infinite parameter for a matt surface (docs/stage2.md).
+#: infinite parameter for a matt surface (docs/stage2_trials.md).
 PAST_ONE = 0.02
 
 #: Where metallic starts that the start does not give. Nearer to 0 its sigmoid is flat: metal is found late or never;
-#: from 0.5 much that is no metal stays half of one (docs/stage2.md).
+#: from 0.5 much that is no metal stays half of one (docs/stage2_trials.md).
 START_METALLIC = 0.2
 
 #: Slope of the normal map per unit of its parameter, so that one learning rate serves all maps.

@@ -123,7 +123,7 @@ def test_pure_black_and_pure_white_materials(carrier, train_views, transport, lo
 
 
 def test_a_white_ball_in_a_white_sky_returns_what_falls_on_it(true_asset, cameras):
-    """The diffuse part is exactly the sky's radiance; the coat adds its directional albedo on top (docs/stage2.md)."""
+    """The diffuse part is exactly the sky's radiance; the coat adds its directional albedo (docs/stage2_trials.md)."""
     ball = _only_ball(true_asset)
     light = render_transport(ball, 4, directions=256, points=400)
     sky = np.ones((16, 32, 3), np.float32)

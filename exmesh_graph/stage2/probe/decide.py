@@ -12,7 +12,7 @@ from exmesh_graph.stage2.probe.light import Baked
 from exmesh_graph.types import Decision
 
 #: A gain must exceed this many standard errors, this many dB, and what the same work buys when it is spent on more
-#: steps instead: 0.25 dB of held-out PSNR for twice the steps (docs/stage2.md, 400 against 1000 steps).
+#: steps instead: 0.25 dB of held-out PSNR for twice the steps (docs/stage2_trials.md, 400 against 1000 steps).
 SIGMAS, LEAST_GAIN, GAIN_PER_DOUBLING = 2.0, 0.05, 0.25
 #: The same for interreflection: it adds no unknown that could fit noise, and its predicted gain is never below zero.
 #: The spread between parts of a surface, of which only some see others, is large where it matters most.
