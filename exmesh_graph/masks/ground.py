@@ -33,8 +33,9 @@ _UNSURE = 0.08
 """Deviations of display values: of one picture, and between views, from which on a place of the table says nothing."""
 _LIGHT = 0.05
 """Of the picture's longer side: over what distance a view's light on the table is taken for even."""
-_CHANCE = 0.2
-"""How well an object's colour meets the table's by chance, beside 1 for a perfect match."""
+_BINS = 12
+_LEAST_CHANCE, _MOST = 0.02, 0.85
+"""Chances that colour alone can give."""
 _OWN, _FOREIGN = 0.2, 0.7
 """Chances that a pixel inside the outline shows the table: where the object's depth explains it, and where it does not
 but the table's colour does."""
@@ -63,8 +64,8 @@ class Ground:
     across: np.ndarray
     plane: Plane
 
-    def likeness(self, picture: np.ndarray, outline: np.ndarray, k: np.ndarray, to_camera: np.ndarray) -> np.ndarray:
-        """float64 [h, w] in (0, 1): how likely a pixel shows the table by its colour; 0.5 where that is not known.
+    def alike(self, picture: np.ndarray, outline: np.ndarray, k: np.ndarray, to_camera: np.ndarray) -> np.ndarray:
+        """float64 [h, w] in [0, 1]: how well a pixel has the table's colour, 1 perfectly; NaN where none is known.
 
         picture  [h, w, 3], display colour; outline bool [h, w], about where the object is
         k, to_camera  [3, 3] in pixels of this picture, [4, 4]
@@ -76,8 +77,7 @@ class Ground:
         off = np.where(known[..., None], picture - shown, 0)
         off = off - _light(off, known & ~outline, _LIGHT * max(picture.shape[:2]))
         distance = np.square(off).mean(axis=-1) / (_NOISE**2 + np.square(np.where(known, spread, 0)))
-        alike = np.exp(-distance / 2)
-        return np.where(known, alike / (alike + _CHANCE), 0.5)
+        return np.where(known, np.exp(-distance / 2), np.nan)
 
     def _places(self, shape: tuple[int, ...], k: np.ndarray, to_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(row and column on the table [2, h, w] of what each pixel looks at, whether it looks down on it [h, w])."""
@@ -106,13 +106,29 @@ def table_shown(
     ground = ground_of(table.plane, views, pictures, usable, vertices)
     if ground is None:
         return None
-    likely = np.empty(outlines.shape)
-    for view, outline in enumerate(outlines):
-        camera = reduced_intrinsics(views, view, factor), views.world_to_camera[view]
-        by_colour = ground.likeness(pictures[view], outline, *camera)
-        by_depth = np.where(own[view], _OWN, np.where(by_colour > 0.5, _FOREIGN, 0.5))
-        likely[view] = together(by_colour, np.where(outline, by_depth, 0.5))
-    return likely
+    alike = np.stack([
+        ground.alike(pictures[view], outline, reduced_intrinsics(views, view, factor), views.world_to_camera[view])
+        for view, outline in enumerate(outlines)
+    ])  # fmt: skip
+    by_colour = chances(alike, usable & ~outlines, own)
+    by_depth = np.where(own, _OWN, np.where(by_colour > 0.5, _FOREIGN, 0.5))
+    return together(by_colour, np.where(outlines & np.isfinite(alike), by_depth, 0.5))
+
+
+def chances(alike: np.ndarray, table: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """float64, as `alike`: the chance that a pixel shows the table, even odds given; 0.5 where `alike` is NaN.
+
+    By how often pixels that show the `table` and pixels of the object's `own` are so alike: where the object has the
+    table's colours too, as before a black ground, likeness says little. The more alike the likelier.
+    """
+    known = np.isfinite(alike)
+    if not (table & known).any() or not (own & known).any():
+        return np.full(alike.shape, 0.5)
+    bins = np.minimum((np.where(known, alike, 0) * _BINS).astype(int), _BINS - 1)
+    there, here = (np.bincount(bins[part & known], minlength=_BINS) + 1.0 for part in (table, own))
+    odds = np.maximum.accumulate((there / there.sum()) / (here / here.sum()))
+    chance = np.clip(odds / (1 + odds), _LEAST_CHANCE, _MOST)
+    return np.where(known, chance[bins], 0.5)
 
 
 def ground_of(
