@@ -85,6 +85,7 @@ def masks_of(scene, table):
     return masks_of_surface(scene.views, *scene.block, CutSettings(band=6), table=table)
 
 
+@pytest.mark.thorough
 def test_wood_on_wood_is_told_apart_and_the_gap_is_found(bench):
     table = Table(PLANE, bench.depths)
     without, found = masks_of(bench, None), masks_of(bench, table)

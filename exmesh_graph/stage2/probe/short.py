@@ -29,7 +29,7 @@ from exmesh_graph.types.pictures import Pictures
 #: The probe's light transport.
 TRANSPORT = TransportSettings(points=2500, directions=64)
 LAST_RATE = 0.05
-#: The short schedule (docs/stage2_trials.md) on coarse maps. Interreflection is switched by `bounces`, not by its weight.
+#: The short schedule (docs/stage2_trials.md) on coarse maps. `bounces` switches interreflection, not its weight.
 SHORT = DecompositionSettings(
     environment_height=32,
     material_rate=0.3,
