@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import distance_transform_edt, map_coordinates, uniform_filter
 
-from exmesh_graph.masks.pinhole import pixels_of, rays_of, reduced_intrinsics
+from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.types import Views
 
 _NEAR = 8
@@ -23,12 +23,10 @@ _COLOUR = 0.06
 def explained(views: Views, depth: np.ndarray, pictures: np.ndarray, outlines: np.ndarray) -> np.ndarray:
     """bool [N, h, w]: the pixels of `outlines` bool [N, h, w] whose colour the views nearby confirm at their depth.
 
-    pictures  float32 [N, h, w, 3], display colour, the views' reduced by a whole factor; depth [N, h, w], 0 where
-    there is none. Such pixels take the nearest one's.
+    pictures  float32 [N, h, w, 3], the views' display colour; depth [N, h, w], 0 where there is none. Such pixels take
+              the nearest one's
     """
-    factor = views.width // pictures.shape[2]
-    eyes = views.camera_to_world[:, :3, 3].astype(np.float64)
-    cameras = [reduced_intrinsics(views, view, factor) for view in range(len(views))]
+    eyes, cameras = views.camera_to_world[:, :3, 3], views.intrinsics
     found = np.zeros(outlines.shape, bool)
     for view, outline in enumerate(outlines):
         deep = _filled(depth[view], outline)

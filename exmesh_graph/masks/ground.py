@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter, map_coordinates
 
 from exmesh_graph.masks.cut import together
 from exmesh_graph.masks.explained import explained, robust
-from exmesh_graph.masks.pinhole import pixels_of, rays_of, reduced_intrinsics, thinned
+from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.types import DepthMaps, Views
 
@@ -43,7 +43,7 @@ but the table's colour does."""
 
 @dataclass(frozen=True)
 class Table:
-    """The plane that an object stands on, and the depth maps it was found by, of the views' size."""
+    """The plane that an object stands on, and the views' depth maps that it was found by."""
 
     plane: Plane
     depths: DepthMaps
@@ -91,23 +91,22 @@ class Ground:
 
 
 def table_shown(
-    table: Table, views: Views, pictures: np.ndarray, outlines: np.ndarray, vertices: np.ndarray
+    plane: Plane, views: Views, pictures: np.ndarray, depth: np.ndarray, outlines: np.ndarray, vertices: np.ndarray
 ) -> np.ndarray | None:
     """float64 [N, h, w] in (0, 1): how likely pixels show the table and not the object; 0.5 where that is not known.
 
-    pictures  float32 [N, h, w, 3], display colour, the views' reduced by a whole factor
+    pictures  float32 [N, h, w, 3], the views' display colour
+    depth     [N, h, w], found by stereo; 0 where there is none
     outlines  bool [N, h, w], about what shows the object (vertices [V, 3])
     None where no place of the table is seen by three views.
     """
-    factor = views.width // pictures.shape[2]
-    depth = thinned(table.depths.depth, pictures.shape[1:3], factor)
     own = explained(views, depth, pictures, outlines)
     usable = np.stack([~binary_dilation(one, iterations=_LOOSE) for one in outlines]) | (outlines & ~own)
-    ground = ground_of(table.plane, views, pictures, usable, vertices)
+    ground = ground_of(plane, views, pictures, usable, vertices)
     if ground is None:
         return None
     alike = np.stack([
-        ground.alike(pictures[view], outline, reduced_intrinsics(views, view, factor), views.world_to_camera[view])
+        ground.alike(pictures[view], outline, views.intrinsics[view], views.world_to_camera[view])
         for view, outline in enumerate(outlines)
     ])  # fmt: skip
     by_colour = chances(alike, usable & ~outlines, own)
@@ -138,14 +137,13 @@ def ground_of(
 
     None where no place of it is seen by three views.
     """
-    factor = views.width // pictures.shape[2]
     chosen = np.unique(np.linspace(0, len(views) - 1, min(_VIEWS, len(views))).round().astype(int))
-    origin, across, size = _grid(plane, vertices, views, factor)
+    origin, across, size = _grid(plane, vertices, views)
     texels = np.moveaxis(np.indices((size, size)), 0, -1).reshape(-1, 2) + 0.5
     points = origin + texels @ across
     seen = np.full((len(chosen), len(points), 3), np.nan, np.float32)
     for row, view in enumerate(chosen):
-        place, _ = pixels_of(points, reduced_intrinsics(views, view, factor), views.world_to_camera[view])
+        place, _ = pixels_of(points, views.intrinsics[view], views.world_to_camera[view])
         free = map_coordinates(usable[view].astype(np.float32), place, order=1, cval=0) > 0.99
         for channel in range(3):
             part = pictures[view, ..., channel]
@@ -160,7 +158,7 @@ def ground_of(
     return Ground(colour.reshape(*square, 3), spread.reshape(square), origin, across, plane)
 
 
-def _grid(plane: Plane, vertices: np.ndarray, views: Views, factor: int) -> tuple[np.ndarray, np.ndarray, int]:
+def _grid(plane: Plane, vertices: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndarray, int]:
     """(origin [3], across [2, 3], texels along a side): a square around the object's base, a texel a pixel wide."""
     side = np.linalg.svd(plane.normal[None])[2][1:]
     flat = vertices @ side.T
@@ -168,7 +166,7 @@ def _grid(plane: Plane, vertices: np.ndarray, views: Views, factor: int) -> tupl
     reach = _BESIDE * float(np.linalg.norm(high - low)) / 2
     centre = plane.normal * plane.offset + (low + high) / 2 @ side
     away = np.linalg.norm(views.camera_to_world[:, :3, 3] - centre, axis=1)
-    pixel = float(np.median(away / views.intrinsics[:, 0, 0])) * factor
+    pixel = float(np.median(away / views.intrinsics[:, 0, 0]))
     size = int(np.clip(2 * reach / pixel, *_TEXELS))
     return centre - reach * side.sum(axis=0), side * (2 * reach / size), size
 

@@ -9,10 +9,11 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, zoom
 
 from exmesh_graph.io.color import linear_to_srgb
-from exmesh_graph.io.reduce import downscale_area
+from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.cut import moved_to_edges
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.ground import Table, table_shown
+from exmesh_graph.masks.pinhole import thinned
 from exmesh_graph.masks.settings import CutSettings
 from exmesh_graph.types import Views
 
@@ -37,32 +38,31 @@ def masks_of_surface(
     """
     settings = settings or CutSettings()
     factor = max(1, math.ceil(max(views.width, views.height) / settings.side))
-    small = drawn_outlines(vertices, faces, views, factor)
+    small = reduced(views, factor)
+    shown = np.stack([_display(picture) for picture in small.images])
+    outlines = drawn_outlines(vertices, faces, small)
     # an object of few pixels has fine parts: there the band is a part of the picture
-    band = settings.band * float(np.clip(max(small.shape[1:]) / _SMALL, 0.5, 1))
+    band = settings.band * float(np.clip(max(small.height, small.width) / _SMALL, 0.5, 1))
+    likely = None
+    if table is not None:
+        depth = thinned(table.depths.depth, (small.height, small.width), factor)
+        likely = table_shown(table.plane, small, shown, depth, outlines, vertices)
     masks = np.zeros((len(views), views.height, views.width), bool)
-    shown = np.stack([_display(np.asarray(picture), factor) for picture in views.images])
-    likely = None if table is None else table_shown(table, views, shown, small, vertices)
-    for view, outline in enumerate(small):
+    for view, outline in enumerate(outlines):
         by_table = None if likely is None else likely[view]
         found = moved_to_edges(shown[view], outline, band, settings.smoothness, by_table)
         if factor > 1:
-            found = moved_to_edges(
-                _display(np.asarray(views.images[view]), 1),
-                _enlarged(found, factor, masks.shape[1:]),
-                1.5 * factor,
-                settings.smoothness,
-            )
+            large = _enlarged(found, factor, masks.shape[1:])
+            found = moved_to_edges(_display(views.images[view]), large, 1.5 * factor, settings.smoothness)
         masks[view] = found
         if progress is not None:
             progress(view + 1, len(views))
     return masks
 
 
-def _display(picture: np.ndarray, factor: int) -> np.ndarray:
-    """float32 [h, w, 3], display colour of linear [H, W, 3] at 1 / `factor` of its size."""
-    height, width = (n // factor * factor for n in picture.shape[:2])
-    return linear_to_srgb(np.clip(downscale_area(picture[:height, :width], factor), 0, 1)).astype(np.float32)
+def _display(picture: np.ndarray) -> np.ndarray:
+    """float32 [H, W, 3], display colour of linear [H, W, 3]."""
+    return linear_to_srgb(np.clip(np.asarray(picture), 0, 1)).astype(np.float32)
 
 
 def _enlarged(inside: np.ndarray, factor: int, shape: tuple[int, ...]) -> np.ndarray:

@@ -1,17 +1,8 @@
-"""Pixels, rays and depths of reduced views; a place is (row, column) as scipy counts, 0 in the first pixel's middle."""
+"""Pixels, rays and depths of reduced pictures; a place is (row, column), 0 in the middle of the first pixel."""
 
 from __future__ import annotations
 
 import numpy as np
-
-from exmesh_graph.types import Views
-
-
-def reduced_intrinsics(views: Views, view: int, factor: int) -> np.ndarray:
-    """float64 [3, 3] of a view reduced by a whole factor."""
-    k = np.array(views.intrinsics[view], np.float64)
-    k[:2] /= factor
-    return k
 
 
 def thinned(depth: np.ndarray, shape: tuple[int, ...], factor: int) -> np.ndarray:

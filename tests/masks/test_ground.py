@@ -103,7 +103,7 @@ def test_an_outline_that_is_off_comes_back(bench):
     for moved in (binary_dilation, binary_erosion):
         outlines = np.stack([moved(one, iterations=3) for one in bench.masks])
         likely = table_shown(
-            Table(PLANE, bench.depths), bench.views, pictures.astype(np.float32), outlines, bench.block[0]
+            PLANE, bench.views, pictures.astype(np.float32), bench.depths.depth, outlines, bench.block[0]
         )
         off = outlines != bench.masks
         told = np.where(bench.masks, likely < 0.4, likely > 0.6)[off]
