@@ -10,6 +10,7 @@ import numpy as np
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import boundary_edges, face_areas, without_unused
 from exmesh_graph.geometry.clean import largest_components
+from exmesh_graph.masks.pinhole import pixels_of
 from exmesh_graph.masks.plane import Plane, plane_below
 from exmesh_graph.types import DepthMaps, Views
 
@@ -106,13 +107,10 @@ def shown_by(points: np.ndarray, views: Views) -> np.ndarray:
 
 def _pixels(points: np.ndarray, views: Views, view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(row [P], column [P], depth [P]) of points [P, 3]; -1, -1 where they are not in the picture."""
-    matrix = views.intrinsics[view] @ views.world_to_camera[view][:3]
-    image = points @ matrix[:, :3].T + matrix[:, 3]
-    z = image[:, 2]
-    place = np.floor(image[:, :2] / np.maximum(z, 1e-6)[:, None])
-    there = (z > 1e-6) & (place >= 0).all(axis=1) & (place < (views.width, views.height)).all(axis=1)
-    column, row = np.where(there[:, None], place, -1).astype(int).T
-    return row, column, z
+    place, z = pixels_of(points, views.intrinsics[view], views.world_to_camera[view])
+    row, column = np.floor(place + 0.5)
+    there = (row >= 0) & (row < views.height) & (column >= 0) & (column < views.width)
+    return np.where(there, row, -1).astype(int), np.where(there, column, -1).astype(int), z
 
 
 def _less(vertices: np.ndarray, faces: np.ndarray, kept: np.ndarray, whole: float) -> tuple[np.ndarray, float]:
