@@ -13,6 +13,7 @@ from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
+_LIDS_AT = 96  # voxels along the object: fine enough to see where an opening may be, and how thick its walls are
 _LEAST_BARE_PART = 0.05  # without masks: a part of the object may lie apart from the rest, lumps are small
 
 
@@ -44,6 +45,11 @@ class AutoParams(DeviceSettings):
     table: Literal["auto", "remove", "keep"] = param(
         "auto", doc="Without masks: the plane that the object stands on, as in init.object; lumps in the air go anyway."
     )
+    openings: bool = param(
+        True,
+        doc="With masks: open flat parts of the surface where photographs say so: vessels, whose depth no outline "
+        "shows.",
+    )
 
 
 class AutoOut(NamedTuple):
@@ -53,7 +59,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="6",
+    version="7",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -71,8 +77,8 @@ def auto(
 
     Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them; `stereo` is its depth
     where that was found already (mask.auto), and is not looked for again. Only what is chosen runs. Where a hull was
-    carved, the photographs say which surface is kept: hull, stereo's, or that of the Gaussians. `decisions` says why,
-    for the report.
+    carved, the photographs say which surface is kept: hull, stereo's, or that of the Gaussians; and which of its flat
+    parts are mouths of vessels (`openings`). `decisions` says why, for the report.
     """
     from exmesh_nodes import init
 
@@ -103,6 +109,8 @@ def auto(
             fix='wire depths: "@<a prior>.depths", or set method: auto',
         )  # fmt: skip
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
+    maps: dict[str, DepthMaps] = {}
+    carved = ""  # by whose depth
     if method == "hull":
         mesh = init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
@@ -113,18 +121,23 @@ def auto(
         tried = ["stereo", "pgsr"] if judged and method == "pgsr" else [str(method)]
         maps = {name: _depths(ctx, views, points, depths, stereo, name, iterations, factor, p) for name in tried}
         found = {name: _fused(ctx, views, seen, name, p) for name, seen in maps.items()}
-        mesh = found[tried[-1]]
+        mesh, carved = found[tried[-1]], tried[-1]
         if not masks:
             mesh, row = _standing(ctx, views, maps[tried[-1]], mesh, p)
             rows.append(row)
         if judged:
-            best, mesh = "hull", init.visual_hull(ctx, views, p=outline).mesh
+            best, mesh, carved = "hull", init.visual_hull(ctx, views, p=outline).mesh, ""
             for name, other in found.items():
                 with sharing(p.threads):
                     gain = compared((mesh.vertices, mesh.faces), (other.vertices, other.faces), views)
                 rows.append(row := surface_row(*gain, SURFACES[name], best))
                 ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
-                best, mesh = str(row["value"]), other if gain[0] > 0 else mesh
+                if gain[0] > 0:
+                    best, mesh, carved = str(row["value"]), other, name
+    if masks and p.openings and method != "sphere" and len(views) >= ENOUGH_VIEWS:
+        opened, row = _opened(ctx, views, maps.get(carved), carved, p)
+        rows.append(row)
+        mesh = opened or mesh
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
         with sharing(p.threads):
             mesh = Mesh(*without_phantoms(mesh.vertices, mesh.faces, views, _LEAST_PART))
@@ -186,12 +199,45 @@ def _fused(ctx: Context, views: Views, depths: DepthMaps, method: str, p: AutoPa
     """The surface of depth maps, carved out of the hull where masks are."""
     from exmesh_nodes import init
 
+    bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
+    return init.tsdf(ctx, views, depths, p=_carving(method, p) if views.masked.all() else bare).mesh
+
+
+def _carving(method: str, p: AutoParams) -> Any:
+    """How depth maps carve the hull: parameters of init.tsdf."""
+    from exmesh_nodes import init
+
     rough = {"clear": 2.0, "blur": 1.0} if method == "stereo" else {}
-    whole = init.TsdfParams(
+    return init.TsdfParams(
         resolution=p.resolution, solid=True, truncation=3, min_weight=2, wrong_masks=p.wrong_masks, **rough
     )
-    bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
-    return init.tsdf(ctx, views, depths, p=whole if views.masked.all() else bare).mesh
+
+
+def _opened(
+    ctx: Context, views: Views, depths: DepthMaps | None, carved: str, p: AutoParams
+) -> tuple[Mesh | None, dict[str, Any]]:
+    """(the hull, or what depth maps carved of it, less what photographs find open in it, None for nothing; a row)."""
+    from exmesh_graph.evaluate.metrics.opened import openings
+    from exmesh_graph.geometry.carve import carved_field
+    from exmesh_graph.geometry.coarse_start import openings_row
+    from exmesh_graph.geometry.hull import SilhouetteField, hull_field
+    from exmesh_graph.geometry.openings import opened
+    from exmesh_graph.gpu.torch_setup import sharing
+
+    field = SilhouetteField.of_views(views, p.wrong_masks)
+    settings = _carving(carved, p)
+
+    def solid(resolution: int) -> tuple[Any, Any]:
+        if depths is None:
+            return hull_field(field, resolution=resolution)
+        return carved_field(field, views, depths, settings.model_copy(update={"resolution": resolution}))
+
+    with sharing(p.threads):
+        found = openings(*solid(_LIDS_AT), views)
+        row = openings_row([(one.lid.normal, one.lid.radius, one.wall, one.depth, gain) for one, gain in found])
+        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+        mesh = Mesh(*opened(*solid(p.resolution), [one for one, _ in found])) if found else None
+    return mesh, row
 
 
 def _standing(ctx: Context, views: Views, depths: DepthMaps, mesh: Mesh, p: AutoParams) -> tuple[Mesh, dict[str, Any]]:

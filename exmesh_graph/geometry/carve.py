@@ -32,7 +32,17 @@ def carve(
     depths: DepthMaps,
     settings: TsdfSettings | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh (vertices float32 [V, 3], faces int32 [F, 3]): closed, counter-clockwise from outside.
+    """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) of `carved_field`: closed, counter-clockwise from outside."""
+    return surface(*carved_field(field, views, depths, settings))
+
+
+def carved_field(
+    field: SilhouetteField,
+    views: Views,
+    depths: DepthMaps,
+    settings: TsdfSettings | None = None,
+) -> tuple[np.ndarray, Grid]:
+    """The field float32 [I, J, K], positive inside, of what masks and depth maps leave, and its grid.
 
     field  the masks' implicit function; every view of it needs a mask
     The resolution is along the longest side of the hull's box. A depth map speaks of what lies up to the truncation
@@ -53,7 +63,7 @@ def carve(
     hull = values.copy()
     values[inside] = carved(values[inside], said, settings.clear * grid.step)
     changed = (values != hull).reshape(grid.shape)
-    return surface(blurred(values.reshape(grid.shape), changed, settings.blur, limit), grid)
+    return blurred(values.reshape(grid.shape), changed, settings.blur, limit), grid
 
 
 def carved(hull: np.ndarray, said: np.ndarray, clear: float) -> np.ndarray:

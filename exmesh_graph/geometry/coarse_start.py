@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
 
 from exmesh_graph.types import Decision
 
@@ -86,6 +89,24 @@ def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> di
         f"by {abs(gain):.2f} +- {error:.2f} dB."
     )
     return {"name": "surface", "value": value, "gain": gain, "error": error, "reason": reason}
+
+
+def openings_row(found: Sequence[tuple[np.ndarray, float, float, float, Any]]) -> dict[str, Any]:
+    """What was opened in the surface, as a row for the report.
+
+    found  of each opening: where its lid faces [3], the lid's radius, wall and depth of the hollow, world units, and
+           the gain (exmesh_graph.evaluate.metrics.opened.Gain)
+    """
+    told = [
+        f"Through a lid of radius {radius:.2f} that faces ({', '.join(f'{part:.1f}' for part in normal)}) photographs "
+        f"are foretold {gain.share:.0%} better ({gain.sigmas:.1f} standard errors) over a hollow {depth:.2f} deep "
+        f"behind walls of {wall:.2f}."
+        for normal, radius, wall, depth, gain in found
+    ]
+    evidence = {f"{number}.{name}": value for number, (*_, gain) in enumerate(found, 1)
+                for name, value in vars(gain).items()}  # fmt: skip
+    reason = " ".join(told) or "No flat part of the surface is foretold better as the mouth of a vessel."
+    return {"name": "openings", "value": str(len(found) or "none"), "reason": reason, "evidence": evidence}
 
 
 _MIRRORED = 0.04

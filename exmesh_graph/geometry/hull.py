@@ -248,6 +248,20 @@ def visual_hull(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) of the hull: closed, counter-clockwise from outside.
 
+    As `hull_field`. Raises DataError where the silhouettes have nothing in common.
+    """
+    return surface(*hull_field(field, resolution=resolution, low=low, high=high))
+
+
+def hull_field(
+    field: SilhouetteField,
+    *,
+    resolution: int,
+    low: Sequence[float] = (-1.05, -1.05, -1.05),
+    high: Sequence[float] = (1.05, 1.05, 1.05),
+) -> tuple[np.ndarray, Grid]:
+    """The hull's field float32 [I, J, K], positive inside, and its grid.
+
     `resolution` is the number of voxels along the longest side of the object's box, which a coarse pass over
     [low, high] finds; 0: `shown_resolution`. Only a band around the coarse surface is evaluated finely: the field
     changes by about the distance moved, so two coarse voxels hold every sign change.
@@ -265,7 +279,7 @@ def visual_hull(
     values = map_coordinates(coarse_values, at, order=1, mode="nearest").ravel()
     band = np.flatnonzero(np.abs(values) <= 2 * coarse.step)
     values[band] = field(grid.points()[band], -_DROP * grid.step)
-    return surface(values.reshape(grid.shape), grid)
+    return values.reshape(grid.shape), grid
 
 
 def shown_resolution(field: SilhouetteField, low: np.ndarray, high: np.ndarray) -> int:

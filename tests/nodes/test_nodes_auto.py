@@ -10,11 +10,16 @@ from exmesh_nodes import auto, gaussians, init, prior
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.metrics import rephotography
 from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction
+from exmesh_graph.geometry.hull import surface
+from exmesh_graph.geometry.lids import lids
+from exmesh_graph.geometry.openings import Lidded, opened
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.report.page import decision_tables
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, PointCloud
+from tests.evaluate.test_metrics_opened import photographs
+from tests.geometry.test_openings import HALF, drum, grid_of
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 KNOWN = Known(views=30, masks=True, points=False, depths=False, pixels=256 * 256)
@@ -89,7 +94,7 @@ def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foret
     if foretold is not None:
         monkeypatch.setattr(rephotography, "compared", lambda *_: foretold)
     context = FakeContext()
-    p = auto.AutoParams(resolution=24, faces=200)
+    p = auto.AutoParams(resolution=24, faces=200, openings=False)
     out = auto.auto(context, views, p=p)
     row = out.decisions.values["decisions"][-1]
     hull = auto.auto(context, views, p=p.model_copy(update={"method": "hull"})).mesh
@@ -104,6 +109,30 @@ def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foret
         assert "stereo carved than over the hull, by 0.80 +- 0.20 dB" in row["reason"]
     assert row["reason"] in context.lines[1]
     assert [r["name"] for r in decision_tables({"d": out.decisions.values})["d"]] == ["start", "surface"]
+
+
+@pytest.mark.thorough
+def test_the_mouth_of_a_vessel_is_opened():
+    """A painted cup, whose hull is a drum; `openings: false` leaves it one."""
+    grid = grid_of(48)
+    mesh = surface(drum(grid), grid)
+    top = next(lid for lid in lids(drum(grid), grid, *mesh) if lid.normal[1] > 0.9)
+    views = photographs(*opened(drum(grid), grid, [Lidded(drum(grid), grid, *mesh, top).opening(0.09, 0.75)]))
+    context = FakeContext()
+    out = auto.auto(context, views, p=auto.AutoParams(method="hull", faces=1500))
+    row = out.decisions.values["decisions"][-1]
+    assert (row["name"], row["value"]) == ("openings", "1")
+    assert "faces (0.0, 1.0, " in row["reason"]
+    assert any(row["reason"] in line for line in context.lines)
+    closed = auto.auto(FakeContext(), views, p=auto.AutoParams(method="hull", faces=1500, openings=False))
+    assert [one["name"] for one in closed.decisions.values["decisions"]] == ["start"]
+
+    def bottom(one):
+        near = np.hypot(one.vertices[:, 0], one.vertices[:, 2]) < 0.25
+        return one.vertices[near & (one.vertices[:, 1] > -0.4), 1].max()
+
+    assert bottom(closed.mesh) > HALF - 0.05
+    assert bottom(out.mesh) < HALF - 0.6
 
 
 def test_iterations_ask_for_gaussians(views, monkeypatch):
@@ -131,7 +160,7 @@ def test_where_gaussians_are_asked_for_stereo_is_tried_beside_them(gains, kept, 
     monkeypatch.setattr(auto, "_fitted_depths", lambda *_: depths(radii["pgsr"]))
     left = [float(gain) for gain in gains]
     monkeypatch.setattr(rephotography, "compared", lambda *_: (left.pop(0), 0.1))
-    p = auto.AutoParams(iterations=10, resolution=24, faces=200)
+    p = auto.AutoParams(iterations=10, resolution=24, faces=200, openings=False)
     out = auto.auto(FakeContext(), views, p=p)
     alone = auto.auto(FakeContext(), views, p=p.model_copy(update={"method": kept})).mesh
     np.testing.assert_array_equal(out.mesh.vertices, alone.vertices)

@@ -1,4 +1,4 @@
-"""Seven plain scenes for choosing, small and quick: what shines, what is metal, what is rough, what is hollow.
+"""Nine plain scenes for choosing, small and quick: what shines, what is metal, what is rough, what is hollow.
 
 A threshold that rests on one shiny scene is that scene's own. These are made at 256 pixels (`--size 256`), and differ
 from the scenes kept for scoring in shape, paint and light.
@@ -262,7 +262,50 @@ def paint_radio(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
     return colour, rough, np.zeros(len(p))
 
 
+def mug() -> list[Solid]:
+    """A glazed mug with an ear, a finger's breadth of tea in it."""
+    body = turned(
+        "body", [(0, 0), (0.30, 0)], smooth((0.30, 0), (0.38, 0.03), (0.42, 0.30), (0.40, 0.70), (0.41, 0.92)),
+        smooth((0.41, 0.92), (0.395, 0.935), (0.37, 0.92)), smooth((0.37, 0.92), (0.365, 0.70), (0.37, 0.62)),
+        [(0.37, 0.62), (0, 0.62)],
+    )  # fmt: skip
+    ear = curve([(0.39, 0, 0.74), (0.60, 0, 0.78), (0.66, 0, 0.52), (0.56, 0, 0.26), (0.40, 0, 0.24)], 40)
+    return [body, tube("ear", ear, 0.05, sides=20)]
+
+
+def paint_mug(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
+    z, far = p[:, 2], np.hypot(p[:, 0], p[:, 1])
+    inside = (part == "body") & (far < 0.385) & (z > 0.3)
+    tea = inside & (n[:, 2] > 0.8) & (z < 0.7)
+    speck = step(noise(p, 22, 41, 2), 0.45, 0.1)
+    outer = mix((0.10, 0.22, 0.24), (0.55, 0.50, 0.38), step(np.sin(z * 26 + 0.6 * np.sin(3 * p[:, 0])), 0.2, 0.15))
+    outer = mix(outer, (0.05, 0.05, 0.05), 0.6 * speck)
+    glaze = np.where(inside[:, None], (0.70, 0.68, 0.62), outer)
+    colour = np.where(tea[:, None], (0.10, 0.035, 0.008), glaze)
+    return colour, np.where(tea, 0.08, 0.18), np.zeros(len(p))
+
+
+def tin() -> list[Solid]:
+    """A closed tin: a flat lid of plain bright metal behind a low rim, a printed band around it."""
+    side = [(0.52, 0.02), (0.52, 0.60)]
+    rim = smooth((0.52, 0.60), (0.545, 0.615), (0.545, 0.64), (0.525, 0.655), (0.505, 0.64), (0.50, 0.625))
+    foot = smooth((0.50, 0), (0.515, 0.005), (0.52, 0.02), count=8)
+    return [turned("tin", [(0, 0), (0.50, 0)], foot, side, rim, [(0.50, 0.625), (0, 0.625)], sides=96)]
+
+
+def paint_tin(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
+    z, angle = p[:, 2], np.arctan2(p[:, 1], p[:, 0])
+    band = step(np.abs(z - 0.31), 0.24, 0.004) < 0.5
+    print_ = mix((0.45, 0.06, 0.05), (0.75, 0.66, 0.45), step(np.sin(9 * angle) * np.sin(14 * z), 0.15, 0.1))
+    print_ = mix(print_, (0.04, 0.06, 0.12), step(noise(p, 6, 61, 3), 0.25, 0.05))
+    metal = mix((0.62, 0.61, 0.58), (0.74, 0.73, 0.70), 0.5 + 0.5 * noise(p, 14, 67, 2))
+    colour = np.where(band[:, None], print_, metal)
+    return colour, np.where(band, 0.35, 0.22), np.where(band, 0.0, 1.0)
+
+
 SCENES = {
+    "mug": Recipe(mug, paint_mug, ("interior", 30), 380, heights=(-0.3, 0.92), level=9.0),
+    "tin": Recipe(tin, paint_tin, ("sunset", 140), 390, heights=(-0.3, 0.93)),
     "vase": Recipe(vase, paint_vase, ("interior", 90), 310, heights=(-0.3, 0.9), level=11.0),
     "blocks": Recipe(blocks, paint_blocks, ("sunset", 20), 320, heights=(-0.35, 0.92)),
     "lantern": Recipe(lantern, paint_lantern, ("interior", 250), 330, heights=(-0.4, 0.9)),
