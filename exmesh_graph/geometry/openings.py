@@ -24,7 +24,7 @@ _WALLS = 0.05, 0.12, 0.25  # of the lid's radius, tried first, with each of the 
 _DEPTHS = 0.25, 0.5, 1.0, 2.0, 4.0
 _FINER = 1.35, 1.15  # factors of a wall and a depth, as long as they help
 _TRIES = 12  # with each of them
-_SHALLOWEST = 0.25  # of the lid's radius: Stage I finds what is less deep
+_SHALLOWEST = 0.25  # of the lid's radius: what is less deep is for Stage I
 _HOPE = 0.06  # of the error: where none of those tried first gains so much, no other will gain enough
 _ALMOST = 0.93  # of the largest gain
 _LEAST = 60  # voxels
@@ -34,7 +34,7 @@ _LATE = 9  # steps of a third of a voxel: a ray that has not met the opening by 
 @dataclass(frozen=True)
 class Opening:
     """values float32 [I, J, K] on the grid: about the distance to the opening's border, positive in it; lid: what it is
-    open through; wall and depth in world units."""
+    open through; wall and depth below the lid, in world units."""
 
     grid: Grid
     values: np.ndarray
@@ -46,10 +46,6 @@ class Opening:
         """float32 [P] at points [P, 3], trilinear; beyond the grid as at its border."""
         at = ((np.asarray(points, np.float64) - self.grid.origin) / self.grid.step).T
         return map_coordinates(self.values, at, order=1, mode="nearest")
-
-    def at_wall(self, points: np.ndarray) -> np.ndarray:
-        """bool [P]: which points [P, 3] of its border lie at the wall, not at the bottom."""
-        return self.depth - (self.lid.middle - points) @ self.lid.normal > 0.75 * self.grid.step
 
     def exits(self, eyes: np.ndarray, rays: np.ndarray, start: np.ndarray, steps: int = 160) -> np.ndarray:
         """float32 [P]: how far along its ray from `start` on each leaves the opening, in lengths of `rays`.
@@ -161,6 +157,7 @@ def best_opening(lidded: Lidded, gain: Callable[[Opening], float]) -> Opening | 
 
     A few walls with a few depths first; then either length is made longer or shorter for as long as that helps. What
     lies deeper than photographs tell brings nothing, so of openings of nearly one gain the one of least volume is it.
+    Gloss on a flat lid shows its reflections behind it, and a shallow pit explains them a little: no mouth of a vessel.
     """
     radius, thinnest = lidded.lid.radius, _THINNEST * lidded.grid.step
     tried: dict[tuple[float, float], tuple[float, Opening | None]] = {}
@@ -189,5 +186,7 @@ def best_opening(lidded: Lidded, gain: Callable[[Opening], float]) -> Opening | 
                 break
             best = (max(better[0], thinnest), better[1])
     most = tried[best][0]
+    if best[1] < 1.05 * _SHALLOWEST * radius:  # shallower still would be better: a rim, or gloss that lies deeper
+        return None
     able = [opening for value, opening in tried.values() if opening is not None and value >= _ALMOST * most]
     return min(able, key=lidded.volume)

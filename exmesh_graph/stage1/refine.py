@@ -20,6 +20,7 @@ from exmesh_graph.stage1.render import draw, painter_of, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.stage1.smoothness import Bilaplacian
 from exmesh_graph.stage1.terms import Terms
+from exmesh_graph.stage1.unseen import followed, unseen
 from exmesh_graph.stage1.vertices import serves, step
 from exmesh_graph.targets import Targets, prepare_targets
 from exmesh_graph.types import DepthMaps, Mesh, Stage1State, Views
@@ -143,6 +144,10 @@ class _Loop:
         self.terms = Terms(
             self.surface, targets, settings, smoothness, firmness=state.firmness, fused=self.painter is not None
         )
+        self.held: torch.Tensor | None = None
+        if settings.hold_unseen and settings.iterations > 0 and bool((hidden := unseen(self.surface, targets)).any()):
+            self.held = hidden
+            self.vertex_m[hidden] = 0
         self.curve, self.sums = LossCurve([], [], []), [0.0, 0.0]
 
     def run(
@@ -222,6 +227,8 @@ class _Loop:
             bad = [name for name, term in terms.items() if not math.isfinite(float(term.detach()))]
             raise self.broken(iteration, view, f"the loss (term {', '.join(bad)}) is not finite")
         vertex_grad, *value_grads = torch.autograd.grad(loss, (surface.vertices, *self.appearance.leaves()))
+        if self.held is not None:
+            vertex_grad[self.held] = 0
         total = settings.total_iterations or (self.state.iteration + settings.iterations)
         rate = decayed(settings.vertex_lr, settings.vertex_decay, iteration, total) * self.mean_edge
         finite = math.isfinite(self.move(vertex_grad, k, rate))
@@ -282,9 +289,16 @@ class _Loop:
 
     def result(self) -> Stage1State:
         settings = self.settings
+        vertices = self.surface.vertices.detach()
+        if self.held is not None:
+            along = followed(
+                vertices.cpu().numpy(), self.state.vertices, self.held.cpu().numpy(),
+                self.surface.edges.edges.cpu().numpy(),
+            )  # fmt: skip
+            vertices = torch.from_numpy(along).to(vertices.device)
         state = replace(
             self.state,
-            vertices=self.surface.vertices.detach().cpu().numpy(),
+            vertices=vertices.cpu().numpy(),
             vertex_m=self.vertex_m.cpu().numpy(),
             vertex_v=self.vertex_v.cpu().numpy(),
             gradient_ema=self.gradient_ema.cpu().numpy(),
@@ -294,7 +308,8 @@ class _Loop:
         )
         if settings.iterations == 0:
             return state
-        return replace(state, **self.appearance.fields(self.surface, state.texture.shape[0], settings.fill_unseen))
+        surface = self.surface._replace(vertices=vertices)
+        return replace(state, **self.appearance.fields(surface, state.texture.shape[0], settings.fill_unseen))
 
     def history(self, curve: LossCurve) -> dict[str, Any]:
         values: dict[str, Any] = {

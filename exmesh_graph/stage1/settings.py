@@ -46,6 +46,11 @@ class RefineSettings(Params):
     coverage_weight: float = param(
         1.0, ge=0, doc="Weight of what stays uncovered inside the region; used where one is wired."
     )
+    hold_unseen: bool = param(
+        True,
+        doc="Vertices that fewer than two views show stay, and follow those around them when the round ends. "
+        "Smoothness alone would bend what nothing is known of.",
+    )
     deviation_weight: float = param(0.0, ge=0, doc="Weight of L_b, neighbours moving alike, in its scale-free form.")
     facing_weight: float = param(
         1.0, ge=0, doc="Weight of what shows a closed surface from behind: sides of thin sheets that changed places."

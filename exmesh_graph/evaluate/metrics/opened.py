@@ -27,26 +27,24 @@ _MOST, _ASKED = 16, 10_000  # photographs foretold, and pixels of all of them
 _SHOWN = 30  # pixels of the lid that a photograph shows, at least
 _LEAST_VIEWS = 4
 _DOUBTFUL = 1.3  # a lid's error over that of the whole object
-_SHARE, _SIGMAS, _BETTER = 0.1, 5.0, 0.8  # of `Gain`, at least
+_SHARE, _SIGMAS, _BETTER = 0.1, 6.0, 0.8  # of `Gain`, at least
 
 
 @dataclass(frozen=True)
 class Gain:
     """By how much the error of the lid's pixels falls, as a share of it; the same in standard errors (of a ratio of
-    sums over photographs), and of those pixels that would show the wall; the share of the photographs that are
-    foretold better; that of the pixels which no other photograph shows."""
+    sums over photographs); the share of the photographs that are foretold better; that of the pixels which no other
+    photograph shows."""
 
     share: float
     sigmas: float
-    wall: float
     better: float
     unseen: float
 
     @property
     def enough(self) -> bool:
-        """Whether it is beyond chance. Gloss on a flat side shows its reflections behind it, as on the bottom of a pit;
-        but it has nothing to show on the walls."""
-        return self.share >= _SHARE and min(self.sigmas, self.wall) >= _SIGMAS and self.better >= _BETTER
+        """Whether it is beyond chance and beyond what gloss on a flat part brings."""
+        return self.share >= _SHARE and self.sigmas >= _SIGMAS and self.better >= _BETTER
 
 
 def openings(values: np.ndarray, grid: Grid, views: Views) -> list[tuple[Opening, Gain]]:
@@ -113,19 +111,15 @@ class Judge:
 
     def gain(self, opening: Opening) -> Gain:
         """Of this opening over the closed lid. A pixel that no other photograph shows counts as it was."""
-        depth, out = self.around.depth.copy(), opening.exits(self.eyes, self.rays, self.start)
-        depth[self.view, self.row, self.column] = out
-        wall = (out > self.start) & opening.at_wall(self.eyes + self.rays * out[:, None])
-        count = len(self.asked)
-        less, before, less_wall, before_wall, unseen = (np.zeros(count) for _ in range(5))
-        for k, (mine, closed, error) in enumerate(zip(self.asked, self.closed, self._errors(depth), strict=True)):
+        depth = self.around.depth.copy()
+        depth[self.view, self.row, self.column] = opening.exits(self.eyes, self.rays, self.start)
+        less, before, unseen = (np.zeros(len(self.asked)) for _ in range(3))
+        for k, (closed, error) in enumerate(zip(self.closed, self._errors(depth), strict=True)):
             known = np.isfinite(error) & np.isfinite(closed)
             gained, was = np.where(known, closed - error, 0.0), np.nan_to_num(closed)
             less[k], before[k], unseen[k] = gained.sum(), was.sum(), 1 - known.mean()
-            less_wall[k], before_wall[k] = gained[wall[mine]].sum(), was[wall[mine]].sum()
         share, sigmas = _ratio(less, before)
-        _, at_wall = _ratio(less_wall, before_wall)
-        return Gain(share, sigmas, at_wall, float((less > 0).mean()), float(unseen.mean()))
+        return Gain(share, sigmas, float((less > 0).mean()), float(unseen.mean()))
 
     def _errors(self, depth: np.ndarray) -> list[np.ndarray]:
         """Of the pixels asked in each view: mean absolute difference, sRGB; NaN where no other view shows them."""
