@@ -66,7 +66,7 @@ def measure(folder: Path) -> None:
     figures = []
     if truth is not None and truth.mesh_vertices is not None and truth.mesh_faces is not None:
         scale = 1000 / bounding_radius(truth.mesh_vertices)
-        for one in (surface(*fine), opened(*fine, found)):
+        for one in [surface(*fine)] + ([opened(*fine, found)] if found else []):
             figures.append(chamfer(*one, truth.mesh_vertices, truth.mesh_faces).scaled(scale)["chamfer"])
     print(f"  {seconds:.1f} processor seconds; Chamfer {' -> '.join(f'{one:.2f}' for one in figures)}", flush=True)
 
