@@ -145,8 +145,10 @@ class _Loop:
             self.surface, targets, settings, smoothness, firmness=state.firmness, fused=self.painter is not None
         )
         self.held: torch.Tensor | None = None
-        if settings.hold_unseen and settings.iterations > 0 and bool((hidden := unseen(self.surface, targets)).any()):
-            self.held = hidden
+        filtered = self.terms.smoothness is not None and self.terms.smoothness.filter is not None
+        if settings.hold_unseen and settings.iterations > 0 and not filtered:  # a filter takes all along by itself
+            hidden = unseen(self.surface, targets)
+            self.held = hidden if bool(hidden.any()) else None
             self.vertex_m[hidden] = 0
         self.curve, self.sums = LossCurve([], [], []), [0.0, 0.0]
 

@@ -20,7 +20,8 @@ _LOOSE = 1e-9  # weight of staying where nothing around is seen
 
 
 def unseen(surface: Surface, targets: Targets) -> torch.Tensor:
-    """bool [V]: vertices whose faces show in fewer than two views. One view alone cannot tell how far away they are."""
+    """bool [V]: vertices whose faces show in fewer than two views, for one alone cannot tell how far away they are; in
+    none, where there is but one."""
     faces = surface.faces.long()
     views = torch.zeros(len(surface.vertices), dtype=torch.int32, device=faces.device)
     with torch.no_grad():
@@ -29,7 +30,7 @@ def unseen(surface: Surface, targets: Targets) -> torch.Tensor:
             drawn = rasterize_projected(projected, surface.faces, targets.height, targets.width)
             shown = drawn.face_id[drawn.face_id >= 0].long().unique()
             views[faces[shown].reshape(-1).unique()] += 1
-    return views < _VIEWS
+    return views < min(_VIEWS, len(targets))
 
 
 def followed(vertices: np.ndarray, before: np.ndarray, held: np.ndarray, edges: np.ndarray) -> np.ndarray:

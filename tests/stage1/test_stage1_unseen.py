@@ -52,6 +52,13 @@ def test_vertices_of_faces_that_no_view_shows_are_found(from_above):
     assert not hidden[height > 0].any()
 
 
+def test_one_view_alone_still_moves_what_it_shows(from_above):
+    ball, seen = from_above
+    hidden = unseen(surface_of(ball), prepare_targets(seen.subset([0]))).numpy()
+    assert not hidden[np.asarray(ball.vertices)[:, 1] > 0.45].any()
+    assert hidden[np.asarray(ball.vertices)[:, 1] < -0.45].all()
+
+
 @pytest.mark.parametrize("move", ["shift", "turn", "stretch"])
 def test_what_is_held_follows_its_surroundings(move):
     """A shift, a turn and a stretch of the rim are those of the whole: U of a linear map is 0 on even triangles."""
