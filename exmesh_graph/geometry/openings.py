@@ -157,7 +157,8 @@ def best_opening(lidded: Lidded, gain: Callable[[Opening], float]) -> Opening | 
 
     A few walls with a few depths first; then either length is made longer or shorter for as long as that helps. What
     lies deeper than photographs tell brings nothing, so of openings of nearly one gain the one of least volume is it.
-    Gloss on a flat lid shows its reflections behind it, and a shallow pit explains them a little: no mouth of a vessel.
+    None, too, where shallower or thinner still would be better. Gloss on a flat lid shows its reflections behind it,
+    and a shallow pit explains them a little; where what is beside the lid is open as well there is no wall.
     """
     radius, thinnest = lidded.lid.radius, _THINNEST * lidded.grid.step
     tried: dict[tuple[float, float], tuple[float, Opening | None]] = {}
@@ -174,7 +175,7 @@ def best_opening(lidded: Lidded, gain: Callable[[Opening], float]) -> Opening | 
     for wall in _WALLS:
         for depth in _DEPTHS:
             value(wall * radius, depth * radius)
-    best = max(tried, key=lambda key: tried[key][0])
+    best = max(tried, key=lambda key: (tried[key][0], key[0], -key[1]))
     if tried[best][0] < _HOPE:
         return None
     for factor in _FINER:
@@ -186,7 +187,7 @@ def best_opening(lidded: Lidded, gain: Callable[[Opening], float]) -> Opening | 
                 break
             best = (max(better[0], thinnest), better[1])
     most = tried[best][0]
-    if best[1] < 1.05 * _SHALLOWEST * radius:  # shallower still would be better: a rim, or gloss that lies deeper
+    if best[1] < 1.05 * _SHALLOWEST * radius or best[0] < 1.2 * thinnest:
         return None
     able = [opening for value, opening in tried.values() if opening is not None and value >= _ALMOST * most]
     return min(able, key=lidded.volume)

@@ -129,5 +129,7 @@ def test_of_openings_that_gain_alike_the_least_is_it(vessel):
     assert best_opening(lidded, lambda one: 0.02) is None
 
 
-def test_what_gains_the_more_the_shallower_it_is_is_no_vessel(vessel):
-    assert best_opening(Lidded(*vessel[:2], *vessel[2], vessel[3]), lambda one: 0.3 - 0.1 * one.depth) is None
+@pytest.mark.parametrize("length", ["depth", "wall"])
+def test_what_gains_the_more_the_shallower_or_thinner_it_is_is_no_vessel(vessel, length):
+    lidded = Lidded(*vessel[:2], *vessel[2], vessel[3])
+    assert best_opening(lidded, lambda one: 0.3 - 0.1 * getattr(one, length)) is None
