@@ -102,7 +102,7 @@ class Filtered:
 
 
 def test_a_filter_acts_on_gradients_before_adam_and_on_steps_after_it(views):
-    settings = RefineSettings(iterations=4)
+    settings = RefineSettings(iterations=4, hold_unseen=False)
     start = fresh_state(ball(radius=0.55))
 
     def moved(smoothness):
