@@ -48,9 +48,7 @@ def measure(folder: Path) -> None:
     around = Surroundings(reduced(views, factor_for(views, 128, 0)), *mesh)
     for lid in lids(values, grid, *mesh):
         judge = Judge(around, lid)
-        known = [error[np.isfinite(error)].mean() for error in judge.closed if np.isfinite(error).any()]
-        doubt = np.mean(known) / judge.usual if known else 0.0
-        told = f"  faces {np.round(lid.normal, 1) + 0.0}, radius {lid.radius:.2f}, error {doubt:.2f} of the whole"
+        told = f"  faces {np.round(lid.normal, 1) + 0.0}, radius {lid.radius:.2f}, error {judge.doubt:.2f} of the whole"
         best = best_opening(Lidded(values, grid, *mesh, lid), judge) if judge.doubtful else None
         if best is not None:
             gain = judge.gain(best)

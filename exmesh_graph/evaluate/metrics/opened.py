@@ -92,19 +92,20 @@ class Judge:
         asked = asked[:: 1 + len(asked) // _ASKED]
         self.asked = [asked[self.view[asked] == view] for view in held]
         exposures = [self._exposure(int(view)) for view in held]
-        self.gains, self.usual = (
-            [gain for gain, _ in exposures],
-            float(np.mean([error for _, error in exposures] or [0.0])),
-        )
+        self.gains = [gain for gain, _ in exposures]
+        self.usual = float(np.mean([error for _, error in exposures] or [0.0]))
         self.closed = self._errors(around.depth)
+
+    @property
+    def doubt(self) -> float:
+        """The error of the closed lid's pixels over that of the whole object; 0 where too few photographs show it."""
+        known = [error[np.isfinite(error)].mean() for error in self.closed if np.isfinite(error).any()]
+        return float(np.mean(known)) / max(self.usual, 1e-9) if known and len(self.asked) >= _LEAST_VIEWS else 0.0
 
     @property
     def doubtful(self) -> bool:
         """Whether enough photographs show the lid, and foretell it worse than the rest of the object."""
-        if len(self.asked) < _LEAST_VIEWS:
-            return False
-        known = [error[np.isfinite(error)] for error in self.closed]
-        return float(np.mean([error.mean() for error in known if len(error)] or [0.0])) > _DOUBTFUL * self.usual
+        return self.doubt > _DOUBTFUL
 
     def __call__(self, opening: Opening) -> float:
         return self.gain(opening).share
