@@ -97,8 +97,8 @@ def curve(method: str, state, scene, truth, seconds: float, options: argparse.Na
     )
     fixed = {
         key: getattr(options, key)
-        for key in ("vertex_lr", "vertex_decay", "texture_lr", "texture_decay", "silhouette_weight", "gains",
-                    "ssim_weight")
+        for key in ("vertex_lr", "vertex_decay", "vertex_hold", "texture_lr", "texture_decay", "silhouette_weight",
+                    "gains", "ssim_weight")
     } | {"uv_gradient": not options.no_uv_gradient, "threads": options.threads}  # fmt: skip
     first = len(state.faces)
     rounds = plan(method, first, options)
@@ -214,8 +214,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--methods", nargs="+", default=["uniform", "score"],
                         choices=("uniform", "score", "area", "random"))  # fmt: skip
     parser.add_argument("--start", choices=("views", "grey"), default="views")
-    parser.add_argument("--vertex-lr", type=float, default=0.08)
-    parser.add_argument("--vertex-decay", type=float, default=0.00625)
+    parser.add_argument("--vertex-lr", type=float, default=0.02)
+    parser.add_argument("--vertex-decay", type=float, default=0.025)
+    parser.add_argument("--vertex-hold", type=float, default=0.27)
     parser.add_argument("--texture-lr", type=float, default=0.02)
     parser.add_argument("--texture-decay", type=float, default=0.05)
     parser.add_argument("--ssim-weight", type=float, default=0.2)

@@ -159,9 +159,6 @@ def refine(
             state = appearance.begin(state, ctx.seed, str(device))
         wired: dict[str, Any] = {"smoothness": smoothness, "depths": depths, "region": region}
         new, history = run(state, views, p, **wired, where=ctx.node, device=device, **loop_of(ctx))
-    if "cost" in history:
-        kept = "kept" if history["firmness"] > 1 else "not kept"
-        ctx.log(f"{p.firmer:g} times the smoothness costs {history['cost']:g} dB of training PSNR: {kept}")
     suspects = history.get("suspects", {})
     for view in list(suspects)[:8]:
         ctx.warn(f"view {view!r}: {suspects[view]}")

@@ -7,11 +7,14 @@ from functools import lru_cache
 import numpy as np
 
 
-def decayed(start: float, ratio: float, iteration: int, total: int) -> float:
-    """start * ratio^(iteration / total), held at start * ratio afterwards; `total` <= 0 means no decay."""
+def decayed(start: float, ratio: float, iteration: int, total: int, hold: float = 0.0) -> float:
+    """start * ratio^(iteration / total), held at start * ratio afterwards; `total` <= 0 means no decay.
+
+    It begins after a share `hold` (below 1) of `total`, and ends at the same time.
+    """
     if total <= 0:
         return start
-    return start * ratio ** min(iteration / total, 1.0)
+    return start * ratio ** min(max(iteration / total - hold, 0.0) / (1 - hold), 1.0)
 
 
 def view_at(iteration: int, views: int, seed: int) -> int:

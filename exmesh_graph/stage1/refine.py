@@ -14,7 +14,6 @@ from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.optim import EPSILON, SECOND, adam_step, decayed, view_at
 from exmesh_graph.stage1.appearance.model import AppearanceModel, Surface
 from exmesh_graph.stage1.diagnose import diagnose
-from exmesh_graph.stage1.firmness import firmer_if_as_good
 from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
 from exmesh_graph.stage1.render import draw, painter_of, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
@@ -63,8 +62,7 @@ def refine(
     `appearance`, made for this call, colours the surface in place of the model that the state holds.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
-    name where they are fitted, with `settings.firmer` above 1 "firmness" and "cost" (`firmness`), and after the last
-    round of the schedule "suspects" and "dark" (`diagnose`). Same inputs and seed give the same bytes on a CPU, also
+    name where they are fitted, and after the last round of the schedule "suspects" and "dark" (`diagnose`). Same inputs and seed give the same bytes on a CPU, also
     when a call was cut off and another one with the same arguments goes on from `resumed`, what
     `checkpoint(step, state)` was last given. Raises NumericsError with step, view and term if
     anything is not finite, GeometryError for a carrier without faces, and DataError for a region where there are masks.
@@ -79,15 +77,8 @@ def refine(
     targets = prepare_targets(
         views, downscale=settings.downscale, depths=depths, region=region, device=device, memory_gib=settings.memory_gib
     )
-
-    def loop(firmness: float) -> _Loop:
-        firm = replace(state, firmness=firmness)
-        return _Loop(firm, targets, settings, smoothness or Bilaplacian(), seed, where, device, appearance)
-
-    if settings.firmer > 1 and settings.iterations > 0:
-        new, history = firmer_if_as_good(loop, settings.firmer, settings.iterations, progress, checkpoint, resumed)
-    else:
-        new, history = loop(state.firmness).run(progress, checkpoint, resumed)
+    loop = _Loop(state, targets, settings, smoothness or Bilaplacian(), seed, where, device, appearance)
+    new, history = loop.run(progress, checkpoint, resumed)
     if appearance is None and settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
         history |= diagnose(surface_of(new, device), targets, gains=settings.gains)
     return new, history
@@ -141,9 +132,7 @@ class _Loop:
         # what one pixel's L1 puts on the texel it shows
         self.pixel_gradient = 1 / (3 * targets.height * targets.width)
         self.painter = painter_of(self.surface, targets.height, targets.width)
-        self.terms = Terms(
-            self.surface, targets, settings, smoothness, firmness=state.firmness, fused=self.painter is not None
-        )
+        self.terms = Terms(self.surface, targets, settings, smoothness, fused=self.painter is not None)
         self.held: torch.Tensor | None = None
         filtered = self.terms.smoothness is not None and self.terms.smoothness.filter is not None
         if settings.hold_unseen and settings.iterations > 0 and not filtered:  # a filter takes all along by itself
@@ -187,11 +176,6 @@ class _Loop:
         for name, tensor in self.changing().items():
             tensor.detach().copy_(kept["tensors"][name])
 
-    def at(self, kept: Mapping[str, Any]) -> tuple[Stage1State, dict[str, Any]]:
-        """What `run` returned when it ended with `kept`."""
-        self.restore(kept)
-        return self.result(), self.history(self.curve)
-
     def changing(self) -> dict[str, torch.Tensor]:
         """All that steps change, in place: with the arguments of the call it determines what follows."""
         return {
@@ -232,8 +216,8 @@ class _Loop:
         if self.held is not None:
             vertex_grad[self.held] = 0
         total = settings.total_iterations or (self.state.iteration + settings.iterations)
-        rate = decayed(settings.vertex_lr, settings.vertex_decay, iteration, total) * self.mean_edge
-        finite = math.isfinite(self.move(vertex_grad, k, rate))
+        rate = decayed(settings.vertex_lr, settings.vertex_decay, iteration, total, settings.vertex_hold)
+        finite = math.isfinite(self.move(vertex_grad, k, rate * self.mean_edge))
         rate = decayed(settings.texture_lr, settings.texture_decay, iteration, total)
         finite &= self.appearance.step(value_grads, self.state.texture_steps + k + 1, rate, self.pixel_gradient)
         if not finite:  # the state is lost; what was stored of it is not

@@ -15,26 +15,22 @@ class RefineSettings(Params):
         0, ge=0, doc="Length of the whole Stage I, over which learning rates decay; 0 = up to this round's end."
     )
     vertex_lr: float = param(
-        0.08,
+        0.02,
         ge=0,
         le=1,
         unit="mean edge lengths",
         doc="Length of a vertex's step at the start (mean edge of the round's mesh).",
     )
-    vertex_decay: float = param(0.00625, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
+    vertex_decay: float = param(0.025, gt=0, le=1, doc="A vertex's step ends at this share of its start.")
+    vertex_hold: float = param(
+        0.27, ge=0, lt=1, doc="Of the schedule, how long a vertex's step stays as long as at the start."
+    )
     evidence: float = param(
         0.0,
         ge=0,
         unit="of the median",
         doc="Without masks: vertices whose gradients are below this share of the median's take shorter steps. Where "
         "pictures are silent (blown out, dark, unpainted) Adam makes full steps of what little they say. 0: does not.",
-    )
-    firmer: float = param(
-        1.0,
-        ge=1,
-        le=100,
-        doc="Runs the round a second time with so many times the smoothness, and keeps that, in later rounds too, "
-        "where the photographs are met as well (0.03 dB): gloss then bends a smooth object less. 1: no second time.",
     )
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
     texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")

@@ -34,15 +34,13 @@ class Terms:
         settings: RefineSettings,
         smoothness: Smoothness,
         *,
-        firmness: float = 1.0,
         fused: bool = False,
     ) -> None:
-        """`firmness`: what L_s is multiplied with. `fused`: image terms of the usual kind come with one gradient for
-        their sum (`image_terms`)."""
+        """`fused`: image terms of the usual kind come with one gradient for their sum (`image_terms`)."""
         usual = settings.silhouette == "l1" and targets.inside is None and not settings.gains
         on_cpu = targets.device.type == "cpu"
         self.fused = ImageTerms(targets, settings) if fused and usual and on_cpu else None
-        self.targets, self.settings, self.faces, self.firmness = targets, settings, surface.faces, firmness
+        self.targets, self.settings, self.faces = targets, settings, surface.faces
         vertices = surface.vertices.detach()
         edges = surface.edges.edges
         self.smoothness = smoothness.prepare(vertices, edges, mean_edge(vertices, edges) / _pixel(vertices, targets))
@@ -73,7 +71,7 @@ class Terms:
         if self.targets.depth is not None and settings.depth_weight > 0:
             terms["depth"] = settings.depth_weight * self._depth(view, picture)
         if self.smoothness is not None and self.smoothness.loss is not None:
-            terms["smoothness"] = self.firmness * self.smoothness.loss(vertices)
+            terms["smoothness"] = self.smoothness.loss(vertices)
         if self.smoother is not None and self.reference is not None:
             terms["deviation"] = settings.deviation_weight * deviation(vertices, self.reference, self.smoother)
         if self.closed:

@@ -60,7 +60,7 @@ def reshape(
         return asset, {"explained": gain}
     steps = RefineSettings(
         iterations=settings.iterations, total_iterations=settings.iterations, fill_unseen=False,
-        vertex_lr=settings.vertex_lr, vertex_decay=settings.vertex_decay,
+        vertex_lr=settings.vertex_lr, vertex_decay=settings.vertex_decay, vertex_hold=0,
         texture_lr=settings.texture_lr, texture_decay=settings.texture_decay,
         ssim_weight=settings.ssim_weight, silhouette_weight=settings.silhouette_weight,
         gains=settings.gains, evidence=settings.evidence, memory_gib=settings.memory_gib,

@@ -72,7 +72,6 @@ class Stage1State(Carrier):
     gradient_ema          float32 [V], eq. 1
     iteration             iterations done since stage1.init
     vertex_steps, texture_steps  Adam's step counts (bias correction)
-    firmness              what the smoothness of the rounds to come is multiplied with (stage1.firmness)
     appearance            the model that is fitted: "uv_texture" (the texture itself), "directional" (the texture and a
                           residual beside it), "per_vertex", "per_face", "mlp"
     model                 a model's arrays: `values`, Adam's `m` and `v` ([V, 3], [F, 3], the weights [P], or the
@@ -93,7 +92,6 @@ class Stage1State(Carrier):
     iteration: int = 0
     vertex_steps: int = 0
     texture_steps: int = 0
-    firmness: float = 1.0
     appearance: str = "uv_texture"
     model: Mapping[str, np.ndarray] = field(default_factory=dict)
 
