@@ -62,9 +62,9 @@ def refine(
     `appearance`, made for this call, colours the surface in place of the model that the state holds.
 
     Returns the new state and its history: {"iteration", "loss", "psnr"} as lists (means over blocks), "gains" per view
-    name where they are fitted, and after the last round of the schedule "suspects" and "dark" (`diagnose`). Same inputs and seed give the same bytes on a CPU, also
-    when a call was cut off and another one with the same arguments goes on from `resumed`, what
-    `checkpoint(step, state)` was last given. Raises NumericsError with step, view and term if
+    name where they are fitted, and after the last round of the schedule "suspects" and "dark" (`diagnose`). Same inputs
+    and seed give the same bytes on a CPU, also when a call was cut off and another one with the same arguments goes on
+    from `resumed`, what `checkpoint(step, state)` was last given. Raises NumericsError with step, view and term if
     anything is not finite, GeometryError for a carrier without faces, and DataError for a region where there are masks.
     """
     if len(state.faces) == 0:
