@@ -59,7 +59,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="7",
+    version="8",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -132,8 +132,8 @@ def auto(
                     gain = compared((mesh.vertices, mesh.faces), (other.vertices, other.faces), views)
                 rows.append(row := surface_row(*gain, SURFACES[name], best))
                 ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
-                if gain[0] > 0:
-                    best, mesh, carved = str(row["value"]), other, name
+                if row["value"] == SURFACES[name]:
+                    best, mesh, carved = SURFACES[name], other, name
     if masks and p.openings and method != "sphere" and len(views) >= ENOUGH_VIEWS:
         opened, row = _opened(ctx, views, maps.get(carved), carved, p)
         rows.append(row)

@@ -81,13 +81,15 @@ def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> di
     as a row for the report.
 
     gain, error  by how many dB photographs that were left out are foretold better over the carved surface, and its
-                 standard error (exmesh_graph.evaluate.metrics.rephotography.compared)
+                 standard error (exmesh_graph.evaluate.metrics.rephotography.compared): a gain within it is none
     """
-    value, other = (found, kept) if gain > 0 else (kept, found)
+    value = found if gain > error else kept
+    better, other = (found, kept) if gain > 0 else (kept, found)
     reason = (
-        f"Left-out photographs are foretold better over {_TOLD[value]} than over {_TOLD[other]}, "
-        f"by {abs(gain):.2f} +- {error:.2f} dB."
+        f"Left-out photographs are foretold better over {_TOLD[better]} than over {_TOLD[other]}, "
+        f"by {abs(gain):.2f} +- {error:.2f} dB"
     )
+    reason += "." if value == better else f": no more than the doubt of it, so {_TOLD[kept]} stays."
     return {"name": "surface", "value": value, "gain": gain, "error": error, "reason": reason}
 
 

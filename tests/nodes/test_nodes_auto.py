@@ -9,7 +9,7 @@ from exmesh_nodes import auto, gaussians, init, prior
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.evaluate.metrics import rephotography
-from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction
+from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, reduction, surface_row
 from exmesh_graph.geometry.hull import surface
 from exmesh_graph.geometry.lids import lids
 from exmesh_graph.geometry.openings import Lidded, opened
@@ -167,6 +167,20 @@ def test_where_gaussians_are_asked_for_stereo_is_tried_beside_them(gains, kept, 
     rows = [row["value"] for row in out.decisions.values["decisions"] if row["name"] == "surface"]
     assert len(rows) == 2
     assert rows[-1] == {"pgsr": "gaussians"}.get(kept, kept)
+
+
+@pytest.mark.parametrize(
+    ("gain", "value", "told"),
+    [
+        (0.31, "stereo", "better over the surface that stereo carved than over the hull, by 0.31 +- 0.30 dB."),
+        (0.29, "hull", "by 0.29 +- 0.30 dB: no more than the doubt of it, so the hull stays."),
+        (-0.29, "hull", "better over the hull than over the surface that stereo carved, by 0.29 +- 0.30 dB."),
+    ],
+)
+def test_a_gain_within_its_standard_error_leaves_the_surface_as_it_was(gain, value, told):
+    row = surface_row(gain, 0.30, "stereo")
+    assert row["value"] == value
+    assert row["reason"].endswith(told)
 
 
 def test_depth_that_was_found_with_the_masks_is_not_looked_for_again(views, monkeypatch):
