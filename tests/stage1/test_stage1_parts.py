@@ -22,6 +22,9 @@ def test_decay():
     assert decayed(2.0, 0.1, 50, 100) == pytest.approx(2 * 0.1**0.5)
     assert decayed(2.0, 0.1, 500, 100) == pytest.approx(0.2)
     assert decayed(2.0, 0.1, 7, 0) == 2.0
+    assert decayed(2.0, 0.1, 20, 100, hold=0.2) == 2.0
+    assert decayed(2.0, 0.1, 60, 100, hold=0.2) == pytest.approx(2 * 0.1**0.5)
+    assert decayed(2.0, 0.1, 100, 100, hold=0.2) == pytest.approx(0.2)
 
 
 def test_every_view_once_per_epoch_in_changing_order():

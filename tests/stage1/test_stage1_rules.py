@@ -66,6 +66,21 @@ def test_a_run_cut_in_two_is_the_same_run(views):
     assert np.abs(both.vertices - whole.vertices).max() < 0.1 * moved
 
 
+def test_a_step_that_is_held_is_longer_than_one_that_decays_at_once(views):
+    """Adam's first step is as long as the rate, whatever the gradient."""
+    start = fresh_state(ball(radius=0.57))
+    start = replace(start, iteration=20)  # of 100: a fifth of the schedule
+    moved = {}
+    for hold in (0.0, 0.2):
+        settings = RefineSettings(
+            iterations=1, total_iterations=100, vertex_lr=0.01, vertex_decay=0.01, vertex_hold=hold, texture_lr=0.0,
+            silhouette_weight=1.0,
+        )  # fmt: skip
+        end, _ = refine(start, views, settings, seed=3)
+        moved[hold] = np.linalg.norm(end.vertices - start.vertices, axis=1).max()
+    assert moved[0.0] == pytest.approx(0.01**0.2 * moved[0.2], rel=1e-3)
+
+
 def test_gradient_average_is_equation_1(views):
     """G <- beta G + (1 - beta) |g|: from G = 1 and from 0, with two betas."""
     start = fresh_state(ball(radius=0.57))
