@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from exmesh_graph.evaluate.settings import OrbParams, SpeedParams, Synthetic4RelightParams, lpips_weights
-from exmesh_graph.gpu.settings import ON_DEVICE
+from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Frame, LitViews, Mesh, Metrics, SceneTruth, ScoredViews, Views
@@ -63,7 +63,7 @@ def nerf_synthetic(
     return MetricsOut(Metrics(values))
 
 
-@node("benchmark.synthetic4relight", version="1", libraries=_PICTURED, sources=lpips_weights, resources=ON_DEVICE)
+@node("benchmark.synthetic4relight", version="1", libraries=_PICTURED, sources=lpips_weights, resources=ALL_CORES)
 def synthetic4relight(
     ctx: Context,
     asset: Asset,
@@ -81,7 +81,7 @@ def synthetic4relight(
     return ScoredOut(Metrics(scores.values), asset_pairs(scores, views, p.pictures))
 
 
-@node("benchmark.stanford_orb", version="1", libraries=_PICTURED, sources=lpips_weights, resources=ON_DEVICE)
+@node("benchmark.stanford_orb", version="1", libraries=_PICTURED, sources=lpips_weights, resources=ALL_CORES)
 def stanford_orb(
     ctx: Context,
     asset: Asset,
@@ -99,7 +99,7 @@ def stanford_orb(
     return MetricsOut(Metrics(values))
 
 
-@node("benchmark.speed", version="1", libraries=_RENDER, resources=ON_DEVICE)
+@node("benchmark.speed", version="1", libraries=_RENDER, resources=ALL_CORES)
 def speed(ctx: Context, asset: Asset, views: Views, *, p: SpeedParams) -> MetricsOut:
     """Relighting frames per second by the paper's rule, vertices, and the mesh's size as PLY."""
     from exmesh_graph.evaluate.protocols.speed import measure_speed

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from exmesh_graph.edit.settings import EditParams
-from exmesh_graph.gpu.settings import ON_DEVICE
+from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, EnvMap, Frame, Gallery, Transport, Views
@@ -57,7 +57,7 @@ class RelightOut(NamedTuple):
     gallery: Gallery
 
 
-@node("edit.relight", version="1", was="use.relight", libraries=(*_RENDER, "pillow"), resources=ON_DEVICE)
+@node("edit.relight", version="1", was="use.relight", libraries=(*_RENDER, "pillow"), resources=ALL_CORES)
 def relight(
     ctx: Context,
     asset: Asset,
@@ -101,7 +101,7 @@ class TurntableOut(NamedTuple):
     film: Gallery
 
 
-@node("edit.turntable", version="1", was="use.turntable", libraries=(*_RENDER, "pillow"), resources=ON_DEVICE)
+@node("edit.turntable", version="1", was="use.turntable", libraries=(*_RENDER, "pillow"), resources=ALL_CORES)
 def turntable(ctx: Context, asset: Asset, transport: Transport | None = None, *, p: TurntableParams) -> TurntableOut:
     """A film of the asset turning under its light (animated WebP, shown in the report)."""
     from exmesh_graph.edit.relight import turntable as render

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from exmesh_graph.evaluate.settings import AssetParams, RegionSettings, Stage1Params, lpips_weights
-from exmesh_graph.gpu.settings import ON_DEVICE
+from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, Region, SceneTruth, ScoredViews, Views
@@ -90,7 +90,7 @@ class ScoredOut(NamedTuple):
     scored: ScoredViews
 
 
-@node("evaluate.stage1", version="1", libraries=_FOUND, sources=lpips_weights, resources=ON_DEVICE)
+@node("evaluate.stage1", version="1", libraries=_FOUND, sources=lpips_weights, resources=ALL_CORES)
 def stage1(
     ctx: Context,
     carrier: Carrier,
@@ -118,7 +118,7 @@ class RoundParams(Params):
     max_views: int = param(8, ge=1, doc="Held-out views that the PSNR is taken on, evenly spread.")
 
 
-@node("evaluate.round", version="1", libraries=_DRAWN, resources=ON_DEVICE)
+@node("evaluate.round", version="1", libraries=_DRAWN, resources=ALL_CORES)
 def round_(
     ctx: Context,
     state: Carrier,
@@ -140,7 +140,7 @@ def round_(
     return MetricsOut(Metrics(values))
 
 
-@node("evaluate.asset", version="1", libraries=(*_FOUND, "embreex"), sources=lpips_weights, resources=ON_DEVICE)
+@node("evaluate.asset", version="1", libraries=(*_FOUND, "embreex"), sources=lpips_weights, resources=ALL_CORES)
 def asset(
     ctx: Context,
     asset: Asset,

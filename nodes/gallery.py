@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Gallery, SceneTruth, ScoredViews, UsdAsset
@@ -50,7 +51,7 @@ class BlenderParams(Params):
 
 @node(
     "gallery.blender", version="1", was="use.blender", libraries=("usd-core", "OpenImageIO"),
-    code=("exmesh_graph.export.blender_child",), resources={"cpu": 0},
+    code=("exmesh_graph.export.blender_child",), resources=ALL_CORES,
 )  # fmt: skip
 def blender(ctx: Context, files: UsdAsset, *, p: BlenderParams) -> GalleryOut:
     """Pictures of an exported file by Blender's Cycles, from the file's own cameras."""

@@ -2,7 +2,7 @@
 
 from typing import Annotated, NamedTuple
 
-from exmesh_graph.gpu.settings import CoreSettings
+from exmesh_graph.gpu.settings import ALL_CORES, CoreSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.types import Carrier, Metrics, SceneNeeds, Views
@@ -23,7 +23,7 @@ class ProbeOut(NamedTuple):
     decisions: Metrics
 
 
-@node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources={"cpu": 0})
+@node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources=ALL_CORES)
 def probe(
     ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: ProbeParams
 ) -> ProbeOut:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from exmesh_nodes.transport import MonteCarlo
 
-from exmesh_graph.gpu.settings import ON_DEVICE, CoreSettings, loop_of
+from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings, loop_of
 from exmesh_graph.graph import Component, component
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.stage2.alike import Alike
@@ -45,8 +45,8 @@ def init(ctx: Context, carrier: Carrier, needs: SceneNeeds | None = None, *, p: 
     return InitOut(neutral_asset(carrier, with_decisions(p, needs)))
 
 
-class FitParams(DecompositionSettings, CoreSettings):
-    """The fit, and the cores that it may take."""
+class FitParams(DecompositionSettings, DeviceSettings):
+    """The fit, and where it computes."""
 
 
 class FitOut(NamedTuple):
@@ -77,7 +77,7 @@ def fit(
     `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from;
     `prior` settles what the pictures leave open, when the fit has ended.
     """
-    from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.resources import memory_in_use
     from exmesh_graph.stage2.fit import fit as run
     from exmesh_graph.stage2.memory import plan_memory
@@ -86,9 +86,10 @@ def fit(
     light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
     traced = light if isinstance(light, Transport) else None
     ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
-    with sharing(p.threads):
+    with computing(p) as device:
         asset, curves = run(
-            carrier, views, light, settings, start=start, prior=prior, warn=ctx.warn, log=ctx.log, **loop_of(ctx)
-        )
+            carrier, views, light, settings, start=start, prior=prior, device=str(device), warn=ctx.warn, log=ctx.log,
+            **loop_of(ctx),
+        )  # fmt: skip
     # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
     return FitOut(asset, Metrics({"curves": curves}))

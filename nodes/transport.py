@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from exmesh_graph.gpu.settings import ON_DEVICE
+from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph import Component, component
 from exmesh_graph.graph.declare.node import Context, node
 from exmesh_graph.shading.settings import BounceSettings, MonteCarloSettings, TransportSettings
@@ -13,7 +13,7 @@ class TransportOut(NamedTuple):
     transport: Transport
 
 
-@node("transport.direct", version="1", libraries=("embreex", "torch", "scipy", "warp-lang"), resources=ON_DEVICE)
+@node("transport.direct", version="1", libraries=("embreex", "torch", "scipy", "warp-lang"), resources=ALL_CORES)
 def direct(ctx: Context, mesh: Carrier, *, p: TransportSettings) -> TransportOut:
     """Trace the visibility and the secondary hits of the mesh along fixed directions."""
     from exmesh_graph.shading.transport import direct_transport
@@ -23,7 +23,7 @@ def direct(ctx: Context, mesh: Carrier, *, p: TransportSettings) -> TransportOut
     return TransportOut(light)
 
 
-@node("transport.bounce", version="1", libraries=("torch", "scipy"), resources=ON_DEVICE)
+@node("transport.bounce", version="1", libraries=("torch", "scipy"), resources=ALL_CORES)
 def bounce(ctx: Context, light: Transport, needs: SceneNeeds | None = None, *, p: BounceSettings) -> TransportOut:
     """Build the interreflection operator from the secondary hits and switch it on."""
     from exmesh_graph.shading.transport import with_bounces

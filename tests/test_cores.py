@@ -53,10 +53,10 @@ def test_a_short_launch_stays_on_its_thread_and_a_long_one_does_not(monkeypatch)
     counts = torch.zeros(100, dtype=torch.int32)
     with cores(3):
         split(count_items, 100, counts, grain=10)
-        monkeypatch.setattr(cores_module, "WORTH", 1e9)
+        monkeypatch.setattr(cores_module, "HANDING", 1e9)
         split(count_items, 100, counts, grain=10)
         split(count_items, 100, counts, grain=10)
-        monkeypatch.setattr(cores_module, "WORTH", 0.0)
+        monkeypatch.setattr(cores_module, "HANDING", 1e-12)
         helped.clear()
         split(count_items, 100, counts, grain=10)
     assert helped == [2]

@@ -25,8 +25,8 @@ from exmesh_graph.resources import usable_cores
 
 Result = TypeVar("Result")
 
-WORTH = 60e-6
-"""Seconds that a launch takes on one core from which on it is shared: to share it costs some 30."""
+HANDING = 30e-6
+"""Seconds that each core costs a launch that is shared: Python hands the work out, one core after another."""
 _LONG = 0.7
 """Of the work, in the first run of each core."""
 _count: ContextVar[int] = ContextVar("exmesh_cores", default=0)
@@ -72,21 +72,29 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
         # not in the key: what is compiled
         _launched.add(kernel)
         return
-    if size * _seconds.get(kernel, math.inf) < WORTH:
+    count = min(count, paying(size * _seconds.get(kernel, math.inf)))
+    if count <= 1:
         began = time.perf_counter()
         launch(kernel, size, 0, *arguments)
         _seconds[kernel] = (time.perf_counter() - began) / size  # not in the key: how many cores work
         return
     converted = convert(kernel, (0, *arguments))[1:]
     runs = iter(_runs(size, count, grain))  # shared: taking the next one is atomic
+    took: list[float] = []
 
     def work() -> None:
         for first, items in runs:
             began = time.perf_counter()
             launch_converted(kernel, items, [first, *converted])
-            _seconds[kernel] = (time.perf_counter() - began) / items  # not in the key: how many cores work
+            took.append((time.perf_counter() - began) / items)
 
     together(work, count - 1)
+    _seconds[kernel] = min(took)  # the others waited for Python too  # not in the key: how many cores work
+
+
+def paying(seconds: float) -> int:
+    """How many cores end a launch soonest that takes `seconds` on one: t / n + n `HANDING` is least."""
+    return round(min(math.sqrt(seconds / HANDING), 1e6))
 
 
 def _runs(size: int, count: int, grain: int) -> list[tuple[int, int]]:

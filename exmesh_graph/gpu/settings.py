@@ -6,8 +6,11 @@ from typing import Any, Literal
 
 from exmesh_graph.params import Params, param
 
-ON_DEVICE = {"cpu": 0, "gpu?": 1}
-"""What a node that computes with torch asks of the machine: no processor of its own, the GPU if there is one."""
+ALL_CORES = {"cpu": 0}
+"""What a node asks of the machine whose kernels take any number of cores."""
+
+ON_DEVICE = ALL_CORES | {"gpu?": 1}
+"""What a node with `DeviceSettings` asks of the machine: the GPU too, if there is one."""
 
 
 class CoreSettings(Params):

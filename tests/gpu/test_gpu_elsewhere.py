@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from elsewhere import DEVICE, Elsewhere, elsewhere
+from torch.utils._pytree import tree_map
 
 from exmesh_graph import device_check, testing
 from exmesh_graph.gpu.cores import split
@@ -20,9 +23,11 @@ from exmesh_graph.stage1.init import initial_state
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.stage1.settings import RefineSettings
+from exmesh_graph.stage2.alike import Alike
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.render import render_views
-from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 
 Arrays = dict[str, np.ndarray]
 Task = Callable[[torch.device | str], Arrays]
@@ -49,6 +54,25 @@ def _stage2(device: torch.device | str) -> Arrays:
     return {"base colour": asset.base_color, "roughness": asset.roughness, "environment": asset.environment}
 
 
+def _stage2_of_the_graphs(device: torch.device | str) -> Arrays:
+    """As the shipped graphs fit: a tinted start, the light first, with a prior; cut off on the way."""
+    carrier, views = testing.carrier(), testing.views(count=3, size=32)
+    light = with_bounces(trace_transport(carrier.vertices, carrier.faces, 32, 1), 1)
+    settings = DecompositionSettings(
+        iterations=4, environment_height=8, corrections=2, correction_samples=4, light_first=0.5, gloss_weight=8
+    )
+    start = neutral_asset(carrier, StartSettings(base_color="tint"))
+    options: dict[str, Any] = {"device": str(device), "start": start, "prior": Alike()}
+    kept: dict[int, Any] = {}
+
+    def checkpoint(step: int, state: dict[str, Any]) -> None:
+        kept[step] = tree_map(lambda v: v.cpu().clone() if isinstance(v, torch.Tensor) else deepcopy(v), state)
+
+    fit(carrier, views, light, settings, checkpoint=checkpoint, **options)
+    asset, _ = fit(carrier, views, light, settings, resumed=(2, kept[2]), **options)
+    return {"base colour": asset.base_color, "roughness": asset.roughness, "environment": asset.environment}
+
+
 def _gaussians(device: torch.device | str) -> Arrays:
     settings = PgsrSettings(iterations=4, count=200, downscale=1, geometry_from=0.5)
     found = pgsr(testing.views(count=3, size=32), settings, device=device)[0]
@@ -70,6 +94,7 @@ def _asset_picture(device: torch.device | str) -> Arrays:
 TASKS: dict[str, Task] = {
     "Stage I": _stage1,
     "Stage II": _stage2,
+    "Stage II of the graphs": _stage2_of_the_graphs,
     "Gaussians": _gaussians,
     "carrier": _carrier_picture,
     "asset": _asset_picture,

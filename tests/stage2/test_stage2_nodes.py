@@ -1,9 +1,11 @@
 """The transport and stage2 nodes, called as the graph calls them."""
 
 import pytest
+import torch
 from exmesh_nodes import stage2, transport
 from pydantic import ValidationError
 
+from exmesh_graph.errors import MissingLibraryError
 from exmesh_graph.shading.settings import BounceSettings, MonteCarloSettings, TransportSettings
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Asset, Metrics
@@ -29,6 +31,13 @@ def test_the_chain_of_nodes(carrier, train_views, tmp_path):
         again = kind.load(folder)
         assert type(again) is kind
     assert (again.values["curves"]["iteration"]) == [0, 10, 11]
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="a machine without CUDA refuses it")
+def test_the_fit_computes_where_its_parameter_says(carrier, train_views):
+    p = stage2.FitParams(iterations=1, environment_height=8, corrections=0, device="cuda")
+    with pytest.raises(MissingLibraryError, match="no CUDA device"):
+        stage2.fit(FakeContext(node="pbr"), carrier, train_views, MonteCarloSettings(), p=p)
 
 
 def test_the_defaults_are_the_papers_table():

@@ -96,7 +96,7 @@ def test_texels_outside_of_the_fit_are_refused(carrier, train_views):
 
 
 def test_the_same_bytes_for_any_number_of_cores(carrier, train_views, monkeypatch):
-    monkeypatch.setattr("exmesh_graph.gpu.cores.WORTH", 0.0)  # what is small is shared too
+    monkeypatch.setattr("exmesh_graph.gpu.cores.HANDING", 1e-12)  # what is small is shared too
     for name in ("samples", "shade"):  # import_module: a function of the package has a module's name
         monkeypatch.setattr(import_module(f"exmesh_graph.shading.monte_carlo.{name}"), "_GRAIN", 32)
     results = []
