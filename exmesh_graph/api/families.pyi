@@ -731,7 +731,7 @@ class _Scene(Family):
         thorough: Ask with two more fits of 500 steps, half of the probe's time, whether the light should move alone at first (light_first); false: it does not.
         """
 class _Stage1(Family):
-    def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, beyond_gloss: float | Parameter = 0.5, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> ViewsDecisionsNode:
+    def balance(self, name: str = "", *, views: Wire[Views] | Node, mesh: Wire[Mesh] | Node, exposure: Literal["auto", "on", "off"] | Parameter = "auto", wander: float | Parameter = 0.07, beyond_gloss: float | Parameter = 0.75, threads: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> ViewsDecisionsNode:
         """The photographs as one exposure and white balance would have taken them, where theirs wander.
 
         exposure: Take exposure and white balance out of the views: where they wander, always, never.

@@ -84,7 +84,7 @@ class BalanceSettings(Params):
         0.07, ge=0, unit="stops", doc="auto: least deviation of a view's brightness from its neighbours' that counts."
     )
     beyond_gloss: float = param(
-        0.5,
+        0.75,
         ge=0,
         doc="auto: the same, as a share of how parts of one view differ by gloss and shadows.",
     )
