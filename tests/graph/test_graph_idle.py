@@ -69,7 +69,7 @@ def test_shipped_graphs_run_all_that_they_ran(packs: Any) -> None:
     for name in ("quickstart.yaml", "hull.yaml", "use.yaml", "dcc/edit.yaml", "dcc/relight.yaml"):
         assert not check_variant(folder / name, [], packs, "base").idle, name
     moved = check_variant(folder / "ablations" / "stage2.yaml", [], packs, "stage1_only")
-    assert list(moved.idle) == ["light", "probe", "bounce"]
+    assert list(moved.idle) == ["probe", "light", "bounce"]
 
 
 @pytest.mark.thorough
