@@ -10,6 +10,7 @@ from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
+from exmesh_graph.types.pictures import kept_in
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
@@ -59,7 +60,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="8",
+    version="9",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -110,7 +111,7 @@ def auto(
         )  # fmt: skip
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     maps: dict[str, DepthMaps] = {}
-    carved = ""  # by whose depth
+    carved, shown = "", views  # by whose depth; the photographs that foretell one another
     if method == "hull":
         mesh = init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
@@ -126,16 +127,17 @@ def auto(
             mesh, row = _standing(ctx, views, maps[tried[-1]], mesh, p)
             rows.append(row)
         if judged:
+            shown = _steady(ctx, views, mesh, p)
             best, mesh, carved = "hull", init.visual_hull(ctx, views, p=outline).mesh, ""
             for name, other in found.items():
                 with sharing(p.threads):
-                    gain = compared((mesh.vertices, mesh.faces), (other.vertices, other.faces), views)
+                    gain = compared((mesh.vertices, mesh.faces), (other.vertices, other.faces), shown)
                 rows.append(row := surface_row(*gain, SURFACES[name], best))
                 ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
                 if row["value"] == SURFACES[name]:
                     best, mesh, carved = SURFACES[name], other, name
     if masks and p.openings and method != "sphere" and len(views) >= ENOUGH_VIEWS:
-        opened, row = _opened(ctx, views, maps.get(carved), carved, p)
+        opened, row = _opened(ctx, shown, maps.get(carved), carved, p)
         rows.append(row)
         mesh = opened or mesh
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
@@ -193,6 +195,17 @@ def _depths(
             )  # fmt: skip
     assert depths is not None
     return depths
+
+
+def _steady(ctx: Context, views: Views, mesh: Mesh, p: AutoParams) -> Views:
+    """The photographs without what their exposures wander: photographs foretell one another only in one exposure."""
+    from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.stage1.exposure import balanced, exposures, wander
+    from exmesh_graph.stage1.settings import BalanceSettings
+
+    with sharing(p.threads), kept_in(ctx.scratch):
+        found = exposures(views, mesh)
+        return balanced(views, found.log_gains) if wander(found, BalanceSettings())[0] else views
 
 
 def _fused(ctx: Context, views: Views, depths: DepthMaps, method: str, p: AutoParams) -> Mesh:

@@ -36,14 +36,14 @@ def balance(ctx: Context, views: Train, mesh: Mesh, *, p: BalanceParams) -> Bala
     What each shows of the parts of a rough mesh says by how much. `decisions` says why, for the report.
     """
     from exmesh_graph.gpu.torch_setup import sharing
-    from exmesh_graph.stage1.exposure import balanced, exposures
+    from exmesh_graph.stage1.exposure import balanced, exposures, wander
 
     if p.exposure == "off":
         return BalanceOut(views, Metrics({"decisions": []}))
     with sharing(p.threads):
         found = exposures(views, mesh)
-    much = max(p.wander, p.beyond_gloss * found.spread)
-    takes = p.exposure == "on" or found.rough >= much
+    wanders, much = wander(found, p)
+    takes = p.exposure == "on" or wanders
     reason = (
         f"A view's brightness differs from its neighbours' by {found.rough:.2f} stops, here {much:.2f} would be much."
     )

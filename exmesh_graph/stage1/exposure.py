@@ -14,6 +14,7 @@ from exmesh_graph.geometry.patches import patches
 from exmesh_graph.io.picture_files import with_pictures
 from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.raster import shown_faces
+from exmesh_graph.stage1.settings import BalanceSettings
 from exmesh_graph.types import Mesh, Views
 
 _SIDE = 320
@@ -56,6 +57,12 @@ def exposures(views: Views, mesh: Mesh) -> Exposures:
     log_gains, known = separate(values)
     rough = _roughness(log_gains, known, views.camera_to_world[:, :3, 3])
     return Exposures(log_gains, known, rough, _spread(values[known], log_gains[known]))
+
+
+def wander(found: Exposures, settings: BalanceSettings) -> tuple[bool, float]:
+    """(whether exposures wander, the deviation in stops of a view's brightness from which on they do)."""
+    much = max(settings.wander, settings.beyond_gloss * found.spread)
+    return found.rough >= much, much
 
 
 def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:

@@ -13,6 +13,7 @@ from exmesh_graph.geometry.coarse_start import MOST_ITERATIONS, Known, choose, r
 from exmesh_graph.geometry.hull import surface
 from exmesh_graph.geometry.lids import lids
 from exmesh_graph.geometry.openings import Lidded, opened
+from exmesh_graph.geometry.settings import HullSettings
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.report.page import decision_tables
@@ -167,6 +168,21 @@ def test_where_gaussians_are_asked_for_stereo_is_tried_beside_them(gains, kept, 
     rows = [row["value"] for row in out.decisions.values["decisions"] if row["name"] == "surface"]
     assert len(rows) == 2
     assert rows[-1] == {"pgsr": "gaussians"}.get(kept, kept)
+
+
+@pytest.mark.thorough
+def test_photographs_foretell_one_another_in_one_exposure(tmp_path):
+    """Where exposures wander they are evened out first, by what the carved surface shows of them."""
+    as_it_is = load_blender(SAMPLE, BlenderOptions(downscale=2)).train
+    mesh = init.visual_hull(FakeContext(), as_it_is, p=HullSettings(resolution=48)).mesh
+    factors = 2 ** np.random.default_rng(3).uniform(-0.5, 0.5, len(as_it_is)).astype(np.float32)
+    dark = np.asarray(as_it_is.images) * 0.5  # so that nothing is cut off
+    wandering = replace(as_it_is, images=dark * factors[:, None, None, None])
+    ctx, p = FakeContext(scratch=tmp_path), auto.AutoParams()
+    assert auto._steady(ctx, as_it_is, mesh, p) is as_it_is
+    steady = auto._steady(ctx, wandering, mesh, p)
+    ratio = np.log2([steady.images[k][dark[k] > 0.1].mean() / dark[k][dark[k] > 0.1].mean() for k in range(len(dark))])
+    assert ratio.std() < 0.2 * np.log2(factors).std()
 
 
 @pytest.mark.parametrize(
