@@ -205,7 +205,10 @@ def _steady(ctx: Context, views: Views, mesh: Mesh, p: AutoParams) -> Views:
 
     with sharing(p.threads), kept_in(ctx.scratch):
         found = exposures(views, mesh)
-        return balanced(views, found.log_gains) if wander(found, BalanceSettings())[0] else views
+        if not wander(found, BalanceSettings())[0]:
+            return views
+        ctx.log(f"exposures wander by {found.rough:.2f} stops: evened out where photographs foretell one another")
+        return balanced(views, found.log_gains)
 
 
 def _fused(ctx: Context, views: Views, depths: DepthMaps, method: str, p: AutoParams) -> Mesh:

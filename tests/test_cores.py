@@ -63,6 +63,15 @@ def test_a_short_launch_stays_on_its_thread_and_a_long_one_does_not(monkeypatch)
     assert counts.tolist() == [4] * 100
 
 
+@given(st.floats(0, 0.02))
+def test_a_launch_has_as_many_cores_as_end_it_soonest(seconds):
+    def ends(count):
+        return seconds / count + count * cores_module.HANDING
+
+    assert ends(max(cores_module.paying(seconds), 1)) <= min(map(ends, range(1, 40))) * (1 + 1e-9)
+    assert cores_module.paying(float("inf")) > 10**5
+
+
 def test_whoever_comes_late_does_not_begin(monkeypatch):
     """One thread holds all helpers; the work of another is done without them."""
     released, held, begun = threading.Event(), threading.Semaphore(0), []

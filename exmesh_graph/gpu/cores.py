@@ -93,8 +93,11 @@ def split(kernel: Any, size: int, *arguments: Any, grain: int) -> None:
 
 
 def paying(seconds: float) -> int:
-    """How many cores end a launch soonest that takes `seconds` on one: t / n + n `HANDING` is least."""
-    return round(min(math.sqrt(seconds / HANDING), 1e6))
+    """How many cores end a launch of t = `seconds` on one core soonest: the n for which t / n + n `HANDING` is least.
+
+    That is the first with n (n + 1) >= t / `HANDING`, from where on one more costs more than it takes off.
+    """
+    return math.ceil((math.sqrt(1 + 4 * min(seconds / HANDING, 1e12)) - 1) / 2)
 
 
 def _runs(size: int, count: int, grain: int) -> list[tuple[int, int]]:

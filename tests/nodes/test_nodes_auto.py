@@ -180,7 +180,9 @@ def test_photographs_foretell_one_another_in_one_exposure(tmp_path):
     wandering = replace(as_it_is, images=dark * factors[:, None, None, None])
     ctx, p = FakeContext(scratch=tmp_path), auto.AutoParams()
     assert auto._steady(ctx, as_it_is, mesh, p) is as_it_is
+    assert not ctx.lines
     steady = auto._steady(ctx, wandering, mesh, p)
+    assert "evened out" in ctx.lines[0]
     ratio = np.log2([steady.images[k][dark[k] > 0.1].mean() / dark[k][dark[k] > 0.1].mean() for k in range(len(dark))])
     assert ratio.std() < 0.2 * np.log2(factors).std()
 
