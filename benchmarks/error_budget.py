@@ -3,12 +3,14 @@
     python -m benchmarks.error_budget graphs/samples/chair graphs/samples/spot --downscale 2
     python -m benchmarks.error_budget FOLDER/idol --downscale 4 --only shipped,sky,light
     python -m benchmarks.error_budget FOLDER/idol --carrier FOLDER_OF_STATE       # and what our own mesh costs
+    python -m benchmarks.error_budget FOLDER/idol --only shipped --set pbr.light_first=0.25 --set neutral.roughness=0.2
     python -m benchmarks.error_budget FOLDER/phone --scoring --downscale 2        # a scene for scoring
 
-With --scoring nothing can be chosen: settings are those of the graphs, and every option that changes one is refused.
+With --scoring nothing can be chosen: settings are those of the graph, and --set is refused.
 
-The base is the quickstart's Stage II on the *true* mesh. One line per row and scene, figures as by evaluate.asset; the
-second line is the difference to the base. Rows:
+The base is the quickstart's Stage II on the *true* mesh: parameters of graphs/quickstart.yaml, with what its probe
+decides for the scene. One line per row and scene, figures as by evaluate.asset; the second line is the difference to
+the base. Rows:
 
     shipped    the base
     mesh       our own mesh in place of the true one (--carrier: a stored Stage1State of this scene)
@@ -35,23 +37,21 @@ import numpy as np
 import torch
 from exmesh_nodes import data, transport
 
+import exmesh_graph as ex
 from benchmarks import register
-from benchmarks.stage2 import QUICK, Quiet, stored_carrier, true_carrier
+from benchmarks.stage2 import Quiet, assignment, stored_carrier, true_carrier
 from exmesh_graph.evaluate.asset import score_asset
 from exmesh_graph.evaluate.settings import Quality
 from exmesh_graph.io.images import read_mask
-from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.transport import with_bounces
 from exmesh_graph.stage2.alike import Alike
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.probe.scene import probe_scene
 from exmesh_graph.stage2.render import render_views
-from exmesh_graph.stage2.settings import StartSettings
-from exmesh_graph.types import Asset, Carrier, SceneTruth, Transport, Views
+from exmesh_graph.types import Asset, Carrier, SceneNeeds, SceneTruth, Transport, Views, with_decisions
 
-#: Stage II as graphs/quickstart.yaml has it, but for the number of steps.
-SHIPPED = QUICK.replaced(corrections=3, rates_for=400, gloss_weight=8.0, indirect_ramp=40, metal_weight=0.1)
+GRAPH = Path(__file__).parents[1] / "graphs" / "quickstart.yaml"
 #: Row: what it changes of the fit's settings, of the transport's, and of what it is given.
 ROWS: dict[str, tuple[dict[str, Any], dict[str, int], set[str]]] = {
     "shipped": ({}, {}, set()),
@@ -68,8 +68,6 @@ ROWS: dict[str, tuple[dict[str, Any], dict[str, int], set[str]]] = {
         {"light"},
     ),
 }
-#: Options that change a setting of the graphs.
-SETTINGS = ("iterations", "start", "start_roughness", "light_first", "metallic", "start_metallic", "metal_weight")
 #: Figures in dB; the mean squared error of roughness; the share of pixels whose metallic is on the wrong side of 0.5.
 FIGURES = ("held-out", "relit", "unscaled", "albedo", "roughness", "wrong side")
 
@@ -93,7 +91,7 @@ def budget(folder: Path, options: argparse.Namespace) -> dict[str, list[float]]:
     carriers = {"true": true_carrier(Quiet(0), scene)}
     if options.carrier:
         carriers["own"] = stored_carrier(options.carrier)
-    needs = {name: d.value for name, d in probe_scene(carriers["true"], scene.train).needs.decisions.items()}
+    needs = probe_scene(carriers["true"], scene.train, seed=options.seed).needs
     figures: dict[str, list[float]] = {}
     for name in options.only or ROWS:
         settings, traced, given = ROWS[name]
@@ -124,25 +122,19 @@ def _row(
     carrier: Carrier,
     scene: data.BlenderOut,
     views: Views,
-    needs: dict[str, Any],
+    needs: SceneNeeds,
     changes: dict[str, Any],
     traced: dict[str, int],
     given: set[str],
     options: argparse.Namespace,
 ) -> list[float]:
-    traced = {"directions": 128, **traced}
-    light = transport.direct(Quiet(0), carrier, p=TransportSettings(**traced)).transport
-    if needs["bounces"]:
-        light = with_bounces(light, needs["bounces"])
-    chosen = {"texture_size": needs["texture_size"], "metallic": needs["metallic"], "iterations": options.iterations}
-    chosen |= {"light_first": options.light_first, "metal_weight": options.metal_weight}
-    chosen["metallic"] |= options.metallic
-    settings = SHIPPED.replaced(**chosen, **changes, keep_light="light" in given)
-    begun = StartSettings(
-        base_color=options.start, roughness=options.start_roughness,
-        metallic=options.start_metallic if chosen["metallic"] else 0.0,
-    )  # fmt: skip
-    start = neutral_asset(carrier, begun)
+    graph = ex.check(GRAPH, set=dict(options.set))
+    light_settings, begun, fitted = (graph.node(name).params for name in ("light", "neutral", "pbr"))
+    light = transport.direct(Quiet(0), carrier, p=light_settings.replaced(**traced)).transport
+    if bounces := needs.chosen("bounces"):
+        light = with_bounces(light, bounces)
+    settings = with_decisions(fitted, needs).replaced(**changes, keep_light="light" in given)
+    start = neutral_asset(carrier, with_decisions(begun, needs))
     if "light" in given:
         start = replace(start, environment=_true_sky(scene.truth))
     prior = None if "no prior" in given else Alike()
@@ -207,25 +199,18 @@ def arguments(command: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("scene", type=Path, nargs="+")
     parser.add_argument("--carrier", type=Path, help="folder of a stored Stage1State, for the row `mesh`")
     parser.add_argument("--only", type=lambda text: text.split(","), help="rows, joined by commas")
-    parser.add_argument("--iterations", type=int, default=800)
     parser.add_argument("--downscale", type=int, default=1)
     parser.add_argument("--views", type=int, default=4, help="test views that are scored")
-    parser.add_argument("--start", choices=["gray", "tint", "texture"], default="tint")
-    parser.add_argument("--start-roughness", type=float, default=0.5)
-    parser.add_argument("--light-first", type=float, default=0.0, help="share of the steps that move the light alone")
-    parser.add_argument("--metallic", action="store_true", help="fit a metallic map whatever the probe says")
-    parser.add_argument("--start-metallic", type=float, default=0.0, help="where it starts; 0: where fits start it")
-    parser.add_argument("--metal-weight", type=float, default=SHIPPED.metal_weight)
+    parser.add_argument(
+        "--set", type=assignment, action="append", default=[], metavar="NODE.PARAMETER=VALUE",
+        help="a parameter of the graph's nodes light, neutral or pbr",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--scoring", action="store_true", help="scenes for scoring too; no setting can be changed then")
     options = parser.parse_args(command)
-    changed = [name for name in SETTINGS if getattr(options, name) != parser.get_default(name)]
-    if options.scoring and changed:
-        named = ", ".join("--" + name.replace("_", "-") for name in changed)
-        parser.error(
-            f"--scoring measures the shipped settings, so that nothing is chosen on these scenes: leave out {named}"
-        )
+    if options.scoring and options.set:
+        parser.error("--scoring measures the shipped settings, so that nothing is chosen on these scenes: leave out --set")
     return options
 
 

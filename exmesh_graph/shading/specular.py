@@ -269,10 +269,10 @@ def directional_albedo(
 
 @cache
 def _mean_table() -> torch.Tensor:
-    """A and B of `reflectance_table` averaged over all directions of view, cosine-weighted: float32 [64, 2]."""
+    """A and B of `reflectance_table` averaged over all directions of view, cosine-weighted: float32 [2, 64]."""
     n_v = (np.arange(_TABLE) + 0.5) / _TABLE
     weight = torch.from_numpy((n_v / n_v.sum()).astype(np.float32))
-    return (reflectance_table() * weight[:, None, None]).sum(0)
+    return (reflectance_table() * weight[:, None, None]).sum(0).T.contiguous()
 
 
 def mean_albedo(roughness: torch.Tensor, f0: torch.Tensor) -> torch.Tensor:
@@ -280,11 +280,12 @@ def mean_albedo(roughness: torch.Tensor, f0: torch.Tensor) -> torch.Tensor:
 
     roughness [N], f0 [N, 3]; differentiable in both.
     """
-    table = _mean_table().to(roughness)
+    columns = _mean_table().to(roughness)
     y = (roughness * _TABLE - 0.5).clamp(0, _TABLE - 1.001)
-    row = y.detach().floor().long()
-    a, b = torch.lerp(table[row], table[row + 1], (y - row)[:, None]).unbind(-1)
-    return a[:, None] * f0 + b[:, None]
+    row = y.detach().long()
+    share = y - row  # a column after the other: rows of two by an index take half as long again
+    a, b = (torch.lerp(column.take(row), column.take(row + 1), share)[:, None] for column in columns)
+    return a * f0 + b
 
 
 def scattered(base_color: torch.Tensor, roughness: torch.Tensor, metallic: torch.Tensor | None = None) -> torch.Tensor:

@@ -56,7 +56,7 @@ class CommonFactor:
         make up for the missing light by interreflection.
         """
         stride = max(1, len(maps) // JUDGED)
-        logits = torch.quantile(maps[::stride, :3], KEPT, dim=0)
+        logits = _quantile(maps[::stride, :3], KEPT)
         self.parameter.copy_(torch.maximum(self.parameter, F.logsigmoid(logits)))
 
     @torch.no_grad()
@@ -71,6 +71,14 @@ class CommonFactor:
         radiance = torch.where(positive, radiance, torch.ones_like(radiance))
         environment.copy_(torch.where(positive, radiance + torch.log(-torch.expm1(-radiance)), environment))
         self.parameter.zero_()
+
+
+def _quantile(values: torch.Tensor, share: float) -> torch.Tensor:
+    """torch.quantile of each column of `values` [N, C], whose sort takes ten times as long as the largest few."""
+    place = share * (len(values) - 1)
+    below = int(place)
+    largest = values.topk(len(values) - below, dim=0).values
+    return torch.lerp(largest[-1], largest[max(len(largest) - 2, 0)], place - below)
 
 
 #: Share of the measured change that a gain follows at each visit.

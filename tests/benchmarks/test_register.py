@@ -78,5 +78,5 @@ def test_an_error_budget_of_a_scoring_scene_changes_no_setting(tmp_path, monkeyp
         error_budget.main()
     assert error_budget.arguments([str(folder), "--scoring", "--downscale", "2"]).scoring
     with pytest.raises(SystemExit):
-        error_budget.arguments([str(folder), "--scoring", "--metal-weight", "0.2"])
-    assert "leave out --metal-weight" in capsys.readouterr().err
+        error_budget.arguments([str(folder), "--scoring", "--set", "pbr.metal_weight=0.2"])
+    assert "leave out --set" in capsys.readouterr().err

@@ -7,7 +7,7 @@ import torch
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.gains import BRIGHTEST, CommonFactor
+from exmesh_graph.stage2.gains import BRIGHTEST, KEPT, CommonFactor
 from exmesh_graph.stage2.maps import PAST_ONE
 from exmesh_graph.stage2.settings import DecompositionSettings
 
@@ -32,6 +32,19 @@ def _random_parameters(dtype=torch.float32):
     maps = torch.randn(50, 4, generator=generator, dtype=dtype) * 4
     sky = torch.randn(8, 16, 3, generator=generator, dtype=dtype) * 6
     return maps, sky
+
+
+@pytest.mark.parametrize("texels", [1, 2, 7, 50, 2000])
+def test_a_bound_factor_keeps_the_quantile_of_base_colours_below_one(texels):
+    generator = torch.Generator().manual_seed(texels)
+    maps = torch.randn(texels, 4, generator=generator)
+    maps[: texels // 3] = maps[0]  # many alike
+    factor = CommonFactor()
+    with torch.no_grad():
+        factor.parameter.fill_(-9.0)
+    factor.bound(maps)
+    expected = torch.nn.functional.logsigmoid(torch.quantile(maps[:, :3], KEPT, dim=0))
+    torch.testing.assert_close(factor.parameter, expected, rtol=1e-5, atol=1e-7)
 
 
 def test_folding_scales_colour_and_light_and_leaves_the_rest():
