@@ -210,7 +210,9 @@ def arguments(command: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--scoring", action="store_true", help="scenes for scoring too; no setting can be changed then")
     options = parser.parse_args(command)
     if options.scoring and options.set:
-        parser.error("--scoring measures the shipped settings, so that nothing is chosen on these scenes: leave out --set")
+        parser.error(
+            "--scoring measures the shipped settings, so that nothing is chosen on these scenes: leave out --set"
+        )
     return options
 
 

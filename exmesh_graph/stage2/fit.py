@@ -15,6 +15,7 @@ import torch
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.guard import Guard
+from exmesh_graph.stage2.metal import WHEN, agree_on_metal
 from exmesh_graph.stage2.objective import indirect_strength, weighted_terms
 from exmesh_graph.stage2.pictures import view_psnr
 from exmesh_graph.stage2.result import finished_asset
@@ -126,7 +127,10 @@ def _optimise(
         generator.set_state(kept["generator"])
         model.restore(kept)
         guard.restore(kept["guard"])
+    decided = round(WHEN * settings.iterations) if settings.metal_share > 0 else -1
     for step in range(first, settings.iterations):
+        if step == decided:
+            agree_on_metal(model.maps, model.buffers.evidence.weight, settings.metal_share)
         if step in refresh:
             model.settle_factor()
             model.measure(indirect_strength(settings, step), generator)

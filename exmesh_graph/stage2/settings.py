@@ -73,6 +73,13 @@ class DecompositionSettings(Params):
         doc="Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second "
         "half of the steps, when the light is found, to all of it.",
     )
+    metal_share: float = param(
+        0.0,
+        ge=0,
+        lt=1,
+        doc="Share of metal among texels of like colour, at half of the steps, from which all of them are metal; "
+        "0: each texel decides alone.",
+    )
     normal_map: bool = param(
         False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
     )

@@ -90,6 +90,12 @@ def drawn_together(roughness: np.ndarray, variance: np.ndarray, alike: np.ndarra
     return roughness + weight * (mean - roughness), math.sqrt(spread)
 
 
+def like_mean(color: np.ndarray, values: np.ndarray, weight: np.ndarray, cell: float = CELL) -> np.ndarray:
+    """Mean of `values` [T] over what is of like `color` [T, 3] (linear), about `cell` of its logarithm apart, weighted
+    by `weight` [T]."""
+    return _means(np.log(color + DARK) / cell, values, weight)
+
+
 def _means(place: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Weighted mean of `values` [T] about each `place` [T, D], by a Gaussian of one cell: a grid, smoothed, read."""
     from scipy.ndimage import gaussian_filter, map_coordinates

@@ -1,6 +1,7 @@
 """A metal and a dielectric side by side are told apart."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import torch
 
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
+from exmesh_graph.stage2.init import logit
+from exmesh_graph.stage2.metal import JOINED, agree_on_metal
 from exmesh_graph.stage2.objective import plain_terms, weighted_terms
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings
@@ -31,7 +34,8 @@ def _metal(size):
 
 @pytest.mark.thorough
 def test_metal_and_dielectric_side_by_side(true_asset, cameras, carrier, transport):
-    """Light, colour and roughness unknown: nine of ten texels are told right, the dielectric stays below 0.05."""
+    """Light, colour and roughness unknown, one colour for both: eight of ten texels are told right where each decides
+    alone, nine of ten where a colour's texels agree; what is no metal comes back."""
     intrinsics, poses = cameras
     true = dataclasses.replace(
         true_asset,
@@ -44,19 +48,55 @@ def test_metal_and_dielectric_side_by_side(true_asset, cameras, carrier, transpo
         names=tuple(f"v{k}" for k in range(8)), images=shown.images[:8], alpha=shown.alpha[:8],
         intrinsics=intrinsics[:8], camera_to_world=poses[:8], split="train", clipped=False,
     )  # fmt: skip
-    asset, curves = fit(carrier, views, transport, SETTINGS, seed=1)
-    assert asset.metallic is not None
-    metallic, wanted = asset.metallic, _metal(N) > 0.5
+    wanted = _metal(N) > 0.5
     border = np.zeros_like(wanted)
     border[:, 1:] = wanted[:, 1:] != wanted[:, :-1]
     border[:, :-1] |= border[:, 1:]
-    metal, other = (metallic[asset.seen & ~border & where] for where in (wanted, ~wanted))
-    assert np.concatenate([metal > 0.5, other < 0.5]).mean() > 0.8
-    assert metal.mean() > 0.35
-    assert other.mean() < 0.05
+    for share, right, least, most in ((0.0, 0.8, 0.35, 0.05), (0.25, 0.9, 0.75, 0.07)):
+        asset, curves = fit(carrier, views, transport, SETTINGS.replaced(metal_share=share), seed=1)
+        assert asset.metallic is not None
+        metal, other = (asset.metallic[asset.seen & ~border & where] for where in (wanted, ~wanted))
+        assert np.concatenate([metal > 0.5, other < 0.5]).mean() > right
+        assert metal.mean() > least
+        assert other.mean() < most
     without, worse = fit(carrier, views, transport, SETTINGS.replaced(metallic=False), seed=1)
     assert without.metallic is None
     assert np.mean(curves["image"][-5:]) < 0.65 * np.mean(worse["image"][-5:])
+
+
+def _table(*rows):
+    """Maps whose texels are count times (base colour, metallic), and how much pixels tell of each."""
+    texels = sum(row[0] for row in rows)
+    maps = SimpleNamespace(settings=SETTINGS, parameter=torch.zeros(texels, 5), size=1)
+    color = np.concatenate([np.broadcast_to(np.float32(row[1]), (row[0], 3)) for row in rows])
+    metallic = np.concatenate([np.full(row[0], row[2], np.float32) for row in rows])
+    maps.parameter[:, :3] = logit(torch.from_numpy(color))
+    maps.parameter[:, 4] = logit(torch.from_numpy(metallic))
+    maps.values = lambda: torch.sigmoid(maps.parameter)
+    weight = np.concatenate([np.full(row[0], row[3], np.float32) for row in rows])
+    return maps, torch.from_numpy(weight)
+
+
+def test_texels_of_a_colour_agree_on_metal():
+    steel, red, dull = (0.6, 0.58, 0.55), (0.6, 0.1, 0.08), (0.3, 0.4, 0.15)
+    maps, weight = _table(
+        (300, steel, 0.98, 1.0), (700, steel, 0.02, 1.0),  # a third found: all are metal
+        (1000, red, 0.02, 1.0), (20, red, 0.98, 1.0),  # a few: nothing moves
+        (500, dull, 0.02, 1.0), (2000, dull, 0.98, 0.0),  # only by texels that no pixel sees: nothing moves
+        (50, (0.05, 0.05, 0.04), 0.9, 1.0), (10, (0.05, 0.05, 0.04), 0.02, 1.0),  # black: none is metal
+    )  # fmt: skip
+    before = maps.parameter.clone()
+    assert agree_on_metal(maps, weight, 0.25) == 700 + 50
+    metallic = maps.values()[:, 4]
+    torch.testing.assert_close(metallic[:300], torch.full((300,), 0.98))  # nothing that was surer
+    torch.testing.assert_close(metallic[300:1000], torch.full((700,), JOINED))
+    assert torch.equal(maps.parameter[1000:4520], before[1000:4520])
+    torch.testing.assert_close(metallic[4520:4570], torch.full((50,), 1 - JOINED))
+    assert torch.equal(maps.parameter[4570:], before[4570:])
+    assert torch.equal(maps.parameter[:, :4], before[:, :4])
+    assert agree_on_metal(maps, weight, 0.25) == 0
+    maps.settings = SETTINGS.replaced(metallic=False)
+    assert agree_on_metal(maps, weight, 0.0) == 0
 
 
 def test_each_texel_is_drawn_to_one_side_once_the_light_is_found(true_asset, cameras, carrier, transport):
