@@ -15,7 +15,7 @@ import torch
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.guard import Guard
-from exmesh_graph.stage2.metal import WHEN, agree_on_metal
+from exmesh_graph.stage2.metal import agree_on_metal, agreeing, metal_alone
 from exmesh_graph.stage2.objective import indirect_strength, weighted_terms
 from exmesh_graph.stage2.pictures import view_psnr
 from exmesh_graph.stage2.result import finished_asset
@@ -127,9 +127,8 @@ def _optimise(
         generator.set_state(kept["generator"])
         model.restore(kept)
         guard.restore(kept["guard"])
-    decided = round(WHEN * settings.iterations) if settings.metal_share > 0 else -1
     for step in range(first, settings.iterations):
-        if step == decided:
+        if agreeing(settings, step):
             agree_on_metal(model.maps, model.buffers.evidence.weight, settings.metal_share)
         if step in refresh:
             model.settle_factor()
@@ -147,6 +146,8 @@ def _optimise(
         if model.exposure is not None and step >= alone:
             model.exposure.follow(buffer, predicted, step / settings.iterations)
         gradient = model.maps.parameter.grad
+        if gradient is not None and metal_alone(settings, step):
+            gradient[:, :4] = 0
         if step < alone:
             model.maps.parameter.grad = model.factor.parameter.grad = None
         elif step == alone > 0:

@@ -1,23 +1,24 @@
 """Metal by colour: what some texels of a colour show to be metal, the others are as well.
 
-Half metal, half paint of the same colour looks much like metal where nothing sharp is mirrored, and each texel decides
-alone: of one sheet of steel a part of the texels ends as metal, the others as gray paint, and the light makes up for it
-(more contrast, more colour, than the sky has). But paint hardly ever ends as metal by mistake. So a share of metal among
-texels of like colour, far below one half, tells what all of them are. Dark texels tell nothing: 0.04 of the light
-mirrored by a coat or by a metal is the same, and no bare metal is black.
+Metal that mirrors nothing sharp looks much like paint of its colour, and each texel decides alone: of a sheet of steel
+a part ends as metal, the rest as gray paint, and the light makes up for it with more contrast and more colour than the
+sky has. But paint hardly ever ends as metal by mistake. So a share of metal among texels of like colour, far below one
+half, tells what all of them are; what is none after all, the pictures bring back. Dark texels tell nothing: a coat
+mirrors 0.04 of the light, as a black metal would, and no bare metal is black.
 """
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 
 from exmesh_graph.stage2.init import logit
 from exmesh_graph.stage2.maps import MaterialMaps
+from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.together import like_mean
 
-#: When texels agree, as a share of the fit's steps: light and colours are found, and can still follow.
-WHEN = 0.5
+#: When texels agree, as a share of the fit's steps: light and colours are found, and can still follow. For how long
+#: base colour and roughness then wait: paint that was taken for metal comes back before its roughness hides that.
+WHEN, WAIT = 0.5, 0.1
 #: What a texel that joins the metals starts again from; 1 less it, what a dark one does.
 JOINED = 0.9
 #: Mean of a base colour's channels from which metals are bare, and below which there is none.
@@ -26,15 +27,24 @@ BRIGHT, BLACK = 0.2, 0.15
 CELL = 0.3
 
 
+def agreeing(settings: DecompositionSettings, step: int) -> bool:
+    """Whether texels agree before this step."""
+    return settings.metallic and settings.metal_share > 0 and step == round(WHEN * settings.iterations)
+
+
+def metal_alone(settings: DecompositionSettings, step: int) -> bool:
+    """Whether of the maps metallic alone moves in this step."""
+    since = step - round(WHEN * settings.iterations)
+    return settings.metallic and settings.metal_share > 0 and 0 <= since < WAIT * settings.iterations
+
+
 @torch.no_grad()
 def agree_on_metal(maps: MaterialMaps, seen: torch.Tensor, share: float) -> int:
     """Raise metallic where more than `share` of what is alike is metal, lower it where base colour is black.
 
     seen  float [T], how much pixels tell of each texel (`gbuffer.Evidence.weight`)
-    Returns how many texels changed sides of one half. Without a metallic map nothing happens.
+    Returns how many texels changed sides of one half.
     """
-    if not maps.settings.metallic:
-        return 0
     values = maps.values().double().cpu().numpy()
     color, metallic = values[:, :3], values[:, 4]
     mean = like_mean(color, metallic, seen.double().cpu().numpy(), CELL)

@@ -10,7 +10,7 @@ import torch
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import logit
-from exmesh_graph.stage2.metal import JOINED, agree_on_metal
+from exmesh_graph.stage2.metal import JOINED, agree_on_metal, agreeing, metal_alone
 from exmesh_graph.stage2.objective import plain_terms, weighted_terms
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings
@@ -95,8 +95,15 @@ def test_texels_of_a_colour_agree_on_metal():
     assert torch.equal(maps.parameter[4570:], before[4570:])
     assert torch.equal(maps.parameter[:, :4], before[:, :4])
     assert agree_on_metal(maps, weight, 0.25) == 0
-    maps.settings = SETTINGS.replaced(metallic=False)
-    assert agree_on_metal(maps, weight, 0.0) == 0
+
+
+def test_metal_moves_alone_while_texels_agree():
+    """Base colour and roughness wait for a tenth of the steps; no settings but those of a metallic map do it."""
+    settings = SETTINGS.replaced(metal_share=0.25)
+    assert [step for step in range(200) if agreeing(settings, step)] == [100]
+    assert [step for step in range(200) if metal_alone(settings, step)] == list(range(100, 120))
+    for other in (SETTINGS, settings.replaced(metallic=False)):
+        assert not any(agreeing(other, step) or metal_alone(other, step) for step in range(200))
 
 
 def test_each_texel_is_drawn_to_one_side_once_the_light_is_found(true_asset, cameras, carrier, transport):

@@ -11,7 +11,7 @@ from exmesh_graph.types.state import load_state, save_state
 
 SETTINGS = DecompositionSettings(
     environment_height=8, iterations=20, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=3,
-    correction_samples=2, metallic=True, light_first=0.35,
+    correction_samples=2, metallic=True, light_first=0.35, metal_share=0.1,
 )  # fmt: skip
 
 
@@ -22,7 +22,7 @@ class CutOff(Exception):
 @pytest.mark.thorough
 def test_a_cut_off_fit_goes_on_to_the_same_bytes(carrier, train_views, transport, tmp_path):
     whole, curves = fit(carrier, train_views, transport, SETTINGS, seed=3)
-    steps = [5, int(np.random.default_rng().integers(1, 20))]  # a correction comes at step 5, maps move from step 7
+    steps = [5, 10, int(np.random.default_rng().integers(1, 20))]  # a correction comes at step 5, maps move from step 7, metal is agreed on at 10
     for number, step in enumerate(steps):
         folder = tmp_path / str(number)
 
