@@ -22,7 +22,8 @@ class CutOff(Exception):
 @pytest.mark.thorough
 def test_a_cut_off_fit_goes_on_to_the_same_bytes(carrier, train_views, transport, tmp_path):
     whole, curves = fit(carrier, train_views, transport, SETTINGS, seed=3)
-    steps = [5, 10, int(np.random.default_rng().integers(1, 20))]  # a correction comes at step 5, maps move from step 7, metal is agreed on at 10
+    # a correction comes at step 5, maps move from step 7, metal is agreed on at 10
+    steps = [5, 10, int(np.random.default_rng().integers(1, 20))]
     for number, step in enumerate(steps):
         folder = tmp_path / str(number)
 
