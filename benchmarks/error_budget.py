@@ -51,7 +51,8 @@ from exmesh_graph.stage2.probe.scene import probe_scene
 from exmesh_graph.stage2.render import render_views
 from exmesh_graph.types import Asset, Carrier, SceneNeeds, SceneTruth, Transport, Views, with_decisions
 
-GRAPH = Path(__file__).parents[1] / "graphs" / "quickstart.yaml"
+#: Whose parameters are the base's: the transport, where a fit starts, the fit.
+GRAPH, NODES = Path(__file__).parents[1] / "graphs" / "quickstart.yaml", ("light", "neutral", "pbr")
 #: Row: what it changes of the fit's settings, of the transport's, and of what it is given.
 ROWS: dict[str, tuple[dict[str, Any], dict[str, int], set[str]]] = {
     "shipped": ({}, {}, set()),
@@ -129,7 +130,7 @@ def _row(
     options: argparse.Namespace,
 ) -> list[float]:
     graph = ex.check(GRAPH, set=dict(options.set))
-    light_settings, begun, fitted = (graph.node(name).params for name in ("light", "neutral", "pbr"))
+    light_settings, begun, fitted = (graph.node(name).params for name in NODES)
     light = transport.direct(Quiet(0), carrier, p=light_settings.replaced(**traced)).transport
     if bounces := needs.chosen("bounces"):
         light = with_bounces(light, bounces)
@@ -203,12 +204,14 @@ def arguments(command: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--views", type=int, default=4, help="test views that are scored")
     parser.add_argument(
         "--set", type=assignment, action="append", default=[], metavar="NODE.PARAMETER=VALUE",
-        help="a parameter of the graph's nodes light, neutral or pbr",
+        help=f"a parameter of the graph's nodes {', '.join(NODES)}",
     )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--scoring", action="store_true", help="scenes for scoring too; no setting can be changed then")
     options = parser.parse_args(command)
+    if lost := [name for name, _ in options.set if name.split(".")[0] not in NODES]:
+        parser.error(f"--set reaches the nodes {', '.join(NODES)} alone, not {', '.join(lost)}")
     if options.scoring and options.set:
         parser.error(
             "--scoring measures the shipped settings, so that nothing is chosen on these scenes: leave out --set"

@@ -803,7 +803,7 @@ class _Stage2(Family):
         indirect_ramp: Iterations until lambda_ind is reached. [iterations, >= 0]
         metallic: Fit a metallic map, from `start`'s or 0.2. [or auto, by needs]
         metal_weight: Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second half of the steps, when the light is found, to all of it. [>= 0]
-        metal_share: Share of metal among texels of like colour, at half of the steps, from which all of them are metal; 0: each texel decides alone. [>= 0, < 1]
+        metal_share: Share of metal among texels of like colour, at half of the steps, from which all of them are metal; 0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed. [>= 0, < 1]
         normal_map: Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it.
         corrections: How often rays re-measure the specular term; 0 = never. [>= 0, <= 100]
         correction_samples: Rays per pixel each time. [rays, >= 1, <= 1024]

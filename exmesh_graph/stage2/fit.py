@@ -68,7 +68,7 @@ def fit(
     """
     settings = settings or DecompositionSettings()
     model = Decomposition(carrier, views, transport, settings, device, seed, start)
-    curves = _optimise(model, seed, progress, checkpoint, resumed, warn)
+    curves = _optimise(model, seed, progress, checkpoint, resumed, warn, log)
     told = prior.settle(model) if prior is not None else ""
     if told and log:
         log(told)
@@ -104,6 +104,7 @@ def _optimise(
     checkpoint: Checkpoint | None,
     resumed: Resumed | None,
     warn: Callable[[str], None] | None,
+    log: Callable[[str], None] | None,
 ) -> dict[str, list[float]]:
     """All steps; the common factor ends folded into maps and environment. Returns the curves."""
     settings = model.settings
@@ -129,7 +130,9 @@ def _optimise(
         guard.restore(kept["guard"])
     for step in range(first, settings.iterations):
         if agreeing(settings, step):
-            agree_on_metal(model.maps, model.buffers.evidence.weight, settings.metal_share)
+            turned = agree_on_metal(model.maps, model.buffers.evidence.weight, settings.metal_share)
+            if log:
+                log(f"texels of one colour agree on metal: {turned} of {len(model.maps.texels)} changed sides")
         if step in refresh:
             model.settle_factor()
             model.measure(indirect_strength(settings, step), generator)

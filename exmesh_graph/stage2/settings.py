@@ -78,7 +78,7 @@ class DecompositionSettings(Params):
         ge=0,
         lt=1,
         doc="Share of metal among texels of like colour, at half of the steps, from which all of them are metal; "
-        "0: each texel decides alone.",
+        "0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed.",
     )
     normal_map: bool = param(
         False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."

@@ -90,7 +90,7 @@ def drawn_together(roughness: np.ndarray, variance: np.ndarray, alike: np.ndarra
     return roughness + weight * (mean - roughness), math.sqrt(spread)
 
 
-def like_mean(color: np.ndarray, values: np.ndarray, weight: np.ndarray, cell: float = CELL) -> np.ndarray:
+def like_mean(color: np.ndarray, values: np.ndarray, weight: np.ndarray, cell: float) -> np.ndarray:
     """Mean of `values` [T] over what is of like `color` [T, 3] (linear), about `cell` of its logarithm apart, weighted
     by `weight` [T]."""
     return _means(np.log(color + DARK) / cell, values, weight)

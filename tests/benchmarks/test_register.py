@@ -80,3 +80,6 @@ def test_an_error_budget_of_a_scoring_scene_changes_no_setting(tmp_path, monkeyp
     with pytest.raises(SystemExit):
         error_budget.arguments([str(folder), "--scoring", "--set", "pbr.metal_weight=0.2"])
     assert "leave out --set" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        error_budget.arguments([str(folder), "--set", "probe.thorough=false"])
+    assert "not probe.thorough" in capsys.readouterr().err
