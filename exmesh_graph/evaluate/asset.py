@@ -105,10 +105,8 @@ def score_asset(
     guessed = len(chosen) if views.has_masks else 0
     passes = 2 * len(list(_passes(lights, len(paired) * views.height * views.width)))
     steps = Steps(progress, len(chosen) + guessed + passes * len(paired) + bool(quality.bounces))
-    # without masks a pixel is the surface at its centre, with nothing in it of what stands behind
-    own = quality if views.has_masks else quality.replaced(supersampling=1)
     casts = casting_faces(asset, views, region)
-    ours = Renderer(asset, views, own, steps, seed, casts)
+    ours = Renderer(asset, views, quality, steps, seed, casts, None if views.has_masks else region)
     # The guess scores about 20 dB: neither its silhouette nor its rough highlights need many samples.
     coarse = quality.replaced(supersampling=1, specular_samples=max(1, quality.specular_samples // 2))
     guess = Renderer(gray_object(asset, truth), views, coarse, steps, seed)

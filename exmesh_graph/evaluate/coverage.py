@@ -96,8 +96,8 @@ def compare_views(
     rows = region_rows(region, views, chosen)
     assert region is not None
     depths = surface_depths(surface, views.subset(chosen))
-    parts = [region.inside[row] & (depth >= region.near[row]) & (depth <= region.far[row])
-             for row, depth in zip(rows, depths, strict=True)]  # fmt: skip
+    parts = [region.inside[row] & (depth >= region.near[row]) & (depth <= region.far[row]) & (part > 0)
+             for row, depth, part in zip(rows, depths, alpha, strict=True)]  # fmt: skip
     ours, factors = exposed(ours, parts, views, chosen, exposure)
     compared = _within(ours, parts, depths, views, chosen, region)
     if factors is not None:

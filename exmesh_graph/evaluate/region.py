@@ -46,6 +46,7 @@ _SLOPE = 2.0  # a surface's steepest change of depth, in pixels' widths a pixel,
 _LEAST_SIDE = 32  # pixels, of stereo
 _VOXELS = 128  # along the sphere's diameter, of the surface in which the table is looked for
 _THICK = 1.5 * 2 / _VOXELS  # half the thickness of the table, which stereo's noise gives it
+_WHITE = 0.95  # of a mask: a pixel of the rim shows the background in part, and is no picture of the surface
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
@@ -62,7 +63,7 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
     settings = settings or RegionSettings()
     given = None if settings.masks is None else _read_masks(settings.masks, views)
     if views.has_masks and given is None:
-        given = np.stack([alpha > 0.5 for alpha in views.alpha])
+        given = np.stack([alpha > _WHITE for alpha in views.alpha])
     alone = len(views) + (0 if train is None else len(train)) < 2
     if given is None and alone:
         raise DataError("one view alone has no parallax", where="evaluate.region", expected="two views or more",
@@ -117,7 +118,7 @@ def _read_masks(folder: Path, views: Views) -> np.ndarray:
             raise DataError(f"the mask has {mask.shape[1]} x {mask.shape[0]} pixels", where=str(file),
                             expected=f"{views.width} x {views.height}, or a whole multiple of it")  # fmt: skip
         cells = mask.reshape(views.height, int(rows), views.width, int(rows))
-        masks.append(cells.mean(axis=(1, 3)) > 0.5)
+        masks.append(cells.mean(axis=(1, 3)) > _WHITE)
     return np.stack(masks)
 
 

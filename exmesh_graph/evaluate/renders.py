@@ -10,7 +10,7 @@ import numpy as np
 
 from exmesh_graph.evaluate.settings import Quality
 from exmesh_graph.io.images import display
-from exmesh_graph.types import Asset, SceneTruth, Views
+from exmesh_graph.types import Asset, Region, SceneTruth, Views
 
 if TYPE_CHECKING:
     from exmesh_graph.stage2.scene import Lighting
@@ -34,13 +34,24 @@ class Steps:
 
 
 class Renderer:
-    """Renders one shape at the cameras of `views`, tracing its light transport once; light is cast by `casts` [F]."""
+    """Renders one shape at the cameras of `views`, tracing its light transport once; light is cast by `casts` [F].
+
+    With a `region` a pixel is covered (alpha 1, else 0) where all its samples lie at the region's depths, so that
+    nothing is in it of what stands behind or before.
+    """
 
     def __init__(
-        self, asset: Asset, views: Views, quality: Quality, steps: Steps, seed: int, casts: np.ndarray | None = None
+        self,
+        asset: Asset,
+        views: Views,
+        quality: Quality,
+        steps: Steps,
+        seed: int,
+        casts: np.ndarray | None = None,
+        region: Region | None = None,
     ) -> None:
         self.asset, self.views, self.quality, self.steps, self.seed = asset, views, quality, steps, seed
-        self.casts = casts
+        self.casts, self.region = casts, region
         self._body: Any = None
 
     def render(self, chosen: Sequence[int], lightings: Sequence[Lighting] | None = None) -> list[Any]:
@@ -52,7 +63,12 @@ class Renderer:
         if self._body is None:
             transport = render_transport(self.asset, quality.bounces, quality.directions, casts=self.casts)
             self._body = Body(self.asset, transport, casts=self.casts)
-        return render_under(
+        between = None
+        if self.region is not None:
+            row_of = {name: row for row, name in enumerate(self.region.names)}
+            places = [row_of[self.views.names[i]] for i in rows]
+            between = (self.region.near[places], self.region.far[places])
+        rendered = render_under(
             self._body,
             self.views.intrinsics[rows],
             self.views.camera_to_world[rows],
@@ -63,7 +79,9 @@ class Renderer:
             specular_samples=quality.specular_samples,
             seed=self.seed,
             progress=self.steps,
+            between=between,
         )
+        return rendered if between is None else [replace(one, alpha=_whole(one.alpha)) for one in rendered]
 
 
 def gray_object(asset: Asset, truth: SceneTruth | None) -> Asset:
@@ -87,6 +105,10 @@ def gray_object(asset: Asset, truth: SceneTruth | None) -> Asset:
 def shown(rendered: Any) -> list[np.ndarray]:
     """Display colours over black of the views of a Rendered."""
     return [display(image, alpha) for image, alpha in zip(rendered.images, rendered.alpha, strict=True)]
+
+
+def _whole(alpha: np.ndarray) -> np.ndarray:
+    return (alpha > 1 - 1e-6).astype(np.float32)
 
 
 def take(rendered: Any, rows: Sequence[int]) -> Any:

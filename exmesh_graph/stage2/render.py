@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.gpu.cores import share
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.settings import TransportSettings
@@ -101,10 +102,12 @@ def render_under(
     specular_samples: int = 12,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    between: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> list[Rendered]:
     """What `render_views` gives under each of `lightings`, at little more than the cost of one: rays are traced once.
 
     All results share `albedo` (that of the body, unscaled) and the other buffers.
+    between  nearest and farthest z depth [N, H, W] of each pixel: samples that meet the surface elsewhere count as empty
     """
     scenes = body.under(lightings)
     done, told = itertools.count(1), threading.Lock()
@@ -112,7 +115,8 @@ def render_under(
     def one(number: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         generator = torch.Generator().manual_seed((seed << 20) + number)  # a view's own: whoever renders it
         camera = (intrinsics[number], camera_to_world[number])
-        result = _render(body, scenes, *camera, height, width, supersampling, specular_samples, generator)
+        depths = None if between is None else (between[0][number], between[1][number])
+        result = _render(body, scenes, *camera, height, width, supersampling, specular_samples, generator, depths)
         if progress:
             with told:
                 progress(next(done), len(intrinsics))
@@ -134,6 +138,7 @@ def _render(
     supersampling: int,
     samples: int,
     generator: torch.Generator,
+    between: tuple[np.ndarray, np.ndarray] | None,
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The images of a view in each scene; alpha, albedo, roughness and normal."""
     device = body.maps.device
@@ -147,7 +152,12 @@ def _render(
         width * supersampling,
     )
     face_id = fragments.face_id.reshape(-1)
-    chosen = torch.nonzero(face_id >= 0)[:, 0]
+    counts = face_id >= 0
+    if between is not None:
+        near, far = (tensor_of(part).to(device).repeat_interleave(supersampling, 0).repeat_interleave(supersampling, 1)
+                     for part in between)  # fmt: skip
+        counts &= ((fragments.depth >= near) & (fragments.depth <= far)).reshape(-1)
+    chosen = torch.nonzero(counts)[:, 0]
     camera = torch.from_numpy(camera_to_world[:3, 3].astype(np.float32)).to(device)
     surface = body.geometry.samples(face_id[chosen].long(), fragments.bary.reshape(-1, 3)[chosen], camera)
     # drawn for the whole grid: a sample more or less at the outline leaves the noise of all others as it is
