@@ -35,7 +35,8 @@ MOST_STEPS = 256
 
 
 def choose_steps(vertices: np.ndarray, faces: np.ndarray, points: int, counted: np.ndarray | None = None) -> np.ndarray:
-    """Steps per edge of each face, int32 [F], powers of two: as even a spacing as gives at least `points` points.
+    """Steps per edge of each face, int32 [F], powers of two: as even a spacing as gives at least `points` points, and no
+    wider than that of `points` points spread over the surface.
 
     A face's size is the geometric mean of its longest edge and of the side of a square of its area: by area alone a
     sliver had too few points along its length, by length alone too many of all.
@@ -54,7 +55,11 @@ def choose_steps(vertices: np.ndarray, faces: np.ndarray, points: int, counted: 
 
 
 def _spacing(levels: np.ndarray, faces: np.ndarray, points: int) -> float:
-    """The widest spacing (log2, in eighths below the largest face's) that gives at least `points` points."""
+    """The widest spacing (log2, in eighths below the largest face's) that gives at least `points` points, or that of
+    `points` points spread evenly, where it is less: a mesh of finely cut parts and large flat faces has as many corners
+    without one of them on these faces.
+    """
+    even = 0.5 * math.log2(float(np.exp2(2 * levels).sum()) / (2 * points))  # a point has two faces of a lattice
     corner_points = len(np.unique(faces))
 
     def count(spacing: float) -> int:
@@ -64,7 +69,7 @@ def _spacing(levels: np.ndarray, faces: np.ndarray, points: int) -> float:
     largest, below = float(levels.max()), 8 * math.ceil(float(np.ptp(levels)) + math.log2(MOST_STEPS) + 2)
     spacings = largest + 1 - np.arange(below) / 8
     found = int(np.searchsorted([count(spacing) >= points for spacing in spacings], True))
-    return float(spacings[min(found, below - 1)])
+    return min(even, float(spacings[min(found, below - 1)]))
 
 
 def _steps_at(levels: np.ndarray, spacing: float) -> np.ndarray:
