@@ -236,11 +236,12 @@ def _picked(asset: Asset, setting: Setting) -> np.ndarray:
 
 def settings_of(test: Views, train: Views, truth: SceneTruth | None, quick: bool) -> list[Setting]:
     """With masks, where there are any, and without."""
-    quality = Quality(directions=32, bounces=0, supersampling=2, specular_samples=2)
+    quality = Quality(directions=32, bounces=0, supersampling=1, specular_samples=2)
     count = 2 if quick else 4
     downscale = 1 if max(test.width, test.height) < 200 else 2
     region = find_region(stripped(test), stripped(train), RegionSettings(downscale=downscale))
-    cases = [Setting("without masks", stripped(test), truth, region, quality, count)]
+    fine = quality.replaced(supersampling=2)
+    cases = [Setting("without masks", stripped(test), truth, region, fine, count)]
     return [Setting("with masks", test, truth, None, quality, count), *cases] if test.has_masks else cases
 
 

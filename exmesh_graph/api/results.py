@@ -87,6 +87,12 @@ class NodeRun:
             return tuple(self._element(port, number) for number in range(1, stored["bytes"] + 1))
         return None if stored["type"] == "none" else self._run.artifact(stored["digest"], f"{self.info['name']}.{port}")
 
+    def __contains__(self, port: object) -> bool:
+        return port in self.outputs
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.outputs)
+
     def _element(self, port: str, number: int) -> Any:
         """An element of a list: made by this node, or by one of those that it stands for."""
         made_here = f"{port}[{number}]" in self.info["outputs"]

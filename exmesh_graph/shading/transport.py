@@ -35,8 +35,8 @@ MOST_STEPS = 256
 
 
 def choose_steps(vertices: np.ndarray, faces: np.ndarray, points: int, counted: np.ndarray | None = None) -> np.ndarray:
-    """Steps per edge of each face, int32 [F], powers of two: as even a spacing as gives at least `points` points, and no
-    wider than that of `points` points spread over the surface.
+    """Steps per edge of each face, int32 [F], powers of two: as even a spacing as gives at least `points` points, and
+    no wider than that of `points` points spread over the surface.
 
     A face's size is the geometric mean of its longest edge and of the side of a square of its area: by area alone a
     sliver had too few points along its length, by length alone too many of all.

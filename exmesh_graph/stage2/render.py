@@ -107,7 +107,7 @@ def render_under(
     """What `render_views` gives under each of `lightings`, at little more than the cost of one: rays are traced once.
 
     All results share `albedo` (that of the body, unscaled) and the other buffers.
-    between  nearest and farthest z depth [N, H, W] of each pixel: samples that meet the surface elsewhere count as empty
+    between  nearest and farthest z depth [N, H, W] of each pixel: samples that meet no surface there are empty
     """
     scenes = body.under(lightings)
     done, told = itertools.count(1), threading.Lock()

@@ -20,7 +20,9 @@ def test_a_run_and_its_handle(loop: Any, run: Any, folder: Path) -> None:
     assert done["rounds[4].leap"].state.value == done["rounds.leap"].state.value == 57.0
     assert done["one"].number is done["one"].number
     assert done["one"].info["state"] == "done"
-    assert done["one"].outputs == ["number"]
+    assert done["one"].outputs == list(done["one"]) == ["number"]
+    assert "number" in done["one"]
+    assert "asset" not in done["one"]
     assert (done.asset.root / "number.txt").read_text() == "57.0"
     assert done.paths["asset"].read_text() == "57.0"
     assert done.folder == (folder / "runs" / "latest").resolve()

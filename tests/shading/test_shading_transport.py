@@ -131,6 +131,18 @@ def test_steps_reach_the_count_and_follow_the_faces_size():
     assert len(build_lattice(whole, both, choose_steps(whole, both, 3000, few)).points) < 6 * 3000
 
 
+def test_a_large_face_gets_points_though_fine_parts_have_corners_enough():
+    vertices, faces = _sphere(40)
+    wall = np.array([[-2, -1, -2], [2, -1, -2], [2, -1, 2], [-2, -1, 2]], np.float32)
+    n = len(vertices)
+    both = np.concatenate([faces, [[n, n + 1, n + 2], [n, n + 2, n + 3]]]).astype(np.int32)
+    steps = choose_steps(np.concatenate([vertices, wall]), both, 1000)
+    assert n > 1000
+    assert (steps[:-2] == 1).all()
+    share = 16 / (16 + 4 * np.pi * 0.8**2)
+    assert steps[-1] ** 2 > 0.5 * share * 1000  # of its share of 1000 points, within a factor of two in the spacing
+
+
 def test_the_shadow_on_a_floor_of_two_triangles_is_sharp():
     """A lamp over a ball over a floor: the floor's irradiance against 32 times as dense a lattice."""
     ball, faces = _sphere(10)
