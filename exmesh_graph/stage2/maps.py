@@ -22,6 +22,9 @@ PAST_ONE = 0.02
 #: from 0.5 much that is no metal stays half of one (docs/stage2_trials.md).
 START_METALLIC = 0.2
 
+#: What base colour is raised by before its logarithm is taken: in what is nearly black, steps say little.
+LOG_FLOOR = 0.02
+
 #: Slope of the normal map per unit of its parameter, so that one learning rate serves all maps.
 SLOPE = 0.1
 
@@ -53,6 +56,19 @@ class Material:
     def slopes(self) -> torch.Tensor | None:
         """[N, 2], of the normal map (stage2.surface); None: the smooth normals."""
         return self.table[:, -2:] if self.has_normal else None
+
+    def varied(self, settings: DecompositionSettings) -> torch.Tensor:
+        """What the materials' total variation is taken of, [N, C].
+
+        Of a base colour's logarithm (`variation: log`) it is the same for bright and dark paint, and a common factor of
+        base colour and light leaves it as it is.
+
+        Equation: 23.
+        """
+        color = self.base_color
+        if settings.variation == "log":
+            color = (color + LOG_FLOOR).log()
+        return torch.cat([color, settings.gloss_weight * self.table[:, 3:]], dim=1)
 
 
 @dataclass(frozen=True)

@@ -61,9 +61,7 @@ def plain_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[di
     predicted, material = model.shade(buffer, prepared)
     terms = image_terms(settings, predicted, buffer)
     if settings.material_weight > 0:
-        counted = torch.ones_like(material.table[:1])
-        counted[:, 3:] = settings.gloss_weight
-        terms["material"] = settings.material_weight * pair_variation(counted * material.table, buffer.pairs)
+        terms["material"] = settings.material_weight * pair_variation(material.varied(settings), buffer.pairs)
     return terms | _own_terms(model, prepared.environment, step), predicted.detach()
 
 

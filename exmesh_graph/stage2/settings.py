@@ -59,6 +59,11 @@ class DecompositionSettings(Params):
         0.2, ge=0, doc="lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out."
     )
     material_weight: float = param(0.1, ge=0, doc="lambda_mat: screen-space total variation of the maps.")
+    variation: Literal["linear", "log"] = param(
+        "linear",
+        doc="Total variation of base colour itself (eq. 23) or of its logarithm, which has no say in how bright the "
+        "light is: smoothing linear base colour darkens it, and the light makes up for that.",
+    )
     gloss_weight: float = param(
         1.0, ge=0, doc="How much the variation of roughness and metallic counts against that of base colour."
     )

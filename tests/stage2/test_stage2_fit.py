@@ -13,6 +13,7 @@ from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit, learning_rates, lit_first
 from exmesh_graph.stage2.init import initial_base_color, neutral_asset, resize_texture
+from exmesh_graph.stage2.maps import Material
 from exmesh_graph.stage2.objective import image_terms
 from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.render import render_transport, render_views
@@ -171,6 +172,18 @@ def test_clipped_pixels_pull_up_but_not_down():
         loss.backward()
         assert float(loss.detach()) == pytest.approx(expected, abs=1e-6)
         assert bool((predicted.grad == 0).all()) == (value > 1)
+
+
+def test_the_variation_of_logarithms_hardly_knows_how_bright_base_colour_is():
+    color = torch.rand(200, 3, generator=torch.Generator().manual_seed(0)) * 0.6 + 0.2
+    pairs = torch.arange(200).reshape(100, 2)
+
+    def variation(scale: float, of: str) -> float:
+        table = torch.cat([scale * color, torch.full((200, 1), 0.5)], dim=1)
+        return float(pair_variation(Material(table, False).varied(DecompositionSettings(variation=of)), pairs))
+
+    assert variation(0.5, "linear") == pytest.approx(0.5 * variation(1.0, "linear"))
+    assert variation(0.5, "log") == pytest.approx(variation(1.0, "log"), rel=0.1)
 
 
 def test_pair_variation_and_weights():

@@ -40,6 +40,7 @@ def _shade(
     table: wp.array(dtype=float),
     neighbours: wp.array(dtype=int),
     gloss: float,
+    floor: float,
     image: wp.array(dtype=float),
     sums: wp.array(dtype=wp.float64),
 ): ...
@@ -75,6 +76,7 @@ def shade_view(
     table: wp.array(dtype=float),
     neighbours: wp.array(dtype=int),
     gloss: float,
+    floor: float,
     image: wp.array(dtype=float),
     sums: wp.array(dtype=wp.float64),
 ):
@@ -82,7 +84,7 @@ def shade_view(
     _shade(
         first + wp.tid(), grain, count, channels, exposure, material, predicted, record, point,
         point_weight, suns, transfer, env_u, env_v, scale, target, clipped, coverage, box_pixel, levels,
-        knots, n_v, irradiance, flux, stack, table, neighbours, gloss, image, sums,
+        knots, n_v, irradiance, flux, stack, table, neighbours, gloss, floor, image, sums,
     )  # fmt: skip
 
 

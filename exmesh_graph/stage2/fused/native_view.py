@@ -149,15 +149,24 @@ SHADE = (
             float way_m = 0.f, far_m = 0.f;
             for (int k = 0; k < 4; ++k) {
                 const float* there = material.data + (long)beside[k] * C;
-                const v4 step = load4(here) - load4(there);
+                v4 step = load4(here) - load4(there);
                 way += __builtin_convertvector(step < 0.f, v4) - __builtin_convertvector(step > 0.f, v4);
+                if (floor > 0.f) {  // of the logarithm: in the same direction
+                    vf pair = 1.f;
+                    for (int c = 0; c < 3; ++c) {
+                        pair[c] = here[c] + floor;
+                        pair[4 + c] = there[c] + floor;
+                    }
+                    pair = vlog(pair);
+                    for (int c = 0; c < 3; ++c) step[c] = pair[c] - pair[4 + c];
+                }
                 far += step < 0.f ? -step : step;
                 if (!metals) continue;
                 const float step_m = here[4] - there[4];
                 way_m += step_m > 0.f ? 1.f : step_m < 0.f ? -1.f : 0.f;
                 far_m += step_m < 0.f ? -step_m : step_m;
             }
-            for (int c = 0; c < 3; ++c) kept[8 * (16 + c) + j] = way[c];
+            for (int c = 0; c < 3; ++c) kept[8 * (16 + c) + j] = floor > 0.f ? way[c] / (here[c] + floor) : way[c];
             kept[8 * 19 + j] = gloss * way[3];
             kept[8 * 20 + j] = gloss * way_m;
             variation += far[0] + far[1] + far[2] + gloss * (far[3] + far_m);

@@ -23,7 +23,7 @@ from exmesh_graph.stage2.fused.view import SeenView, image_terms
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.light.sampled import SampledLight, blended, surface_material
-from exmesh_graph.stage2.maps import Appearance, Footprint, Material
+from exmesh_graph.stage2.maps import LOG_FLOOR, Appearance, Footprint, Material
 from exmesh_graph.stage2.pictures import view_d_ssim
 
 
@@ -80,7 +80,10 @@ def _under_transport(
     if light.suns is not None and arriving.flux is not None:
         flux, transfer = arriving.flux, light.suns.views[buffer.number]
     exposure = 1.0 if model.exposure is None else float(model.exposure.gain(buffer.number))
-    seen = SeenView(buffer, light.lookup, transfer, exposure, settings.ssim_weight > 0, settings.gloss_weight)
+    seen = SeenView(
+        buffer, light.lookup, transfer, exposure, settings.ssim_weight > 0, settings.gloss_weight,
+        LOG_FLOOR if settings.variation == "log" else 0.0,
+    )  # fmt: skip
     return image_terms(material, arriving.irradiance, arriving.stack, flux, seen)
 
 
@@ -111,9 +114,7 @@ def _under_samples(
         predicted = predicted * model.exposure.gain(buffer.number)
     zero = predicted.new_zeros(())
     ssim = view_d_ssim(predicted, buffer) if settings.ssim_weight > 0 else zero
-    weighed = torch.ones_like(material.table[:1])
-    weighed[:, 3:] = settings.gloss_weight
-    variation = pair_variation(weighed * material.table, buffer.pairs) if settings.material_weight > 0 else zero
+    variation = pair_variation(material.varied(settings), buffer.pairs) if settings.material_weight > 0 else zero
     return log_l1(predicted, buffer.target, buffer.clipped, buffer.coverage), ssim, variation, predicted.detach()
 
 

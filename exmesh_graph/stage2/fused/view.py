@@ -54,7 +54,8 @@ class SpecularTables:
 @dataclass(frozen=True)
 class SeenView:
     """A view whose terms are asked for: its suns' transfer [N, S], its exposure, whether D-SSIM is wanted, and how much
-    the variation of roughness and metallic counts against that of base colour."""
+    the variation of roughness and metallic counts against that of base colour, and what base colour is raised by before
+    its logarithm is taken in it (0: no logarithm)."""
 
     buffer: ViewBuffer
     tables: SpecularTables
@@ -62,6 +63,7 @@ class SeenView:
     exposure: float
     ssim: bool
     gloss: float = 1.0
+    floor: float = 0.0
 
 
 def image_terms(
@@ -95,7 +97,7 @@ class _ImageTerms(torch.autograd.Function):
         split(
             _kernels().shade_view, items, PIXELS, *shared, buffer.target, buffer.clipped, buffer.coverage, *looked_up,
             buffer.n_v, _rows_of_four(irradiance), _rows_of_four(flux), _rows_of_four(stack), tables.reflectance,
-            buffer.neighbours, view.gloss, image, sums, grain=1,
+            buffer.neighbours, view.gloss, view.floor, image, sums, grain=1,
         )  # fmt: skip
         miss, steps = sums.sum(0).tolist()
         weight = 3 * float(buffer.coverage.sum(dtype=torch.float64))
