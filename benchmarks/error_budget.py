@@ -8,6 +8,8 @@
 
 With --scoring nothing can be chosen: settings are those of the graph, and --set is refused.
 
+A scene without masks (`desk`, `still`) is fitted and scored by those beside it, on the object without its table.
+
 The base is the quickstart's Stage II on the *true* mesh: parameters of graphs/quickstart.yaml, with what its probe
 decides for the scene. One line per row and scene, figures as by evaluate.asset; the second line is the difference to
 the base. Rows:
@@ -41,15 +43,18 @@ import exmesh_graph as ex
 from benchmarks import register
 from benchmarks.stage2 import Quiet, assignment, stored_carrier, true_carrier
 from exmesh_graph.evaluate.asset import score_asset
-from exmesh_graph.evaluate.settings import Quality
+from exmesh_graph.evaluate.region import find_region
+from exmesh_graph.evaluate.settings import Quality, RegionSettings
 from exmesh_graph.io.images import read_mask
+from exmesh_graph.masks.apply import with_masks
+from exmesh_graph.masks.files import masks_for
 from exmesh_graph.shading.transport import with_bounces
 from exmesh_graph.stage2.alike import Alike
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.probe.scene import probe_scene
 from exmesh_graph.stage2.render import render_views
-from exmesh_graph.types import Asset, Carrier, SceneNeeds, SceneTruth, Transport, Views, with_decisions
+from exmesh_graph.types import Asset, Carrier, Region, SceneNeeds, SceneTruth, Transport, Views, with_decisions
 
 #: Whose parameters are the base's: the transport, where a fit starts, the fit.
 GRAPH, NODES = Path(__file__).parents[1] / "graphs" / "quickstart.yaml", ("light", "neutral", "pbr")
@@ -141,7 +146,10 @@ def _row(
     prior = None if "no prior" in given else Alike()
     asset, _ = fit(carrier, views, light, settings, seed=options.seed, start=start, prior=prior, warn=print)
     quality = Quality(supersampling=1)
-    values = score_asset(asset, scene.test, scene.truth, scene.train, max_views=options.views, quality=quality).values
+    values = score_asset(
+        asset, scene.test, scene.truth, scene.train, max_views=options.views, quality=quality,
+        region=_region(folder, scene.test),
+    ).values  # fmt: skip
     relit, material = values["relit"], values["material"]
     return [values["held_out"]["psnr"], relit["psnr"], relit["psnr_unscaled"],
             material["albedo_psnr_linear"], material["roughness_mse"],
@@ -172,8 +180,18 @@ def _reduced(picture: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _scene(folder: Path, downscale: int, hdr: str) -> data.BlenderOut:
-    given = data.BlenderParams(path=folder, downscale=downscale, hdr=hdr)
-    return data.blender(Quiet(0), p=given)
+    masks = folder / "masks"
+    mesh = {"true_mesh": "mesh/object.obj"} if masks.is_dir() else {}
+    scene = data.blender(Quiet(0), p=data.BlenderParams(path=folder, downscale=downscale, hdr=hdr, **mesh))
+    if not masks.is_dir():
+        return scene
+    return scene._replace(train=with_masks(scene.train, masks_for(scene.train, masks), "error_budget"))
+
+
+def _region(folder: Path, test: Views) -> Region | None:
+    if test.has_masks:
+        return None
+    return find_region(test, settings=RegionSettings(masks=folder / "masks"))
 
 
 def _true_sky(truth: SceneTruth) -> Any:
