@@ -68,7 +68,7 @@ class Renderer:
             row_of = {name: row for row, name in enumerate(self.region.names)}
             places = [row_of[self.views.names[i]] for i in rows]
             near, far = self.region.near[places], self.region.far[places]
-            # a sample beside the centre may lie farther off on the same slope; the centre itself is held to the interval
+            # beside the centre the same slope may lie farther off; the centre itself is held to the interval
             slack = (far - near) / 2
             between = (near - slack, far + slack)
         rendered = render_under(
