@@ -183,7 +183,7 @@ def _scene(folder: Path, downscale: int, hdr: str) -> data.BlenderOut:
     masks = folder / "masks"
     mesh = {"true_mesh": "mesh/object.obj"} if masks.is_dir() else {}
     scene = data.blender(Quiet(0), p=data.BlenderParams(path=folder, downscale=downscale, hdr=hdr, **mesh))
-    if not masks.is_dir():
+    if scene.train.has_masks:
         return scene
     return scene._replace(train=with_masks(scene.train, masks_for(scene.train, masks), "error_budget"))
 

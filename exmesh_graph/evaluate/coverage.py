@@ -2,9 +2,10 @@
 
 With masks: the whole picture over black, where what is missing is black and what lies outside the mask shows.
 
-Without masks: the pixels of a `Region`. One is covered where the nearest surface lies at its depths. One that is not
-costs what black costs in this region on average, and none costs more: so no pixel gets better by losing its surface,
-and none by a sheet that stands elsewhere. Surface outside the region is counted and shown, and changes no figure.
+Without masks: the pixels of a `Region`. One is covered where the nearest surface lies at its depths, and where what
+drew the picture says so too (`renders.Renderer`: where all its samples do). One that is not costs what black costs in
+this region on average, and none costs more: so no pixel gets better by losing its surface, and none by a sheet that
+stands elsewhere. Surface outside the region is counted and shown, and changes no figure.
 """
 
 from __future__ import annotations
@@ -85,9 +86,9 @@ def compare_views(
 ) -> Compared:
     """Compare pictures of `surface`, display values over black [H, W, 3] with coverage [H, W], with the chosen views.
 
-    Without masks `region` says what counts. `exposure` fitted: each picture is first multiplied by the factor of each
-    channel that is best over what counts and is covered, for photographs whose exposure wanders. Raises DataError where
-    the region is missing, belongs to other views, or is empty in all of them.
+    Without masks `region` says what counts, and what has no coverage is missing. `exposure` fitted: each picture is
+    first multiplied by the factor of each channel that is best over what counts and is covered, for photographs whose
+    exposure wanders. Raises DataError where the region is missing, belongs to other views, or is empty in all of them.
     """
     if views.has_masks:
         parts = [(views.alpha[i] > 0.5) & (part > 0.5) for i, part in zip(chosen, alpha, strict=True)]

@@ -36,8 +36,8 @@ class Steps:
 class Renderer:
     """Renders one shape at the cameras of `views`, tracing its light transport once; light is cast by `casts` [F].
 
-    With a `region` a pixel is covered (alpha 1, else 0) where all its samples lie at the region's depths, so that
-    nothing is in it of what stands behind or before.
+    With a `region` a pixel is covered (alpha 1, else 0) where all its samples lie at the region's depths, or off them
+    by no more than half their interval, so that nothing is in it of what stands far behind or before.
     """
 
     def __init__(

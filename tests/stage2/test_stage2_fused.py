@@ -107,7 +107,7 @@ def _agree(model, number=2, tolerance=2e-5, step=STEP):
         {"texture_size": 2, "environment_height": 8},
         {"log_weight": 0.0},
         {"metallic": True, "gloss_weight": 7.0},
-        {"variation": "log"},
+        {"variation": "log", "metallic": True},
     ],
 )
 def test_terms_and_gradients_are_those_of_plain_operations_in_float64(carrier, train_views, transport, settings):
