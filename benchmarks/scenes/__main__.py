@@ -52,6 +52,8 @@ def _make(options: argparse.Namespace) -> int:
     size = QUICK if options.quick else SAMPLE if options.sample else Size()
     if options.size:
         size = replace(size, pixels=options.size)
+    if options.views:
+        size = replace(size, train=options.views)
     for name in options.names:
         began = time.perf_counter()
         place = make(
@@ -75,6 +77,7 @@ def arguments() -> argparse.Namespace:
         if command == "make":
             part.add_argument("--role", choices=["choose", "score"])
             part.add_argument("--size", type=int, default=0, help="pixels on a side instead of 512")
+            part.add_argument("--views", type=int, default=0, help="training pictures instead of 48")
             part.add_argument("--quick", action="store_true", help="128 pixels, few views and samples")
             part.add_argument("--sample", action="store_true", help="as small as the sample of the repository")
             part.add_argument("--worlds", type=Path, help="the wheel of bpy 5.0.1, or a folder of its world pictures")
