@@ -39,9 +39,10 @@ class ManifoldMeshOut(NamedTuple):
 @node("init.visual_hull", version="1", libraries=("scipy", "scikit-image", "torch", "warp-lang"))
 def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedMeshOut:
     """The largest closed shape that agrees with the masks."""
-    from exmesh_graph.geometry.clean import require_sound, taubin
+    from exmesh_graph.geometry.clean import taubin
     from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.geometry.hull import visual_hull as hull
+    from exmesh_graph.geometry.soundness import require_sound
 
     vertices, faces = hull(SilhouetteField.of_views(views, p.wrong_masks), resolution=p.resolution)
     vertices = taubin(vertices, faces, p.smooth)
@@ -81,8 +82,9 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
     """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
     from exmesh_graph.errors import DataError
     from exmesh_graph.geometry.adjacency import without_unused
-    from exmesh_graph.geometry.clean import largest_components, require_sound, without_pillows
+    from exmesh_graph.geometry.clean import largest_components, without_pillows
     from exmesh_graph.geometry.repair import make_manifold
+    from exmesh_graph.geometry.soundness import require_sound
 
     if p.incidence > 0 or p.agreeing > 0:
         from exmesh_graph.priors.depth_filter import filtered

@@ -90,7 +90,7 @@ def object_(
 
     Depth maps that are wired in take the place of stereo.
     """
-    from exmesh_graph.geometry.clean import require_sound
+    from exmesh_graph.geometry.soundness import require_sound
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.masks.decide import table_row
     from exmesh_graph.masks.object import object_of_depths

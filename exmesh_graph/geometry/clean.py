@@ -7,41 +7,24 @@ alternatives. Whatever did the work, the result is measured, and an error is rai
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.geometry.adjacency import corner_fans, face_areas, require_mesh, signed_volume, without_unused
+from exmesh_graph.geometry.adjacency import face_areas, require_mesh, signed_volume, without_unused
 from exmesh_graph.geometry.remesh import nearest_of, remesh
 from exmesh_graph.geometry.repair import fill_holes, make_manifold
 from exmesh_graph.geometry.settings import CleanSettings
+from exmesh_graph.geometry.soundness import flat_area, inspect, require_sound
 from exmesh_graph.native import import_open3d, import_pymeshlab
-from exmesh_graph.types.edges import edges_of
 
 Arrays = tuple[np.ndarray, np.ndarray]
 _LOST = 0.01  # share of the surface that a start may lose
 _LOOKED = 20000
 _RETREATS = 20
-
-
-@dataclass(frozen=True)
-class Soundness:
-    """What is wrong with a mesh, counted; all zero (and `closed`, where it matters) for a sound one."""
-
-    open_edges: int
-    crowded_edges: int
-    turned_edges: int
-    pinched_vertices: int
-    duplicate_faces: int
-    flat_faces: int
-    unreferenced: int
-
-    @property
-    def closed(self) -> bool:
-        return self.open_edges == 0 and self.crowded_edges == 0
+_TO_THIN = 2  # passes of the remesher on its way to fewer faces; it has six of its own for the result
 
 
 def clean_mesh(
@@ -71,7 +54,8 @@ def clean_mesh(
     thinned, budget = source, settings.faces
     if len(source[1]) > 3 * settings.max_faces:  # most of the time goes into the first collapses: take them once
         with contextlib.suppress(GeometryError):
-            thinned = _cleaned(*source, settings.model_copy(update={"faces": 2 * settings.max_faces}), where)
+            more = settings.model_copy(update={"faces": 2 * settings.max_faces})
+            thinned = _cleaned(*source, more, where, _TO_THIN)
     while budget < settings.max_faces:
         try:
             result = _cleaned(*thinned, settings.model_copy(update={"faces": budget}), where)
@@ -97,7 +81,7 @@ def lost_parts(source: Arrays, result: Arrays, distance: float) -> float:
     return float(area[far].sum() / max(area.sum(), np.finfo(float).tiny))
 
 
-def _cleaned(vertices: np.ndarray, faces: np.ndarray, settings: CleanSettings, where: str) -> Arrays:
+def _cleaned(vertices: np.ndarray, faces: np.ndarray, settings: CleanSettings, where: str, passes: int = 6) -> Arrays:
     method, faces_budget, close_holes = settings.method, settings.faces, settings.close_holes
     components, min_area = settings.components, settings.min_area
     closed = inspect(vertices, faces).closed
@@ -105,7 +89,7 @@ def _cleaned(vertices: np.ndarray, faces: np.ndarray, settings: CleanSettings, w
         vertices, faces = make_manifold(vertices, faces)
         if close_holes:
             vertices, faces = fill_holes(vertices, faces, close_holes)
-        vertices, faces = remesh(vertices, faces, faces_budget)
+        vertices, faces = remesh(vertices, faces, faces_budget, passes)
     elif method == "pymeshlab":
         vertices, faces = _remesh_pymeshlab(vertices, faces, faces_budget, close_holes)
     elif close_holes:
@@ -122,7 +106,7 @@ def _cleaned(vertices: np.ndarray, faces: np.ndarray, settings: CleanSettings, w
     if closed:
         faces = outward(vertices, faces)
     else:  # what could not be spread between boundary vertices, which stay
-        vertices, faces = without_unused(vertices, faces[face_areas(vertices, faces) > _flat(vertices)])
+        vertices, faces = without_unused(vertices, faces[face_areas(vertices, faces) > flat_area(vertices)])
     require_sound(vertices, faces, closed=closed, where=where)
     return vertices.astype(np.float32), faces.astype(np.int32)
 
@@ -265,58 +249,9 @@ def taubin(vertices: np.ndarray, faces: np.ndarray, steps: int, shrink: float = 
             x = x + weight * (links @ x / degree - x)
     smooth = x.astype(np.float32)
     for _ in range(_RETREATS):
-        flat = np.unique(faces[face_areas(smooth, faces) <= _flat(vertices)])
+        flat = np.unique(faces[face_areas(smooth, faces) <= flat_area(vertices)])
         moved = flat[(smooth[flat] != vertices[flat]).any(axis=1)]
         if len(moved) == 0:
             break
         smooth[moved] = vertices[moved]
     return smooth
-
-
-def inspect(vertices: np.ndarray, faces: np.ndarray) -> Soundness:
-    """Count defects: see the fields of `Soundness`. Flat: area below 1e-12 of the mesh's bounding box squared."""
-    edges = edges_of(faces)
-    starts = faces.reshape(-1)[edges.halfedges[edges.interior]]
-    _, fan_vertex = corner_fans(faces, edges)
-    used = np.unique(faces)
-    return Soundness(
-        open_edges=int((edges.count == 1).sum()),
-        crowded_edges=int((edges.count > 2).sum()),
-        turned_edges=int((starts[:, 0] == starts[:, 1]).sum()),
-        pinched_vertices=int((np.bincount(fan_vertex, minlength=1) > 1).sum()),
-        duplicate_faces=len(faces) - len(np.unique(np.sort(faces, axis=1), axis=0)),
-        flat_faces=int((face_areas(vertices, faces) <= _flat(vertices)).sum()),
-        unreferenced=len(vertices) - len(used),
-    )
-
-
-def _flat(vertices: np.ndarray) -> float:
-    """The area at which a face counts as flat."""
-    return 1e-12 * float(np.ptp(vertices, axis=0).max()) ** 2 if len(vertices) else 1e-12
-
-
-def require_sound(vertices: np.ndarray, faces: np.ndarray, *, closed: bool, where: str) -> None:
-    """GeometryError naming the defects unless the mesh is edge-manifold, oriented and free of useless parts.
-
-    With `closed` it must also be closed and enclose positive volume. Pinched vertices are allowed.
-    """
-    counted = inspect(vertices, faces)
-    defects = {
-        "edges with more than two faces": counted.crowded_edges,
-        "edges whose faces turn against each other": counted.turned_edges,
-        "duplicate faces": counted.duplicate_faces,
-        "faces without area": counted.flat_faces,
-        "vertices without a face": counted.unreferenced,
-        "open edges": counted.open_edges if closed else 0,
-    }
-    named = [f"{count} {what}" for what, count in defects.items() if count]
-    if not np.isfinite(vertices).all():
-        named.append("vertices that are NaN or Inf")
-    if closed and not named and signed_volume(vertices, faces) <= 0:
-        named.append("faces that look inwards")
-    if named:
-        raise GeometryError(
-            "the mesh is not sound: " + ", ".join(named), where=where,
-            expected="an edge-manifold, oriented mesh" + (", closed" if closed else ""),
-            fix="try the other `method`, another face budget, or a cleaner input mesh",
-        )  # fmt: skip

@@ -13,11 +13,12 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, label, map_coordinates
 
 from exmesh_graph.geometry.adjacency import without_unused
-from exmesh_graph.geometry.clean import require_sound, taubin, without_pillows
+from exmesh_graph.geometry.clean import taubin, without_pillows
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.lids import Lid
 from exmesh_graph.geometry.repair import make_manifold
 from exmesh_graph.geometry.settings import HullSettings
+from exmesh_graph.geometry.soundness import require_sound
 
 _THINNEST = 0.75  # voxels: below, the wall would be pierced
 _WALLS = 0.05, 0.12, 0.25  # of the lid's radius, tried first, with each of the depths; then lengths between

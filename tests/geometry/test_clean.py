@@ -8,18 +8,10 @@ import pytest
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry import clean
 from exmesh_graph.geometry.adjacency import face_areas, signed_volume
-from exmesh_graph.geometry.clean import (
-    clean_mesh,
-    inspect,
-    lost_parts,
-    outward,
-    require_sound,
-    taubin,
-    weld,
-    without_pillows,
-)
+from exmesh_graph.geometry.clean import clean_mesh, lost_parts, outward, taubin, weld, without_pillows
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.settings import CleanSettings
+from exmesh_graph.geometry.soundness import inspect, require_sound
 
 METHODS = ["builtin", "pymeshlab", "open3d"]
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -166,7 +158,7 @@ def test_holes_are_closed_on_request(method):
 
 
 def test_result_is_measured_not_believed(monkeypatch):
-    monkeypatch.setattr(clean, "remesh", lambda v, f, b: (v, f[:-1]))
+    monkeypatch.setattr(clean, "remesh", lambda v, f, *_: (v, f[:-1]))
     with pytest.raises(GeometryError, match="3 open edges"):
         clean_mesh(*ball(resolution=10), CleanSettings(faces=700))
 
@@ -176,7 +168,7 @@ def test_an_open_mesh_loses_the_faces_that_stay_flat(monkeypatch):
     vertices, faces = vertices, faces[vertices[faces].mean(1)[:, 1] < 0.3]
     before = clean_mesh(vertices, faces, CleanSettings(faces=300))
 
-    def fold(v, f, budget):
+    def fold(v, f, *_):
         made = before[0].astype(np.float64).copy()
         made[before[1][5, 0]] = made[before[1][5, 1]]
         return made, before[1]
@@ -245,7 +237,7 @@ def test_lost_parts_is_the_share_of_area_that_is_far():
 def test_smoothing_leaves_no_face_without_area(monkeypatch):
     vertices, faces = ball(resolution=16)
     least = np.quantile(face_areas(taubin(vertices, faces, 10), faces), 0.05)
-    monkeypatch.setattr(clean, "_flat", lambda _: least)
+    monkeypatch.setattr(clean, "flat_area", lambda _: least)
     smooth = taubin(vertices, faces, 10)
     small = face_areas(smooth, faces) <= least
     assert np.array_equal(smooth[faces[small]], vertices[faces[small]])  # as far back as they can go
@@ -269,11 +261,11 @@ def test_a_budget_that_cannot_hold_the_surface_is_passed_over(monkeypatch):
     asked = []
     real = clean._cleaned
 
-    def cleaned(vertices, faces, settings, where):
+    def cleaned(vertices, faces, settings, where, *passes):
         asked.append(settings.faces)
         if settings.faces < 1600:
             raise GeometryError("the mesh is not sound")
-        return real(vertices, faces, settings, where)
+        return real(vertices, faces, settings, where, *passes)
 
     monkeypatch.setattr(clean, "_cleaned", cleaned)
     settings = CleanSettings(faces=400, tolerance=0.05, max_faces=3000)

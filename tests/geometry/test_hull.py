@@ -7,7 +7,7 @@ import pytest
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
-from exmesh_graph.geometry.clean import inspect, taubin
+from exmesh_graph.geometry.clean import taubin
 from exmesh_graph.geometry.hull import (
     Grid,
     SilhouetteField,
@@ -16,6 +16,7 @@ from exmesh_graph.geometry.hull import (
     surface,
     visual_hull,
 )
+from exmesh_graph.geometry.soundness import inspect
 from exmesh_graph.gpu.cores import cores
 
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"

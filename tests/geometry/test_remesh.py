@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 from benchmarks.meshes import grid, is_vertex_manifold, is_winding_consistent, tetrahedron, torus
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh, squared_distance
 from exmesh_graph.geometry.adjacency import euler_characteristic, face_areas
-from exmesh_graph.geometry.clean import inspect, largest_components, weld
+from exmesh_graph.geometry.clean import largest_components, weld
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.remesh import _sharpness, _spread, remesh
 from exmesh_graph.geometry.repair import drop_crowding_faces, fill_holes, make_manifold, orient
 from exmesh_graph.geometry.shapes import icosphere
+from exmesh_graph.geometry.soundness import inspect
 from exmesh_graph.geometry.surface import closest_on_triangles
 from exmesh_graph.types.edges import edges_of, is_closed
 

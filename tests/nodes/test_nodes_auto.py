@@ -273,8 +273,8 @@ def test_dropping_parts_of_an_object_is_said():
 
 def test_a_carved_surface_that_touches_itself_is_mended(views, monkeypatch):
     from exmesh_graph.geometry import carve
-    from exmesh_graph.geometry.clean import inspect
     from exmesh_graph.geometry.shapes import icosphere
+    from exmesh_graph.geometry.soundness import inspect
 
     vertices, faces = icosphere(2, 0.5)
     pillow = np.array([[faces[0, 0], faces[0, 1], faces[9, 2]], [faces[0, 1], faces[0, 0], faces[9, 2]]], np.int32)

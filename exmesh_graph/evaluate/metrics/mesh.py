@@ -10,7 +10,8 @@ import numpy as np
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.evaluate.metrics.distance import distance_to_mesh
 from exmesh_graph.geometry.adjacency import euler_characteristic, face_areas, face_normals, signed_volume
-from exmesh_graph.geometry.clean import face_components, inspect
+from exmesh_graph.geometry.clean import face_components
+from exmesh_graph.geometry.soundness import inspect
 from exmesh_graph.geometry.surface import sample_surface
 from exmesh_graph.native import import_pymeshlab
 from exmesh_graph.types.edges import edges_of
