@@ -9,6 +9,7 @@ import platform
 import resource
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -84,28 +85,48 @@ def memory_of(pid: int) -> int:
 
 
 # not in the key: how much there is of this machine, for limits and records
+def memory_to_spare() -> int:
+    """Bytes that this process may still take: what the machine has free, or less where a control group limits it."""
+    import psutil
+
+    free = [int(psutil.virtual_memory().available)]
+    for controller, group in _own_groups():
+        most, used = ("limit_in_bytes", "usage_in_bytes") if controller else ("max", "current")
+        with contextlib.suppress(OSError, ValueError):  # not there, or `max`: no limit
+            limit, taken = (int((group / f"memory.{name}").read_text(encoding="ascii")) for name in (most, used))
+            free.append(limit - taken)
+    return max(min(free), 0)
+
+
+# not in the key: how much there is of this machine, for limits and records
+def _own_groups() -> Iterator[tuple[str, Path]]:
+    """(controller, folder) of the control groups that may limit this process's memory; of version 2 without a name."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/cgroup").read_text(encoding="ascii").splitlines():
+            _, controller, place = line.split(":", 2)
+            if controller in ("", "memory"):
+                yield controller, _CONTROL_GROUPS / controller / place.strip("/")
+
+
+# not in the key: how much there is of this machine, for limits and records
 def confine(pid: int, most: int) -> Path | None:
     """Put a process into a control group (Linux, v2 or v1) in which it and all it starts get `most` bytes of memory.
 
     The kernel ends what asks for more. Returns the group's folder, to be removed when it is empty; None where this
     system does not let us make one.
     """
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/self/cgroup").read_text(encoding="ascii").splitlines():
-            _, controller, place = line.split(":", 2)
-            if controller not in ("", "memory"):
-                continue
-            group = _CONTROL_GROUPS / controller / place.strip("/") / f"exmesh-{os.getpid()}-{pid}"
-            with contextlib.suppress(OSError):
-                group.mkdir()
-                try:
-                    name = "memory.limit_in_bytes" if controller else "memory.max"
-                    with (group / name).open("r+", encoding="ascii") as file:  # not made: it is there or it is not
-                        file.write(str(most))
-                    (group / "cgroup.procs").write_text(str(pid), encoding="ascii")
-                    return group
-                except OSError:
-                    group.rmdir()
+    for controller, own in _own_groups():
+        group = own / f"exmesh-{os.getpid()}-{pid}"
+        with contextlib.suppress(OSError):
+            group.mkdir()
+            try:
+                name = "memory.limit_in_bytes" if controller else "memory.max"
+                with (group / name).open("r+", encoding="ascii") as file:  # not made: it is there or it is not
+                    file.write(str(most))
+                (group / "cgroup.procs").write_text(str(pid), encoding="ascii")
+                return group
+            except OSError:
+                group.rmdir()
     return None
 
 

@@ -19,6 +19,7 @@ from exmesh_graph.stage2.light.model import LightModel
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.light.sampled import SampledLight
 from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
+from exmesh_graph.stage2.memory import buffer_budget
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, TangentFrames
 from exmesh_graph.types import Asset, Carrier, Transport, Views
@@ -73,7 +74,7 @@ class Decomposition:
             check_fits(transport, carrier.vertices, carrier.faces)
             self.light = PrecomputedLight(transport, self.geometry, tracer, settings, frames)
         size = settings.texture_size or carrier.texture.shape[0]
-        budget = settings.memory_gib * 2**30
+        budget = buffer_budget(settings, device)
         self.buffers = ViewBuffers(self.geometry, self.light, views, size, settings.min_coverage, budget)
         if not any(self.buffers.pixels):
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")

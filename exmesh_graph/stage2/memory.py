@@ -8,7 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
+from exmesh_graph.resources import memory_to_spare
 from exmesh_graph.stage2.gbuffer import SSIM_BYTES
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Carrier, Transport, Views
@@ -24,6 +26,8 @@ STEP_BYTES = 2400
 TEXEL_COLUMNS = 14
 #: Survey and result: masks, row table, evidence, whole maps, for each texel of the square.
 ATLAS_BYTES = 120
+#: For the views' buffers where `memory_gib` is auto.
+LEAST_BUDGET = 4 * 2**30
 
 
 @dataclass(frozen=True)
@@ -46,8 +50,21 @@ class MemoryPlan:
 
     def __str__(self) -> str:
         listed = ", ".join(f"{name} {value:.2f}" for name, value in self.figures().items() if name != "total")
-        rest = "" if self.held == self.views else f"; {self.views - self.held} views' buffers are made at each visit"
+        rest = (
+            ""
+            if self.held == self.views
+            else f"; {self.views - self.held} views' buffers are made at each visit (memory_gib)"
+        )
         return f"memory: about {self.total / 2**30:.2f} GiB at the peak ({listed}){rest}"
+
+
+def buffer_budget(settings: DecompositionSettings, device: torch.device | str = "cpu") -> float:
+    """Bytes that the views' buffers may take on `device`."""
+    if settings.memory_gib != "auto":
+        return float(settings.memory_gib) * 2**30
+    on = torch.device(device)
+    free = memory_to_spare() if on.type == "cpu" else torch.cuda.mem_get_info(on)[0]
+    return max(free / 2, LEAST_BUDGET)
 
 
 def plan_memory(
@@ -57,7 +74,7 @@ def plan_memory(
     pixels = [int((alpha >= settings.min_coverage).sum()) for alpha in views.alpha]
     box = [_box_area(alpha >= settings.min_coverage) for alpha in views.alpha]
     sizes = [PIXEL_BYTES * n + FACTOR_BYTES * n + SSIM_BYTES * b for n, b in zip(pixels, box, strict=True)]
-    held = int((np.cumsum(sizes) <= settings.memory_gib * 2**30).sum())
+    held = int((np.cumsum(sizes) <= buffer_budget(settings)).sum())
     largest = max(pixels, default=0)
     size = settings.texture_size or carrier.texture.shape[0]
     texels = min(size * size, 4 * sum(pixels))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from exmesh_graph.params import Auto, Params, param
 
@@ -94,6 +94,17 @@ class DecompositionSettings(Params):
     roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
     keep_light: bool = param(False, doc="Keep the environment of `start`, a known light, and fit the maps alone.")
     exposure: bool = param(False, doc="Fit one gain per view, for photographs of varying exposure.")
-    memory_gib: float = param(
-        4.0, ge=0, tuning=True, unit="GiB", doc="Memory that the views' buffers may take; the rest are made anew."
+    memory_gib: float | Literal["auto"] = param(
+        "auto",
+        tuning=True,
+        unit="GiB",
+        doc="Memory that the views' buffers may take, the others are made anew at each visit; auto: half of what is "
+        "free, 4 at least.",
     )
+
+    @field_validator("memory_gib")
+    @classmethod
+    def _no_less_than_none(cls, value: float | Literal["auto"]) -> float | Literal["auto"]:
+        if value != "auto" and not value >= 0:
+            raise ValueError("memory_gib is 0 GiB or more, or auto")
+        return value

@@ -3,7 +3,7 @@
 import pytest
 
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.memory import plan_memory
+from exmesh_graph.stage2.memory import buffer_budget, plan_memory
 from exmesh_graph.stage2.settings import DecompositionSettings
 
 SETTINGS = DecompositionSettings(environment_height=8, iterations=2)
@@ -32,3 +32,18 @@ def test_the_plan_counts_the_buffers_and_follows_the_budget(carrier, train_views
     large = plan_memory(carrier, train_views, transport, SETTINGS.replaced(texture_size=2048))
     assert large.parts["maps and their optimiser"] > 5 * plan.parts["maps and their optimiser"]
     assert large.figures()["total"] == pytest.approx(large.total / 2**30, abs=1e-3)
+
+
+@pytest.mark.parametrize(("free", "budget"), [(3.0, 4.0), (20.0, 10.0), (0.0, 4.0)])
+def test_without_a_bound_half_of_what_is_free_is_taken(monkeypatch, free, budget):
+    monkeypatch.setattr("exmesh_graph.stage2.memory.memory_to_spare", lambda: int(free * 2**30))
+    assert buffer_budget(SETTINGS) == budget * 2**30
+    assert buffer_budget(SETTINGS.replaced(memory_gib=0.5)) == 2**29
+    assert buffer_budget(SETTINGS.replaced(memory_gib=0)) == 0
+
+
+def test_a_bound_is_a_number_or_auto():
+    with pytest.raises(ValueError, match="memory_gib"):
+        DecompositionSettings(memory_gib=-1)
+    with pytest.raises(ValueError, match="memory_gib"):
+        DecompositionSettings(memory_gib="much")
