@@ -127,8 +127,8 @@ def load_photos(
     if motion.left_out:
         scene.notes.append(
             f"no camera that holds was found for {len(motion.left_out)} of {len(working)} pictures, which are left "
-            f"out: {some(motion.left_out)}. To have them in: more pictures between these and their neighbours, at most 15 "
-            "degrees apart, sharp and bright; or finer ones (`megapixels`)"
+            f"out: {some(motion.left_out)}. To have them in: more pictures between these and their neighbours, at most "
+            "15 degrees apart, sharp and bright; or larger ones, and a larger `megapixels`"
         )
     cloud = PointCloud(points_to_normalised(points, scene.frame).astype(np.float32), motion.colours.astype(np.float32))
     return scene, cloud, motion
