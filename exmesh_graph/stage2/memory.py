@@ -63,7 +63,7 @@ def buffer_budget(settings: DecompositionSettings, device: torch.device | str = 
     if settings.memory_gib != "auto":
         return float(settings.memory_gib) * 2**30
     on = torch.device(device)
-    free = memory_to_spare() if on.type == "cpu" else torch.cuda.mem_get_info(on)[0]
+    free = torch.cuda.mem_get_info(on)[0] if on.type == "cuda" else memory_to_spare()
     return max(free / 2, LEAST_BUDGET)
 
 
