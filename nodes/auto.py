@@ -60,7 +60,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="9",
+    version="10",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -78,8 +78,8 @@ def auto(
 
     Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them; `stereo` is its depth
     where that was found already (mask.auto), and is not looked for again. Only what is chosen runs. Where a hull was
-    carved, the photographs say which surface is kept: hull, stereo's, or that of the Gaussians; and which of its flat
-    parts are mouths of vessels (`openings`). `decisions` says why, for the report.
+    carved, the photographs say which of its flat parts are mouths of vessels (`openings`), and which surface is kept:
+    the opened hull, stereo's, or that of the Gaussians, opened in turn. `decisions` says why, for the report.
     """
     from exmesh_nodes import init
 
@@ -112,6 +112,7 @@ def auto(
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     maps: dict[str, DepthMaps] = {}
     carved, shown = "", views  # by whose depth; the photographs that foretell one another
+    vessel: dict[str, Any] | None = None  # what was said on openings
     if method == "hull":
         mesh = init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
@@ -129,6 +130,9 @@ def auto(
         if judged:
             shown = _steady(ctx, views, mesh, p)
             best, mesh, carved = "hull", init.visual_hull(ctx, views, p=outline).mesh, ""
+            if p.openings:  # first: a mouth that an outline hides must not decide for a carved surface, pits and all
+                opened, vessel = _opened(ctx, shown, None, carved, p)
+                mesh = opened or mesh
             for name, other in found.items():
                 with sharing(p.threads):
                     gain = compared((mesh.vertices, mesh.faces), (other.vertices, other.faces), shown)
@@ -137,9 +141,10 @@ def auto(
                 if row["value"] == SURFACES[name]:
                     best, mesh, carved = SURFACES[name], other, name
     if masks and p.openings and method != "sphere" and len(views) >= ENOUGH_VIEWS:
-        opened, row = _opened(ctx, shown, maps.get(carved), carved, p)
-        rows.append(row)
-        mesh = opened or mesh
+        if vessel is None or carved:
+            opened, vessel = _opened(ctx, shown, maps.get(carved), carved, p)
+            mesh = opened or mesh
+        rows.append(vessel)
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
         with sharing(p.threads):
             mesh = Mesh(*without_phantoms(mesh.vertices, mesh.faces, views, _LEAST_PART))

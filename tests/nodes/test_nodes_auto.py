@@ -136,6 +136,36 @@ def test_the_mouth_of_a_vessel_is_opened():
     assert bottom(out.mesh) < HALF - 0.6
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize(("gain", "kept"), [(-1.0, "hull"), (1.0, "stereo")])
+def test_what_was_carved_is_judged_against_the_opened_hull(gain, kept, monkeypatch):
+    """A mouth that no outline shows must not speak for a carved surface and all its pits."""
+    views = load_blender(SAMPLE, BlenderOptions(downscale=8, max_views=16)).train
+    distance = np.linalg.norm(views.camera_to_world[:, :3, 3], axis=1).astype(np.float32) - np.float32(0.5)
+    through = DepthMaps(views.names, np.where(views.alpha > 0.5, distance[:, None, None], np.float32(0)))
+    monkeypatch.setattr(prior, "patch_match", lambda *_, **__: prior.DepthOut(through))
+    vessel = init.sphere(FakeContext(), p=init.SphereParams(faces=320)).mesh
+    judged, looked = [], []
+
+    def compared(one, other, shown):
+        judged.append(one[0])
+        return gain, 0.1
+
+    def opening(ctx, shown, depths, carved, p):
+        looked.append((depths is None, carved))
+        found = vessel if depths is None else None
+        return found, {"name": "openings", "value": "1" if found else "none", "reason": ""}
+
+    monkeypatch.setattr(rephotography, "compared", compared)
+    monkeypatch.setattr(auto, "_opened", opening)
+    out = auto.auto(FakeContext(), views, p=auto.AutoParams(resolution=24, faces=200))
+    assert len(judged) == 1
+    assert judged[0] is vessel.vertices
+    assert looked == [(True, ""), *([(False, "stereo")] if kept == "stereo" else [])]
+    rows = [(row["name"], row["value"]) for row in out.decisions.values["decisions"]]
+    assert rows[1:] == [("surface", kept), ("openings", "1" if kept == "hull" else "none")]
+
+
 def test_iterations_ask_for_gaussians(views, monkeypatch):
     flat = DepthMaps(views.names, np.where(views.alpha > 0.5, np.float32(2.5), np.float32(0)))
     monkeypatch.setattr(auto, "_fitted_depths", lambda *_: flat)
