@@ -231,6 +231,20 @@ def test_a_gain_within_its_standard_error_leaves_the_surface_as_it_was(gain, val
     assert row["reason"].endswith(told)
 
 
+@pytest.mark.parametrize(
+    ("gain", "error", "value", "told"),
+    [
+        (0.10, 0.03, "hull", "by 0.10 +- 0.03 dB: no more than pits under highlights bring Gaussians (0.25 dB), so the hull stays."),
+        (0.26, 0.03, "gaussians", "better over the surface of the Gaussians than over the hull, by 0.26 +- 0.03 dB."),
+        (0.26, 0.30, "hull", "by 0.26 +- 0.30 dB: no more than the doubt of it, so the hull stays."),
+    ],
+)  # fmt: skip
+def test_gaussians_must_gain_more_than_highlights_bring_them(gain, error, value, told):
+    row = surface_row(gain, error, "gaussians")
+    assert row["value"] == value
+    assert row["reason"].endswith(told)
+
+
 def test_depth_that_was_found_with_the_masks_is_not_looked_for_again(views, monkeypatch):
     """A mask lets through what lies in it, of depth maps that hold the background too."""
     near = np.linalg.norm(views.camera_to_world[:, :3, 3], axis=1).astype(np.float32)[:, None, None]
