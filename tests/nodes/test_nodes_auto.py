@@ -234,7 +234,7 @@ def test_a_gain_within_its_standard_error_leaves_the_surface_as_it_was(gain, val
 @pytest.mark.parametrize(
     ("gain", "error", "value", "told"),
     [
-        (0.10, 0.03, "hull", "by 0.10 +- 0.03 dB: no more than pits under highlights bring Gaussians (0.25 dB), so the hull stays."),
+        (0.10, 0.03, "hull", "no more than pits under highlights bring Gaussians (0.25 dB), so the hull stays."),
         (0.26, 0.03, "gaussians", "better over the surface of the Gaussians than over the hull, by 0.26 +- 0.03 dB."),
         (0.26, 0.30, "hull", "by 0.26 +- 0.30 dB: no more than the doubt of it, so the hull stays."),
     ],
