@@ -74,10 +74,8 @@ _TOLD = {
     "stereo": "the surface that stereo carved",
     "gaussians": "the surface of the Gaussians",
 }
-
-
+#: dB that Gaussians gain by pits under highlights: 0.10 on `vase`, whose glaze they dent by a tenth of its radius.
 _BENT = 0.25
-"""dB that Gaussians gain by pits under highlights: 0.10 on `vase`, whose glaze they dent by a tenth of its radius."""
 
 
 def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> dict[str, Any]:
@@ -86,7 +84,7 @@ def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> di
 
     gain, error  by how many dB photographs that were left out are foretold better over the carved surface, and its
                  standard error (exmesh_graph.evaluate.metrics.rephotography.compared): a gain within it is none, and
-                 one of Gaussians within `_BENT`
+                 one of Gaussians up to 0.25 dB
     """
     doubt = max(error, _BENT if found == "gaussians" else 0.0)
     value = found if gain > doubt else kept

@@ -50,11 +50,8 @@ class MemoryPlan:
 
     def __str__(self) -> str:
         listed = ", ".join(f"{name} {value:.2f}" for name, value in self.figures().items() if name != "total")
-        rest = (
-            ""
-            if self.held == self.views
-            else f"; {self.views - self.held} views' buffers are made at each visit (memory_gib)"
-        )
+        anew = self.views - self.held
+        rest = f"; {anew} views' buffers are made at each visit (memory_gib)" if anew else ""
         return f"memory: about {self.total / 2**30:.2f} GiB at the peak ({listed}){rest}"
 
 
