@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from exmesh_graph.geometry.settings import CleanSettings, HullSettings, Voxels
 from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
@@ -11,6 +11,9 @@ from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 from exmesh_graph.types.pictures import kept_in
+
+if TYPE_CHECKING:
+    from exmesh_graph.geometry.hull import SilhouetteField
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
@@ -60,7 +63,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="10",
+    version="11",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -84,9 +87,11 @@ def auto(
     from exmesh_nodes import init
 
     from exmesh_graph.errors import DataError
-    from exmesh_graph.evaluate.metrics.rephotography import compared
+    from exmesh_graph.evaluate.metrics.rephotography import Foretold, gain
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, SURFACES, Known, choose, reduction, surface_row
+    from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.io.train_size import reduced
     from exmesh_graph.stage1.parts import without_phantoms
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
@@ -110,11 +115,12 @@ def auto(
             fix='wire depths: "@<a prior>.depths", or set method: auto',
         )  # fmt: skip
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
+    field = SilhouetteField.of_views(views, p.wrong_masks) if masks and method != "sphere" else None
     maps: dict[str, DepthMaps] = {}
     carved, shown = "", views  # by whose depth; the photographs that foretell one another
     vessel: dict[str, Any] | None = None  # what was said on openings
     if method == "hull":
-        mesh = init.visual_hull(ctx, views, p=outline).mesh
+        mesh = init.hull_of(ctx, field, outline) if field else init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
         mesh = init.sphere(ctx, p=init.SphereParams(faces=p.faces)).mesh
     else:
@@ -122,27 +128,30 @@ def auto(
         # where Gaussians are asked for and the photographs decide, stereo is little beside them and often better
         tried = ["stereo", "pgsr"] if judged and method == "pgsr" else [str(method)]
         maps = {name: _depths(ctx, views, points, depths, stereo, name, iterations, factor, p) for name in tried}
-        found = {name: _fused(ctx, views, seen, name, p) for name, seen in maps.items()}
+        found = {name: _fused(ctx, views, seen, name, field, p) for name, seen in maps.items()}
         mesh, carved = found[tried[-1]], tried[-1]
         if not masks:
             mesh, row = _standing(ctx, views, maps[tried[-1]], mesh, p)
             rows.append(row)
-        if judged:
+        if judged and field:
             shown = _steady(ctx, views, mesh, p)
-            best, mesh, carved = "hull", init.visual_hull(ctx, views, p=outline).mesh, ""
+            best, mesh, carved = "hull", init.hull_of(ctx, field, outline), ""
             if p.openings:  # first: a mouth that an outline hides must not decide for a carved surface, pits and all
-                opened, vessel = _opened(ctx, shown, None, carved, p)
+                opened, vessel = _opened(ctx, shown, field, None, carved, p)
                 mesh = opened or mesh
+            with sharing(p.threads):
+                foretold = Foretold(reduced(shown, factor))
+                kept = foretold.scores((mesh.vertices, mesh.faces))
             for name, other in found.items():
                 with sharing(p.threads):
-                    gain = compared((mesh.vertices, mesh.faces), (other.vertices, other.faces), shown)
-                rows.append(row := surface_row(*gain, SURFACES[name], best))
+                    scores = foretold.scores((other.vertices, other.faces))
+                rows.append(row := surface_row(*gain(kept, scores), SURFACES[name], best))
                 ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
                 if row["value"] == SURFACES[name]:
-                    best, mesh, carved = SURFACES[name], other, name
-    if masks and p.openings and method != "sphere" and len(views) >= ENOUGH_VIEWS:
+                    best, mesh, carved, kept = SURFACES[name], other, name, scores
+    if field and p.openings and len(views) >= ENOUGH_VIEWS:
         if vessel is None or carved:
-            opened, vessel = _opened(ctx, shown, maps.get(carved), carved, p)
+            opened, vessel = _opened(ctx, shown, field, maps.get(carved), carved, p)
             mesh = opened or mesh
         rows.append(vessel)
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
@@ -216,12 +225,14 @@ def _steady(ctx: Context, views: Views, mesh: Mesh, p: AutoParams) -> Views:
         return balanced(views, found.log_gains)
 
 
-def _fused(ctx: Context, views: Views, depths: DepthMaps, method: str, p: AutoParams) -> Mesh:
+def _fused(
+    ctx: Context, views: Views, depths: DepthMaps, method: str, field: SilhouetteField | None, p: AutoParams
+) -> Mesh:
     """The surface of depth maps, carved out of the hull where masks are."""
     from exmesh_nodes import init
 
     bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
-    return init.tsdf(ctx, views, depths, p=_carving(method, p) if views.masked.all() else bare).mesh
+    return init.fused(ctx, views, depths, field, _carving(method, p) if field else bare)
 
 
 def _carving(method: str, p: AutoParams) -> Any:
@@ -235,17 +246,16 @@ def _carving(method: str, p: AutoParams) -> Any:
 
 
 def _opened(
-    ctx: Context, views: Views, depths: DepthMaps | None, carved: str, p: AutoParams
+    ctx: Context, views: Views, field: SilhouetteField, depths: DepthMaps | None, carved: str, p: AutoParams
 ) -> tuple[Mesh | None, dict[str, Any]]:
     """(the hull, or what depth maps carved of it, less what photographs find open in it, None for nothing; a row)."""
     from exmesh_graph.evaluate.metrics.opened import openings
     from exmesh_graph.geometry.carve import carved_field
     from exmesh_graph.geometry.coarse_start import openings_row
-    from exmesh_graph.geometry.hull import SilhouetteField, hull_field
+    from exmesh_graph.geometry.hull import hull_field
     from exmesh_graph.geometry.openings import opened
     from exmesh_graph.gpu.torch_setup import sharing
 
-    field = SilhouetteField.of_views(views, p.wrong_masks)
     settings = _carving(carved, p)
 
     def solid(resolution: int) -> tuple[Any, Any]:

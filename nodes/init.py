@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from exmesh_graph.geometry.settings import CleanSettings, HullSettings, TsdfSettings
 from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
@@ -12,6 +12,9 @@ from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.stage1.settings import PhotometricSettings
 from exmesh_graph.types import DepthMaps, Frame, Mesh, Views
+
+if TYPE_CHECKING:
+    from exmesh_graph.geometry.hull import SilhouetteField
 
 MaskedTrain = Annotated[Views, facets(split="train", masks=True)]
 Train = Annotated[Views, facets(split="train")]
@@ -39,15 +42,21 @@ class ManifoldMeshOut(NamedTuple):
 @node("init.visual_hull", version="1", libraries=("scipy", "scikit-image", "torch", "warp-lang"))
 def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedMeshOut:
     """The largest closed shape that agrees with the masks."""
-    from exmesh_graph.geometry.clean import taubin
     from exmesh_graph.geometry.hull import SilhouetteField
+
+    return ClosedMeshOut(hull_of(ctx, SilhouetteField.of_views(views, p.wrong_masks), p))
+
+
+def hull_of(ctx: Context, field: SilhouetteField, p: HullSettings) -> Mesh:
+    """The hull of a field that is there already."""
+    from exmesh_graph.geometry.clean import taubin
     from exmesh_graph.geometry.hull import visual_hull as hull
     from exmesh_graph.geometry.soundness import require_sound
 
-    vertices, faces = hull(SilhouetteField.of_views(views, p.wrong_masks), resolution=p.resolution)
+    vertices, faces = hull(field, resolution=p.resolution)
     vertices = taubin(vertices, faces, p.smooth)
     require_sound(vertices, faces, closed=True, where=ctx.node)
-    return ClosedMeshOut(Mesh(vertices, faces))
+    return Mesh(vertices, faces)
 
 
 class SphereParams(Params):
@@ -80,6 +89,11 @@ class TsdfParams(TsdfSettings):
 @node("init.tsdf", version="1", libraries=("torch", "warp-lang", "open3d", "scipy", "scikit-image"))
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
     """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
+    return MeshOut(fused(ctx, views, depths, None, p))
+
+
+def fused(ctx: Context, views: Views, depths: DepthMaps, field: SilhouetteField | None, p: TsdfParams) -> Mesh:
+    """As `init.tsdf`; `field` of the masks, where that is there already."""
     from exmesh_graph.errors import DataError
     from exmesh_graph.geometry.adjacency import without_unused
     from exmesh_graph.geometry.clean import largest_components, without_pillows
@@ -100,7 +114,7 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
             raise DataError(
                 "solid needs a mask for every view", where=ctx.node, fix="set solid: false, then init.clean close_holes"
             )
-        vertices, faces = carve(SilhouetteField.of_views(views, p.wrong_masks), views, depths, p)
+        vertices, faces = carve(field or SilhouetteField.of_views(views, p.wrong_masks), views, depths, p)
     else:
         from exmesh_graph.geometry.tsdf import fuse
 
@@ -109,7 +123,7 @@ def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> Mes
     if p.solid:  # where the carved field is 0 at corners of its grid the surface touches itself
         vertices, faces = make_manifold(*without_unused(vertices, without_pillows(faces)))
         require_sound(vertices, faces, closed=True, where=ctx.node)
-    return MeshOut(Mesh(vertices, faces))
+    return Mesh(vertices, faces)
 
 
 @node("init.clean", version="1", libraries=("scipy", "pymeshlab", "open3d"))

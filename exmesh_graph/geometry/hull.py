@@ -56,11 +56,11 @@ def silhouette_distance(alpha: np.ndarray) -> np.ndarray:
 class SilhouetteField:
     """The hull's implicit function over N views.
 
-    distances        float32 [N, H, W], from `silhouette_distance`
-    intrinsics       float64 [N, 3, 3];  world_to_camera float64 [N, 4, 4], OpenCV
+    distances        float32 [N, H, W], from `silhouette_distance`, of the part of each mask around its silhouette
+    intrinsics       float64 [N, 3, 3], of these parts;  world_to_camera float64 [N, 4, 4], OpenCV
     wrong_masks      number of views that may be outvoted at each point
 
-    A point that projects outside an image takes the value of the nearest border pixel, less its distance to the image
+    A point that projects outside a part takes the value of the nearest border pixel, less its distance to the part
     where that pixel is background: the object may go on beyond an edge that its silhouette touches, and only there.
     A point behind a camera gets no vote from it.
     """
@@ -95,12 +95,8 @@ class SilhouetteField:
             raise DataError("the visual hull needs views, there are none", expected="at least one training view")
         count, height, width = alpha.shape
         factor = next(f for f in range(1, height + width) if 4 * count * (height // f) * (width // f) <= _FIELD_BYTES)
-        distances = np.empty((count, height // factor, width // factor), np.float32)
-        empty = []
-        for view, mask in enumerate(alpha):
-            if not (mask >= 0.5).any():
-                empty.append(names[view])
-            distances[view] = silhouette_distance(_reduced(mask, factor))
+        boxes = [_box(_reduced(mask, factor) >= 0.5) for mask in alpha]
+        empty = [name for name, box in zip(names, boxes, strict=True) if box is None]
         if empty:
             raise DataError(
                 "the mask is empty: no pixel has alpha >= 0.5", where=", ".join(empty),
@@ -110,8 +106,14 @@ class SilhouetteField:
             raise DataError(
                 f"wrong_masks {wrong_masks} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
             )
+        corners, size = _windows(np.array(boxes), (height // factor, width // factor))
+        distances = np.empty((count, *size), np.float32)
+        for view, (mask, (top, left)) in enumerate(zip(alpha, corners, strict=True)):
+            shown = _reduced(mask, factor)[top : top + size[0], left : left + size[1]]
+            distances[view] = silhouette_distance(shown)
         k = np.array(intrinsics, float)
         k[:, :2] /= factor
+        k[:, :2, 2] -= corners[:, ::-1]
         return cls(distances, k, np.asarray(world_to_camera, float), wrong_masks)
 
     @classmethod
@@ -174,6 +176,25 @@ def field_kernels() -> Any:
     from exmesh_graph.geometry import kernels_field
 
     return kernels_field
+
+
+def _box(inside: np.ndarray) -> tuple[int, int, int, int] | None:
+    """(top, left, bottom, right) of what is inside, the last two exclusive; None where nothing is."""
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    return (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1) if len(rows) else None
+
+
+def _windows(boxes: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int]]:
+    """(top and left [N, 2], height and width) of windows of one size around the boxes [N, 4] in pictures of `shape`.
+
+    Around each box a sixth of the largest is left and a few pixels: more than the voxels beyond the surface that a hull
+    asks for. What lies farther off is as far as the window's edge and that from it: outside in any case.
+    """
+    low, high = boxes[:, :2], boxes[:, 2:]
+    margin = (high - low).max() // 6 + 8
+    size = np.minimum((high - low).max(axis=0) + 2 * margin, shape)
+    corners = np.clip((low + high) // 2 - size // 2, 0, np.array(shape) - size)
+    return corners, (int(size[0]), int(size[1]))
 
 
 def _reduced(mask: np.ndarray, factor: int) -> np.ndarray:

@@ -36,12 +36,15 @@ def computing(settings: DeviceSettings) -> Iterator[torch.device]:
 
 @contextmanager
 def sharing(count: int) -> Iterator[None]:
-    """Let the kernels share `count` CPU cores within the block (0: all that the process may use), torch take one.
+    """Let the kernels share `count` CPU cores within the block (0: all that the process may use), torch and numpy's
+    products take one.
 
-    The solvers' tensors are small, and torch's threads spin for one another: beside other work two of them took up to
-    eight times as long as one.
+    The solvers' tensors and matrices are small, and these threads spin for one another: beside other work two of torch
+    took up to eight times as long as one, and two of OpenBLAS thirty times.
     """
-    with torch_threads(1), cores(count):
+    from threadpoolctl import threadpool_limits
+
+    with torch_threads(1), threadpool_limits(1, user_api="blas"), cores(count):
         yield
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.evaluate.metrics.rephotography import compared, prediction_psnr, rephotograph
+from exmesh_graph.evaluate.metrics.rephotography import Foretold, gain, prediction_psnr, rephotograph
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.types import Views
 from tests.priors.prior_scenes import paint
@@ -90,9 +90,10 @@ def test_nothing_to_compare_is_refused(views) -> None:
 
 def test_the_better_of_two_surfaces_is_told_from_the_training_views_alone() -> None:
     views = painted_sphere(20)
-    true, larger = icosphere(4, 0.7), icosphere(4, 0.74)
-    gain, error = compared(larger, true, views)
-    assert gain > 3 * error > 0
-    assert compared(true, larger, views) == pytest.approx((-gain, error))
+    foretold = Foretold(views)
+    true, larger = (foretold.scores(icosphere(4, radius)) for radius in (0.7, 0.74))
+    better, error = gain(larger, true)
+    assert better > 3 * error > 0
+    assert gain(true, larger) == pytest.approx((-better, error))
     with pytest.raises(DataError, match="too few"):
-        compared(true, larger, views.subset(range(10)))
+        Foretold(views.subset(range(10)))

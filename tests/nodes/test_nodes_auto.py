@@ -93,7 +93,7 @@ def test_photographs_decide_between_the_hull_and_what_was_carved_out_of_it(foret
     through = DepthMaps(views.names, np.where(views.alpha > 0.5, middle[:, None, None], np.float32(0)))
     monkeypatch.setattr(prior, "patch_match", lambda *_, **__: prior.DepthOut(through))
     if foretold is not None:
-        monkeypatch.setattr(rephotography, "compared", lambda *_: foretold)
+        monkeypatch.setattr(rephotography, "gain", lambda *_: foretold)
     context = FakeContext()
     p = auto.AutoParams(resolution=24, faces=200, openings=False)
     out = auto.auto(context, views, p=p)
@@ -147,19 +147,20 @@ def test_what_was_carved_is_judged_against_the_opened_hull(gain, kept, monkeypat
     vessel = init.sphere(FakeContext(), p=init.SphereParams(faces=320)).mesh
     judged, looked = [], []
 
-    def compared(one, other, shown):
-        judged.append(one[0])
-        return gain, 0.1
+    def scores(self, surface):
+        judged.append(surface[0])
+        return np.zeros(3)
 
-    def opening(ctx, shown, depths, carved, p):
+    def opening(ctx, shown, field, depths, carved, p):
         looked.append((depths is None, carved))
         found = vessel if depths is None else None
         return found, {"name": "openings", "value": "1" if found else "none", "reason": ""}
 
-    monkeypatch.setattr(rephotography, "compared", compared)
+    monkeypatch.setattr(rephotography.Foretold, "scores", scores)
+    monkeypatch.setattr(rephotography, "gain", lambda *_: (gain, 0.1))
     monkeypatch.setattr(auto, "_opened", opening)
     out = auto.auto(FakeContext(), views, p=auto.AutoParams(resolution=24, faces=200))
-    assert len(judged) == 1
+    assert len(judged) == 2
     assert judged[0] is vessel.vertices
     assert looked == [(True, ""), *([(False, "stereo")] if kept == "stereo" else [])]
     rows = [(row["name"], row["value"]) for row in out.decisions.values["decisions"]]
@@ -190,7 +191,7 @@ def test_where_gaussians_are_asked_for_stereo_is_tried_beside_them(gains, kept, 
     monkeypatch.setattr(prior, "patch_match", lambda *_, **__: prior.DepthOut(depths(radii["stereo"])))
     monkeypatch.setattr(auto, "_fitted_depths", lambda *_: depths(radii["pgsr"]))
     left = [float(gain) for gain in gains]
-    monkeypatch.setattr(rephotography, "compared", lambda *_: (left.pop(0), 0.1))
+    monkeypatch.setattr(rephotography, "gain", lambda *_: (left.pop(0), 0.1))
     p = auto.AutoParams(iterations=10, resolution=24, faces=200, openings=False)
     out = auto.auto(FakeContext(), views, p=p)
     alone = auto.auto(FakeContext(), views, p=p.model_copy(update={"method": kept})).mesh

@@ -7,6 +7,8 @@ triangles are put in classes of like size, so that one large one does not widen 
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -49,17 +51,19 @@ def _distances(
     classes: list[tuple[np.ndarray, cKDTree]],
 ) -> np.ndarray:
     best = np.full(len(points), np.inf)
+    beyond = []  # of each class: how far its triangles' centroids lie that were not looked at yet
     for members, tree in classes:
-        _, near = tree.query(points, k=min(_NEAREST, len(members)))
-        near = members[np.asarray(near).reshape(len(points), -1)]
-        pairs = squared_distance(np.repeat(points, near.shape[1], axis=0), corners[near.ravel()])
+        away, near = tree.query(points, k=range(1, min(_NEAREST, len(members)) + 1))
+        pairs = squared_distance(np.repeat(points, near.shape[1], axis=0), corners[members[near.ravel()]])
         best = np.minimum(best, pairs.reshape(near.shape).min(1))
-    for members, tree in classes:
+        beyond.append(away[:, -1] if near.shape[1] < len(members) else np.full(len(points), np.inf))
+    for (members, tree), last in zip(classes, beyond, strict=True):
         reach = np.sqrt(best) * (1 + 1e-9) + radii[members].max()
-        lists = tree.query_ball_point(points, reach, return_sorted=False)
+        open_ = np.flatnonzero(last <= reach)
+        lists = tree.query_ball_point(points[open_], reach[open_], return_sorted=False)
         counts = np.fromiter((len(near) for near in lists), np.int64, len(lists))
-        owner = np.repeat(np.arange(len(points)), counts)
-        triangle = members[np.concatenate([np.asarray(near, np.int64) for near in lists])]
+        owner = np.repeat(open_, counts)
+        triangle = members[np.fromiter(chain.from_iterable(lists), np.int64, int(counts.sum()))]
         gap = np.linalg.norm(points[owner] - centroids[triangle], axis=1) - radii[triangle]
         close = gap <= np.sqrt(best)[owner]
         owner, triangle = owner[close], triangle[close]

@@ -52,17 +52,20 @@ def rephotograph(
         depth = _depth(mesh, held_out, view)
         pose = torch.from_numpy(held_out.camera_to_world[view]).float()
         rays = pixel_rays(torch.from_numpy(held_out.intrinsics[view]), held_out.height, held_out.width, depth)
-        points = (depth[..., None] * rays) @ pose[:3, :3].T + pose[:3, 3]
+        shown = depth > 0
+        points = (depth[shown][:, None] * rays[shown]) @ pose[:3, :3].T + pose[:3, 3]
         here = torch.nn.functional.normalize(points - pose[:3, 3], dim=-1)
-        total = torch.zeros(*depth.shape, 4)
+        total = torch.zeros(len(points), 4)
         for other in others.tolist():
             colour, sees, there = _fetch(points, train, other, own[other])
             cosine = (here * there).sum(-1).clamp(-1, 1)
             weight = torch.exp(-(torch.rad2deg(torch.acos(cosine)) / _SPREAD).square()) + 1e-6
-            total += torch.where((sees & (depth > 0))[..., None], weight[..., None] * colour, 0.0)
-        photographed = total[..., 3] > 0
-        images.append(torch.where(photographed[..., None], total[..., :3] / total[..., 3:].clamp(min=1e-12), 0.0))
-        covered.append(depth > 0)
+            total += torch.where(sees[:, None], weight[:, None] * colour, 0.0)
+        image, photographed = torch.zeros(*depth.shape, 3), torch.zeros_like(shown)
+        photographed[shown] = known = total[:, 3] > 0
+        image[shown] = torch.where(known[:, None], total[:, :3] / total[:, 3:].clamp(min=1e-12), 0.0)
+        images.append(image)
+        covered.append(shown)
         seen.append(photographed)
     return Rephotographs(*(torch.stack(items).numpy() for items in (images, covered, seen)))
 
@@ -87,19 +90,28 @@ def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -
     return np.array(scores)
 
 
-def compared(first: Surface, second: Surface, views: Views, every: int = 5) -> tuple[float, float]:
-    """(gain of the second mesh over the first in dB, its standard error) where every fifth view is left out.
+class Foretold:
+    """How well the photographs foretell every fifth of them, which is left out, over one surface or another."""
 
-    Over the pixels inside the left-out masks. Raises DataError with fewer than three views to leave out.
-    """
-    held = np.arange(every // 2, len(views), every)
-    if len(held) < 3:
-        raise DataError(f"{len(views)} views are too few to leave some out", where="rephotography", expected="15 views")
-    rest = views.subset(np.setdiff1d(np.arange(len(views)), held))
-    held_out = views.subset(held)
-    inside = np.stack([alpha > 0.5 for alpha in held_out.alpha])
-    scores = [prediction_psnr(rephotograph(*mesh, rest, held_out), held_out, inside) for mesh in (first, second)]
-    gains = scores[1] - scores[0]
+    def __init__(self, views: Views, every: int = 5) -> None:
+        """Raises DataError with fewer than three views to leave out."""
+        held = np.arange(every // 2, len(views), every)
+        if len(held) < 3:
+            raise DataError(
+                f"{len(views)} views are too few to leave some out", where="rephotography", expected="15 views"
+            )
+        self.rest = views.subset(np.setdiff1d(np.arange(len(views)), held))
+        self.held_out = views.subset(held)
+        self.inside = np.stack([alpha > 0.5 for alpha in self.held_out.alpha])
+
+    def scores(self, surface: Surface) -> np.ndarray:
+        """PSNR in dB of each left-out view that has a mask, inside it."""
+        return prediction_psnr(rephotograph(*surface, self.rest, self.held_out), self.held_out, self.inside)
+
+
+def gain(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
+    """(gain of the second surface's `Foretold.scores` over the first's in dB, its standard error)."""
+    gains = second - first
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
 
 
@@ -121,20 +133,20 @@ def _nearest(train: Views, held_out: Views, count: int) -> np.ndarray:
 def _fetch(
     points: torch.Tensor, views: Views, view: int, depth: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(premultiplied colour and alpha [H, W, 4], seen bool [H, W], unit rays [H, W, 3]) of points in one view."""
+    """(premultiplied colour and alpha [P, 4], seen bool [P], unit rays [P, 3]) of points [P, 3] in one view."""
     pose = torch.from_numpy(views.world_to_camera[view]).float()
     k = torch.from_numpy(views.intrinsics[view]).float()
     local = points @ pose[:3, :3].T + pose[:3, 3]
-    z = local[..., 2].clamp(min=1e-6)
-    place = (local / z[..., None]) @ k.T
-    at = torch.stack([2 * place[..., 0] / views.width - 1, 2 * place[..., 1] / views.height - 1], dim=-1)
+    z = local[:, 2].clamp(min=1e-6)
+    place = (local / z[:, None]) @ k.T
+    at = torch.stack([2 * place[:, 0] / views.width - 1, 2 * place[:, 1] / views.height - 1], dim=-1)
     layers = np.concatenate([views.images[view], views.alpha[view][..., None]], axis=-1)
     stack = torch.cat([torch.from_numpy(np.ascontiguousarray(layers)).float(), depth[..., None]], dim=-1)
     fetch = torch.nn.functional.grid_sample
-    image = fetch(stack[..., :4].permute(2, 0, 1)[None], at[None], mode="bilinear", align_corners=False)[0]
-    seen = fetch(stack[..., 4:].permute(2, 0, 1)[None], at[None], mode="nearest", align_corners=False)[0, 0]
+    image = fetch(stack[..., :4].permute(2, 0, 1)[None], at[None, None], mode="bilinear", align_corners=False)[0, :, 0]
+    seen = fetch(stack[..., 4:].permute(2, 0, 1)[None], at[None, None], mode="nearest", align_corners=False)[0, 0, 0]
     footprint = z / k[:2, :2].det().abs().sqrt()
-    inside = (local[..., 2] > 0) & (at.abs() < 1).all(-1) & (image[3] > 0.5)
+    inside = (local[:, 2] > 0) & (at.abs() < 1).all(-1) & (image[3] > 0.5)
     eye = torch.from_numpy(views.camera_to_world[view][:3, 3]).float()
     rays = torch.nn.functional.normalize(points - eye, dim=-1)
-    return image.permute(1, 2, 0), inside & (seen > 0) & ((seen - z).abs() < _FOOTPRINTS * footprint), rays
+    return image.T, inside & (seen > 0) & ((seen - z).abs() < _FOOTPRINTS * footprint), rays
