@@ -286,7 +286,11 @@ def measured_specular_scale(
     leaving: torch.Tensor,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the radiance that lattice points send on."""
+    """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the radiance that lattice points send on.
+
+    A pixel's rays are few, so those of its neighbours on the same surface count with its own: the factor is the ratio of
+    the sums.
+    """
     surface = light.surface(buffer, material)
     traced = traced_specular(
         surface,
@@ -300,4 +304,6 @@ def measured_specular_scale(
         torch.rand(len(surface), 2, generator=generator),
     )
     split = light.split_sum(buffer, material, prepared, None if light.frames is None else surface)
+    near = buffer.neighbours.long()
+    traced, split = (value + value[near].sum(1) for value in (traced, split))
     return (traced / split.clamp_min(1e-6)).clamp(0, LARGEST)
