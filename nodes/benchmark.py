@@ -52,7 +52,7 @@ class NerfSyntheticParams(Params):
     samples: int = param(100_000, ge=100, doc="Points on each surface, and rays from the test cameras.")
 
 
-@node("benchmark.nerf_synthetic", version="1", libraries=("scipy", "embreex"))
+@node("benchmark.nerf_synthetic", version="1", libraries=("scipy", "embreex", "torch", "warp-lang"))
 def nerf_synthetic(
     ctx: Context, mesh: Mesh, truth: SceneTruth, views: TestViews, frame: Frame, *, p: NerfSyntheticParams
 ) -> MetricsOut:

@@ -24,7 +24,7 @@ class MetricsOut(NamedTuple):
     metrics: Metrics
 
 
-@node("evaluate.mesh", version="1", libraries=("scipy",))
+@node("evaluate.mesh", version="1", libraries=("scipy", "torch", "warp-lang"))
 def mesh(ctx: Context, mesh: Mesh, truth: SceneTruth | None = None, *, p: MeshParams) -> MetricsOut:
     """Chamfer distance to the true surface, whether the mesh is closed and manifold, its size."""
     from exmesh_graph.evaluate.mesh import score_mesh

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exmesh_graph.errors import GeometryError
-from exmesh_graph.evaluate.metrics.distance import distance_to_mesh, squared_distance
+from exmesh_graph.evaluate.metrics.distance import distance_to_mesh, distance_to_mesh_plain, squared_distance
 from exmesh_graph.evaluate.metrics.mesh import (
     bounding_radius,
     chamfer,
@@ -15,6 +15,7 @@ from exmesh_graph.evaluate.metrics.mesh import (
     mesh_report,
 )
 from exmesh_graph.geometry.hull import Grid, surface
+from exmesh_graph.gpu.cores import cores
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 CUBE_FACES = np.array(
@@ -60,9 +61,47 @@ def test_distance_equals_brute_force(seed, spread):
     points = 2 * rng.normal(size=(50, 3))
     faces = np.arange(180).reshape(60, 3)
     all_pairs = squared_distance(np.repeat(points, 60, 0), np.tile(corners, (50, 1, 1))).reshape(50, 60)
-    assert distance_to_mesh(points, corners.reshape(-1, 3), faces) == pytest.approx(
-        np.sqrt(all_pairs.min(1)), abs=1e-12
-    )
+    soup, expected = corners.reshape(-1, 3), np.sqrt(all_pairs.min(1))
+    assert distance_to_mesh_plain(points, soup, faces) == pytest.approx(expected, abs=1e-12)
+    beyond = (distance_to_mesh(points, soup, faces) - expected) / bounding_radius(soup)
+    assert -1e-12 < beyond.min()
+    assert beyond.max() < 2e-6
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10**6), thin=st.floats(0, 5), away=st.sampled_from([0.0, 1e4]), only=st.booleans())
+def test_distance_to_needles(seed, thin, away, only):
+    """Long thin triangles, down to lines, which float32 alone misses; near a mesh and far from the origin."""
+    rng = np.random.default_rng(seed)
+    start, along, across = rng.normal(size=(3, 40, 3))
+    corners = np.stack([start, start + along, start + 0.5 * along + 10.0**-thin * across], axis=1)
+    corners = (corners if only else np.concatenate([corners, rng.normal(size=(40, 3, 3))])) + away
+    weight = rng.dirichlet([1, 1, 1], 200)
+    near = np.einsum("pk,pkx->px", weight, corners[rng.integers(0, len(corners), 200)])
+    points = near + 10 ** rng.uniform(-6, 1, (200, 1)) * rng.normal(size=(200, 3))
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    expected = distance_to_mesh_plain(points, corners.reshape(-1, 3), faces)
+    beyond = (distance_to_mesh(points, corners.reshape(-1, 3), faces) - expected) / bounding_radius(corners[:, 0])
+    assert -1e-9 < beyond.min()
+    assert beyond.max() < 2e-6
+
+
+def test_distance_is_the_same_for_any_number_of_cores():
+    rng = np.random.default_rng(3)
+    points, (vertices, faces) = rng.normal(size=(20_000, 3)), ball(0.8)
+    with cores(1):
+        alone = distance_to_mesh(points, vertices, faces)
+    for count in (2, 3):
+        with cores(count):
+            assert np.array_equal(distance_to_mesh(points, vertices, faces), alone)
+
+
+def test_distance_names_a_vertex_that_is_not_finite():
+    broken = CUBE.copy()
+    broken[5, 1] = np.nan
+    with pytest.raises(GeometryError, match="not finite") as caught:
+        distance_to_mesh(CUBE, broken, CUBE_FACES)
+    assert "vertex 5" in str(caught.value)
 
 
 def test_distance_to_a_cube():
