@@ -77,6 +77,22 @@ def test_ssim_by_the_definition_at_one_pixel(picture):
     assert ssim_map(picture, other)[10, 20, 1] == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize("box", [(0, 3, 0, 40), (10, 12, 20, 21), (29, 32, 35, 40), (4, 28, 6, 33)])
+def test_ssim_where_only_a_part_differs(picture, box):
+    """Windows that do not differ are not computed: what is, is as by scikit-image over the whole pictures."""
+    from skimage.metrics import structural_similarity
+
+    top, bottom, left, right = box
+    other = picture.copy()
+    other[top:bottom, left:right] *= 0.8
+    _, expected = structural_similarity(
+        other, picture, data_range=1, channel_axis=2, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
+        full=True,
+    )  # fmt: skip
+    assert ssim_map(other, picture) == pytest.approx(expected, abs=1e-9)
+    assert ssim_map(other[..., 0], picture[..., 0]) == pytest.approx(expected[..., 0], abs=1e-9)
+
+
 def test_masked_ssim(picture):
     wrong = picture.copy()
     wrong[:, :12] = 0

@@ -55,10 +55,24 @@ def ssim(image: np.ndarray, reference: np.ndarray, mask: np.ndarray | None = Non
 def ssim_map(image: np.ndarray, reference: np.ndarray, *, radius: int = _RADIUS, mode: str = "reflect") -> np.ndarray:
     """SSIM at every pixel, same shape as the inputs; near the border it is extrapolated by reflection.
 
-    `radius` is the window's (5: 11 x 11), `mode` scipy's name for what lies beyond the border.
+    `radius` is the window's (5: 11 x 11), `mode` scipy's name for what lies beyond the border. Where no pixel of a
+    window differs it is 1, and not computed: around an object over black that is most of a picture.
     """
     if image.shape != reference.shape:
         raise NumericsError(f"cannot compare images of shapes {image.shape} and {reference.shape}")
+    differs = image != reference
+    rows, columns = np.nonzero(differs if differs.ndim == 2 else differs.any(axis=2))
+    whole = np.ones(image.shape)
+    if len(rows) == 0:
+        return whole
+    box = [(int(index.min()), int(index.max()) + 1) for index in (rows, columns)]
+    asked, shown = (tuple(slice(max(low - reach, 0), high + reach) for low, high in box) for reach in (2 * radius, radius))
+    inner = tuple(slice(of.start - by.start, of.stop - by.start) for of, by in zip(shown, asked, strict=True))
+    whole[shown] = _similarity(image[asked], reference[asked], radius, mode)[inner]
+    return whole
+
+
+def _similarity(image: np.ndarray, reference: np.ndarray, radius: int, mode: str) -> np.ndarray:
     x, y = image.astype(np.float64), reference.astype(np.float64)
 
     def blur(values: np.ndarray) -> np.ndarray:
