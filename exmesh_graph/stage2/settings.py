@@ -89,7 +89,9 @@ class DecompositionSettings(Params):
         False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
     )
     corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
-    correction_samples: int = param(16, ge=1, le=1024, unit="rays", doc="Rays per pixel each time.")
+    correction_samples: int = param(
+        4, ge=1, le=1024, unit="rays", doc="Rays per pixel each time; those of its four neighbours count too."
+    )
     min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
     roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")
     keep_light: bool = param(False, doc="Keep the environment of `start`, a known light, and fit the maps alone.")

@@ -11,7 +11,8 @@ from exmesh_graph.shading.lattice import face_starts
 from exmesh_graph.shading.operators import at_surface
 from exmesh_graph.shading.specular import scattered
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.light.precomputed import initial_specular_scale
+from exmesh_graph.stage2.light import precomputed
+from exmesh_graph.stage2.light.precomputed import initial_specular_scale, measured_specular_scale
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import texel_footprint
 
@@ -62,6 +63,30 @@ def test_the_fused_start_equals_the_plain_one(model, roughness, every, monkeypat
     for buffer in model.buffers[:4]:
         plain = initial_specular_scale(model.light, buffer, roughness, plain=True)
         torch.testing.assert_close(initial_specular_scale(model.light, buffer, roughness), plain, rtol=1e-4, atol=1e-5)
+
+
+def test_rays_of_neighbours_count_with_a_pixels_own(model, monkeypatch):
+    """The factor is the ratio of sums over a pixel and the four beside it on one surface; itself, where one is not."""
+    buffer = model.buffers[2]
+    first, second, third = (torch.Generator().manual_seed(k) for k in range(3))
+    traced, split = (
+        torch.rand(len(buffer.pixel), 3, generator=first),
+        torch.rand(len(buffer.pixel), 3, generator=second),
+    )
+    monkeypatch.setattr(precomputed, "traced_specular", lambda *_: traced)
+    monkeypatch.setattr(model.light, "split_sum", lambda *_: split)
+    material = model.maps.read(model.maps.values(), buffer.texel, buffer.texel_weight)
+    sky = torch.ones(16, 32, 3)
+    found = measured_specular_scale(model.light, buffer, material, None, sky, torch.zeros(1, 3), third)
+    beside = [[] for _ in buffer.pixel]
+    for one, other in buffer.pairs.tolist():
+        beside[one].append(other)
+        beside[other].append(one)
+    assert {len(others) for others in beside} >= {2, 3, 4}
+    for pixel, others in enumerate(beside):
+        group = others + [pixel] * (5 - len(others))
+        expected = (traced[group].sum(0) / split[group].sum(0)).clamp(0, 4)
+        torch.testing.assert_close(found[pixel], expected)
 
 
 def test_hits_send_what_they_scatter_of_their_irradiance(model):

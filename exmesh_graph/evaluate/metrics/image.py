@@ -66,7 +66,9 @@ def ssim_map(image: np.ndarray, reference: np.ndarray, *, radius: int = _RADIUS,
     if len(rows) == 0:
         return whole
     box = [(int(index.min()), int(index.max()) + 1) for index in (rows, columns)]
-    asked, shown = (tuple(slice(max(low - reach, 0), high + reach) for low, high in box) for reach in (2 * radius, radius))
+    asked, shown = (
+        tuple(slice(max(low - reach, 0), high + reach) for low, high in box) for reach in (2 * radius, radius)
+    )
     inner = tuple(slice(of.start - by.start, of.stop - by.start) for of, by in zip(shown, asked, strict=True))
     whole[shown] = _similarity(image[asked], reference[asked], radius, mode)[inner]
     return whole

@@ -13,6 +13,7 @@ import torch
 
 from exmesh_graph.geometry.adjacency import face_normals
 from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import warp
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.specular import scattered
@@ -78,8 +79,8 @@ class MeshSurface:
     """A Surface from arrays: vertices [V, 3], faces [F, 3]."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, device: torch.device | str = "cpu") -> None:
-        self.vertices = torch.from_numpy(np.asarray(vertices, np.float32)).to(device)
-        self.faces = torch.from_numpy(np.asarray(faces, np.int64)).to(device)
+        self.vertices = tensor_of(np.asarray(vertices, np.float32)).to(device)
+        self.faces = tensor_of(np.asarray(faces, np.int64)).to(device)
         self.face_normals = torch.from_numpy(face_normals(vertices, faces).astype(np.float32)).to(device)
 
     def at(self, face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:

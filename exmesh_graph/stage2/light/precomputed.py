@@ -261,7 +261,7 @@ def initial_specular_scale(
     """
     operators, kept = light.operators, buffer.light
     reflected = buffer.samples(light.geometry).reflected
-    directions = torch.from_numpy(operators.light.directions).to(reflected)
+    directions = tensor_of(operators.light.directions).to(reflected)
     if reflected.device.type == "cpu" and reflected.dtype == torch.float32 and not plain:
         alpha = resolved_alpha(roughness, len(directions))
         share = visible_share(operators.visible, directions, kept.point, kept.point_weight, reflected, alpha)
