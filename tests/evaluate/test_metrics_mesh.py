@@ -64,7 +64,7 @@ def test_distance_equals_brute_force(seed, spread):
     soup, expected = corners.reshape(-1, 3), np.sqrt(all_pairs.min(1))
     assert distance_to_mesh_plain(points, soup, faces) == pytest.approx(expected, abs=1e-12)
     beyond = (distance_to_mesh(points, soup, faces) - expected) / bounding_radius(soup)
-    assert -1e-12 < beyond.min()
+    assert beyond.min() > -1e-12
     assert beyond.max() < 2e-6
 
 
@@ -82,7 +82,7 @@ def test_distance_to_needles(seed, thin, away, only):
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
     expected = distance_to_mesh_plain(points, corners.reshape(-1, 3), faces)
     beyond = (distance_to_mesh(points, corners.reshape(-1, 3), faces) - expected) / bounding_radius(corners[:, 0])
-    assert -1e-9 < beyond.min()
+    assert beyond.min() > -1e-9
     assert beyond.max() < 2e-6
 
 

@@ -5,6 +5,7 @@ every distance that counts is taken in float64.
 """
 
 # mypy: ignore-errors
+# ruff: noqa: UP018, RUF046
 # Kernels are written in Warp's own language, which only looks like Python.
 
 import warp as wp
@@ -44,7 +45,7 @@ def distance(
     first: int, mesh: wp.uint64, needles: wp.uint64, count: int, corners: wp.array(dtype=wp.vec3d), faces: wp.array(dtype=wp.vec3i),
     thin: wp.array(dtype=wp.vec3i), points: wp.array(dtype=wp.vec3d), found: wp.array(dtype=wp.float64),
 ):  # fmt: skip
-    """found[p]: from points[p] to the mesh of `faces`, of which `count`, those of `thin`, are needles."""
+    """found[p]: from points[p] to the mesh of `faces`, of which `count` are needles, those of `thin`."""
     p = first + wp.tid()
     place = wp.vec3(points[p])
     best = wp.float64(1.0e60)

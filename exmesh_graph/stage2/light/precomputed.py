@@ -288,8 +288,8 @@ def measured_specular_scale(
 ) -> torch.Tensor:
     """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the radiance that lattice points send on.
 
-    A pixel's rays are few, so those of its neighbours on the same surface count with its own: the factor is the ratio of
-    the sums.
+    A pixel's rays are few, so those of its neighbours on the same surface count with its own: the factor is the ratio
+    of the sums.
     """
     surface = light.surface(buffer, material)
     traced = traced_specular(
