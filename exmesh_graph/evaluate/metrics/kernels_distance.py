@@ -42,8 +42,9 @@ def _squared(p: wp.vec3d, corners: wp.array(dtype=wp.vec3d), f: wp.vec3i) -> wp.
 
 @wp.kernel
 def distance(
-    first: int, mesh: wp.uint64, needles: wp.uint64, count: int, corners: wp.array(dtype=wp.vec3d), faces: wp.array(dtype=wp.vec3i),
-    thin: wp.array(dtype=wp.vec3i), points: wp.array(dtype=wp.vec3d), found: wp.array(dtype=wp.float64),
+    first: int, mesh: wp.uint64, needles: wp.uint64, count: int, corners: wp.array(dtype=wp.vec3d),
+    faces: wp.array(dtype=wp.vec3i), thin: wp.array(dtype=wp.vec3i), points: wp.array(dtype=wp.vec3d),
+    found: wp.array(dtype=wp.float64),
 ):  # fmt: skip
     """found[p]: from points[p] to the mesh of `faces`, of which `count` are needles, those of `thin`."""
     p = first + wp.tid()
