@@ -90,7 +90,11 @@ class DecompositionSettings(Params):
     )
     corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
     correction_samples: int = param(
-        4, ge=1, le=1024, unit="rays", doc="Rays per pixel each time; those of its four neighbours count too."
+        16,
+        ge=1,
+        le=1024,
+        unit="rays",
+        doc="Rays of a pixel each time, those of its neighbours counted as far as they tell.",
     )
     min_coverage: float = param(0.99, gt=0, le=1, doc="Mask alpha from which a pixel takes part.")
     roughness_min: float = param(0.08, ge=0.03, lt=0.5, doc="Lower end of the roughness map.")

@@ -65,28 +65,36 @@ def test_the_fused_start_equals_the_plain_one(model, roughness, every, monkeypat
         torch.testing.assert_close(initial_specular_scale(model.light, buffer, roughness), plain, rtol=1e-4, atol=1e-5)
 
 
-def test_rays_of_neighbours_count_with_a_pixels_own(model, monkeypatch):
-    """The factor is the ratio of sums over a pixel and the four beside it on one surface; itself, where one is not."""
+def test_rays_of_neighbours_count_as_far_as_their_lobes_are_a_pixels_own(model, monkeypatch):
+    """The factor is the ratio of sums over a pixel and those beside it on one surface, and rays are fewer for it."""
     buffer = model.buffers[2]
     first, second, third = (torch.Generator().manual_seed(k) for k in range(3))
     traced, split = (
         torch.rand(len(buffer.pixel), 3, generator=first),
         torch.rand(len(buffer.pixel), 3, generator=second),
     )
-    monkeypatch.setattr(precomputed, "traced_specular", lambda *_: traced)
+    rays = []
+    monkeypatch.setattr(precomputed, "traced_specular", lambda *args: (rays.append(args[-2]), traced)[1])
     monkeypatch.setattr(model.light, "split_sum", lambda *_: split)
     material = model.maps.read(model.maps.values(), buffer.texel, buffer.texel_weight)
-    sky = torch.ones(16, 32, 3)
-    found = measured_specular_scale(model.light, buffer, material, None, sky, torch.zeros(1, 3), third)
+    found = measured_specular_scale(
+        model.light, buffer, material, None, torch.ones(16, 32, 3), torch.zeros(1, 3), third
+    )
     beside = [[] for _ in buffer.pixel]
     for one, other in buffer.pairs.tolist():
         beside[one].append(other)
         beside[other].append(one)
     assert {len(others) for others in beside} >= {2, 3, 4}
+    mirrored, counted = buffer.samples(model.geometry).reflected.double(), []
     for pixel, others in enumerate(beside):
-        group = others + [pixel] * (5 - len(others))
-        expected = (traced[group].sum(0) / split[group].sum(0)).clamp(0, 4)
-        torch.testing.assert_close(found[pixel], expected)
+        alpha = float(material.roughness[pixel]) ** 2
+        angle = torch.acos((mirrored[others] @ mirrored[pixel]).clamp(-1, 1))
+        share = torch.exp(-((2 * torch.sin(angle / 2) / (2 * alpha)) ** 2))[:, None]
+        counted.append(float(share.sum()))
+        expected = (traced[pixel] + (share * traced[others]).sum(0)) / (split[pixel] + (share * split[others]).sum(0))
+        torch.testing.assert_close(found[pixel].double(), expected.clamp(0, 4), rtol=1e-3, atol=1e-4)
+    assert 1 < np.mean(counted) < 4
+    assert rays == [math.ceil(16 / (1 + np.mean(counted)))]
 
 
 def test_hits_send_what_they_scatter_of_their_irradiance(model):

@@ -12,6 +12,7 @@ come from the cheap term. As the fit settles, so does `c`: a defect correction.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -288,10 +289,11 @@ def measured_specular_scale(
 ) -> torch.Tensor:
     """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the radiance that lattice points send on.
 
-    A pixel's rays are few, so those of its neighbours on the same surface count with its own: the factor is the ratio
-    of the sums.
+    A pixel's neighbours on the same surface see nearly the same through their lobes. So their rays count with its own,
+    the factor is the ratio of the sums, and each traces as many as make `correction_samples` together on the mean.
     """
     surface = light.surface(buffer, material)
+    near, share = buffer.neighbours.long(), shared_lobes(surface, material.roughness, buffer.neighbours)
     traced = traced_specular(
         surface,
         light.geometry.face_normals,
@@ -300,10 +302,20 @@ def measured_specular_scale(
         Pyramid(environment),
         light.tracer,
         lambda face, bary: at_surface(light.operators.light, leaving, face, bary),
-        light.settings.correction_samples,
+        math.ceil(light.settings.correction_samples / (1 + float(share.sum(1).mean()))),
         torch.rand(len(surface), 2, generator=generator),
     )
     split = light.split_sum(buffer, material, prepared, None if light.frames is None else surface)
-    near = buffer.neighbours.long()
-    traced, split = (value + value[near].sum(1) for value in (traced, split))
+    traced, split = (value + (share[..., None] * value[near]).sum(1) for value in (traced, split))
     return (traced / split.clamp_min(1e-6)).clamp(0, LARGEST)
+
+
+def shared_lobes(surface: SurfaceSamples, roughness: torch.Tensor, neighbours: torch.Tensor) -> torch.Tensor:
+    """How far the lobes of N pixels' `neighbours` int32 [N, 4] (the pixel itself: none) are its own: [N, 4], at most 1.
+
+    exp(-(t / 2 alpha)^2) of the angle t between their mirrored directions: half vectors of a lobe spread by alpha.
+    """
+    near = neighbours.long()
+    cosine = (surface.reflected[near] * surface.reflected[:, None]).sum(-1)
+    share = torch.exp((cosine - 1).clamp_max(0) / (2 * brdf.alpha_of(roughness)[:, None] ** 2))
+    return share * (near != torch.arange(len(near), device=near.device)[:, None])
