@@ -74,7 +74,7 @@ def test_rays_of_neighbours_count_as_far_as_their_lobes_are_a_pixels_own(model, 
         torch.rand(len(buffer.pixel), 3, generator=second),
     )
     rays = []
-    monkeypatch.setattr(precomputed, "traced_specular", lambda *args: (rays.append(args[-2]), traced)[1])
+    monkeypatch.setattr(precomputed, "traced_specular", lambda *args: (rays.append(args[-3:]), traced)[1])
     monkeypatch.setattr(model.light, "split_sum", lambda *_: split)
     material = model.maps.read(model.maps.values(), buffer.texel, buffer.texel_weight)
     found = measured_specular_scale(
@@ -94,7 +94,10 @@ def test_rays_of_neighbours_count_as_far_as_their_lobes_are_a_pixels_own(model, 
         expected = (traced[pixel] + (share * traced[others]).sum(0)) / (split[pixel] + (share * split[others]).sum(0))
         torch.testing.assert_close(found[pixel].double(), expected.clamp(0, 4), rtol=1e-3, atol=1e-4)
     assert 1 < np.mean(counted) < 4
-    assert rays == [math.ceil(16 / (1 + np.mean(counted)))]
+    ((count, shift, shared),) = rays
+    assert count == math.ceil(16 / (1 + np.mean(counted)))
+    assert shift.shape == (len(buffer.pixel), 2)
+    assert count * shared == pytest.approx(16)
 
 
 def test_hits_send_what_they_scatter_of_their_irradiance(model):

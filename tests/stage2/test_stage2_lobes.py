@@ -61,13 +61,15 @@ def _sent(lobes, dtype):
     return torch.stack([lobes.bary[:, 0], lobes.face / 500, lobes.bary[:, 2] ** 2], 1).to(dtype)
 
 
-@pytest.mark.parametrize(("count", "samples"), [(1, 1), (7, 12), (9, 5), (700, 16)])
-def test_light_agrees_with_plain_lobes(carrier, tracer, count, samples):
+@pytest.mark.parametrize(
+    ("count", "samples", "shared"), [(1, 1, 1), (7, 12, 3.5), (9, 5, 1), (700, 16, 1), (700, 4, 4)]
+)
+def test_light_agrees_with_plain_lobes(carrier, tracer, count, samples, shared):
     found, expected = _both(carrier, tracer, count, samples)
     f0, extra = _random(count, 3, seed=8), _random(count, seed=9) < 0.5
     for sky in (_sky(16, 32, 3), _sky(64, 128, 4, extra=True), _sky(2, 4, 5)):
-        fused = found.radiance(f0, sky, _sent(found, torch.float32), extra).double()
-        plain = expected.radiance(f0.double(), _double(sky), _sent(expected, torch.float64), extra)
+        fused = found.radiance(f0, sky, _sent(found, torch.float32), extra, shared).double()
+        plain = expected.radiance(f0.double(), _double(sky), _sent(expected, torch.float64), extra, shared)
         assert torch.isfinite(fused).all()
         error = ((fused - plain).abs() / (plain + 1e-2 * plain.mean() + 1e-9)).amax(dim=1)
         # a ray within rounding of an edge or of a horizon may fall on its other side

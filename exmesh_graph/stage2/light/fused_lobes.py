@@ -102,7 +102,7 @@ class FusedLobes:
 
     @torch.no_grad()
     def radiance(
-        self, f0: torch.Tensor, sky: Sky, sent: torch.Tensor, extra: torch.Tensor | None = None
+        self, f0: torch.Tensor, sky: Sky, sent: torch.Tensor, extra: torch.Tensor | None = None, shared: float = 1.0
     ) -> torch.Tensor:
         """As `lobes.Lobes.radiance`."""
         texels, levels = sky.table
@@ -110,7 +110,7 @@ class FusedLobes:
         result = torch.empty(self.count, 3)
         items = -(-len(self.rays) // GROUPS)
         split(
-            _kernels().light_rays, items, GROUPS, self.count, self.samples, 0.5 * math.log2(sky.pyramid.texel),
+            _kernels().light_rays, items, GROUPS, self.count, self.samples, 0.5 * math.log2(shared * sky.pyramid.texel),
             self.rays, self.slot, f0.contiguous(), torch.nn.functional.pad(sent, (0, 1)), more, texels, levels, result,
             grain=1,
         )  # fmt: skip

@@ -54,13 +54,13 @@ class Lobes(Protocol):
         """[M, 3]"""
 
     def radiance(
-        self, f0: torch.Tensor, sky: Sky, sent: torch.Tensor, extra: torch.Tensor | None = None
+        self, f0: torch.Tensor, sky: Sky, sent: torch.Tensor, extra: torch.Tensor | None = None, shared: float = 1.0
     ) -> torch.Tensor:
         """Specular radiance [N, 3]: the mean over the samples of F G/G1 times what their ray meets.
 
         Free rays read `sky` averaged over the solid angle they stand for (Krivanek and Colbert 2008), with its `extra`
         for some points (bool [N]); rays that met a front face read the radiance `sent` [M, 3] by it; back faces are
-        black. f0 [N, 3].
+        black. f0 [N, 3]. `shared`: so many times a point's rays stand for its lobe, with those of its neighbours.
         """
 
 
@@ -112,14 +112,15 @@ class PlainLobes:
 
     @torch.no_grad()
     def radiance(
-        self, f0: torch.Tensor, sky: Sky, sent: torch.Tensor, extra: torch.Tensor | None = None
+        self, f0: torch.Tensor, sky: Sky, sent: torch.Tensor, extra: torch.Tensor | None = None, shared: float = 1.0
     ) -> torch.Tensor:
         """As `Lobes.radiance`."""
+        angle = self.solid_angle / shared
         arriving = torch.zeros_like(self.direction)
-        arriving[self.free] = sky.pyramid.lookup(self.direction[self.free], self.solid_angle[self.free])
+        arriving[self.free] = sky.pyramid.lookup(self.direction[self.free], angle[self.free])
         if sky.extra is not None and extra is not None:
             more = self.free & extra[self.row]
-            arriving[more] += sky.extra.lookup(self.direction[more], self.solid_angle[more])
+            arriving[more] += sky.extra.lookup(self.direction[more], angle[more])
         arriving[self.met] = sent
         value = arriving * brdf.schlick(self.v_h, f0[self.row]) * self.weight[:, None]
         return value.new_zeros(self.count, 3).index_add_(0, self.row, value) / self.samples

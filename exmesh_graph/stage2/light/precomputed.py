@@ -294,6 +294,8 @@ def measured_specular_scale(
     """
     surface = light.surface(buffer, material)
     near, share = buffer.neighbours.long(), shared_lobes(surface, material.roughness, buffer.neighbours)
+    wanted, counted = light.settings.correction_samples, 1 + float(share.sum(1).mean())
+    rays = math.ceil(wanted / counted)
     traced = traced_specular(
         surface,
         light.geometry.face_normals,
@@ -302,8 +304,9 @@ def measured_specular_scale(
         Pyramid(environment),
         light.tracer,
         lambda face, bary: at_surface(light.operators.light, leaving, face, bary),
-        math.ceil(light.settings.correction_samples / (1 + float(share.sum(1).mean()))),
+        rays,
         torch.rand(len(surface), 2, generator=generator),
+        wanted / rays,
     )
     split = light.split_sum(buffer, material, prepared, None if light.frames is None else surface)
     traced, split = (value + (share[..., None] * value[near]).sum(1) for value in (traced, split))

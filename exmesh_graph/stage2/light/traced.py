@@ -40,16 +40,17 @@ def traced_specular(
     hit_radiance: HitRadiance,
     samples: int,
     shift: torch.Tensor,
+    shared: float = 1.0,
     chunk: int = 1 << 13,
 ) -> torch.Tensor:
     """Specular radiance [N, 3] of `samples` rays per point (`fused_lobes.trace_lobes`); the mesh sends `hit_radiance`,
-    the sky `pyramid`. face_normals [F, 3], roughness [N], f0 [N, 3], shift [N, 2]."""
+    the sky `pyramid`. face_normals [F, 3], roughness [N], f0 [N, 3], shift [N, 2]; `shared` as `lobes.Lobes.radiance`."""
     sky = Sky(pyramid)
     result = torch.empty_like(f0)
     for start in range(0, len(surface), chunk):
         part = slice(start, start + chunk)
         lobes = trace_lobes(surface[part], face_normals, roughness[part], tracer, samples, shift[part])
-        result[part] = lobes.radiance(f0[part], sky, hit_radiance(lobes.face, lobes.bary))
+        result[part] = lobes.radiance(f0[part], sky, hit_radiance(lobes.face, lobes.bary), shared=shared)
     return result
 
 
