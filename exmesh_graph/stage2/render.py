@@ -162,7 +162,7 @@ def _render(
     surface = body.geometry.samples(face_id[chosen].long(), fragments.bary.reshape(-1, 3)[chosen], camera)
     # drawn for the whole grid: a sample more or less at the outline leaves the noise of all others as it is
     shift = torch.rand(len(face_id), 5, generator=generator)[chosen.cpu()].to(device)
-    shaded = shade(body, scenes, surface, samples, shift)
+    shaded = shade(body, scenes, surface, samples, shift, supersampling**2)
     material = gather_rows(body.maps, *texel_footprint(surface.uv, body.size))
     normal = body.mapped(surface, material).normal
     fine = torch.cat([torch.ones_like(material[:, :1]), material[:, :4], normal, *shaded], dim=1)

@@ -173,23 +173,24 @@ def shade(
     smooth: SurfaceSamples,
     samples: int,
     shift: torch.Tensor,
+    shared: float = 1.0,
     chunk: int = 1 << 13,
 ) -> list[torch.Tensor]:
     """Radiance [N, 3] of the surface samples `smooth` in each of the body's scenes; rays are traced once for all.
 
-    Specular light by `samples` rays of each point. `shift` [N, 5], uniform in [0, 1), moves each point's specular and
-    sun samples.
+    Specular light by `samples` rays of each point, of which `shared` are averaged later (lobes.Lobes.radiance).
+    `shift` [N, 5], uniform in [0, 1), moves each point's specular and sun samples.
     """
     shaded = [torch.empty(len(smooth), 3, device=body.device) for _ in scenes]
     for start in range(0, len(smooth), chunk):
         part = slice(start, start + chunk)
-        for radiance, values in zip(shaded, _shade_part(body, scenes, smooth[part], samples, shift[part]), strict=True):
+        for radiance, values in zip(shaded, _shade_part(body, scenes, smooth[part], samples, shift[part], shared), strict=True):
             radiance[part] = values
     return shaded
 
 
 def _shade_part(
-    body: Body, scenes: Sequence[Scene], smooth: SurfaceSamples, samples: int, shift: torch.Tensor
+    body: Body, scenes: Sequence[Scene], smooth: SurfaceSamples, samples: int, shift: torch.Tensor, shared: float
 ) -> list[torch.Tensor]:
     own, around = texel_footprint(smooth.uv, body.size), body.points(smooth.face, smooth.bary)
     plain = gather_rows(body.maps, *own)
@@ -204,7 +205,7 @@ def _shade_part(
         f0 = brdf.base_reflectance(material[:, :3], material[:, 4] if body.metallic else None)
         sky = scene.environment
         narrow = narrow_lobes(sky.suns, roughness) if len(sky.suns) else None
-        specular = lobes.radiance(f0, sky.sky, scene.sent(texels, points), narrow)
+        specular = lobes.radiance(f0, sky.sky, scene.sent(texels, points), narrow, shared)
         arrived = gather_rows(scene.arriving, *around)
         if scene.vector is not None:
             vector = gather_rows(scene.vector, *around)
