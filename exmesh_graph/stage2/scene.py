@@ -184,8 +184,9 @@ def shade(
     shaded = [torch.empty(len(smooth), 3, device=body.device) for _ in scenes]
     for start in range(0, len(smooth), chunk):
         part = slice(start, start + chunk)
-        for radiance, values in zip(shaded, _shade_part(body, scenes, smooth[part], samples, shift[part], shared), strict=True):
-            radiance[part] = values
+        values = _shade_part(body, scenes, smooth[part], samples, shift[part], shared)
+        for radiance, value in zip(shaded, values, strict=True):
+            radiance[part] = value
     return shaded
 
 

@@ -44,7 +44,7 @@ def traced_specular(
     chunk: int = 1 << 13,
 ) -> torch.Tensor:
     """Specular radiance [N, 3] of `samples` rays per point (`fused_lobes.trace_lobes`); the mesh sends `hit_radiance`,
-    the sky `pyramid`. face_normals [F, 3], roughness [N], f0 [N, 3], shift [N, 2]; `shared` as `lobes.Lobes.radiance`."""
+    the sky `pyramid`. face_normals [F, 3], roughness [N], f0 [N, 3], shift [N, 2]; `shared`: lobes.Lobes.radiance."""
     sky = Sky(pyramid)
     result = torch.empty_like(f0)
     for start in range(0, len(surface), chunk):
