@@ -21,8 +21,9 @@ import torch.nn.functional as F
 
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 
-#: The share of texels whose base colour the factor must leave below 1, judged from so many of them.
-KEPT, JUDGED = 0.95, 2000
+#: What few paints reflect more than; the share of texels whose base colour the factor must leave below it, judged from
+#: so many of them.
+WHITEST, KEPT, JUDGED = 0.85, 0.95, 2000
 
 #: Base colour that `fold` brightens no further: the logit of 1 does not exist.
 BRIGHTEST = 0.98
@@ -49,15 +50,18 @@ class CommonFactor:
         return (part - part.detach()).exp()
 
     @torch.no_grad()
-    def bound(self, maps: torch.Tensor) -> None:
-        """Keep the factor from brightening base colours, logits `maps` [T, C], past 1.
+    def bound(self, maps: torch.Tensor, metallic: torch.Tensor | None = None) -> None:
+        """Keep base colours, logits `maps` [T, C], and what the factor makes of them at what paint reflects, where
+        `metallic` [T] (logits) says metal at 1.
 
-        Without it, texels that start near 1 under too dim a sky have a valley of their own: ever brighter base colours
-        make up for the missing light by interreflection.
+        Where no highlight tells the level, base colours grow as far as they may, the light fading. And texels that
+        start near 1 under too dim a sky have a valley of their own: ever brighter base colours make up for the missing
+        light by interreflection.
         """
         stride = max(1, len(maps) // JUDGED)
-        logits = _quantile(maps[::stride, :3], KEPT)
-        self.parameter.copy_(torch.maximum(self.parameter, F.logsigmoid(logits)))
+        paint = torch.ones_like(maps[::stride, 0]) if metallic is None else torch.sigmoid(-metallic[::stride])
+        past = F.logsigmoid(maps[::stride, :3]) - math.log(WHITEST) * paint[:, None]
+        self.parameter.copy_(torch.maximum(self.parameter, _quantile(past, KEPT)))
 
     @torch.no_grad()
     def fold(self, maps: torch.Tensor, environment: torch.Tensor) -> None:

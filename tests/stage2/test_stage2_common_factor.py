@@ -7,7 +7,7 @@ import torch
 from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.gains import BRIGHTEST, KEPT, CommonFactor
+from exmesh_graph.stage2.gains import BRIGHTEST, KEPT, WHITEST, CommonFactor
 from exmesh_graph.stage2.maps import PAST_ONE
 from exmesh_graph.stage2.settings import DecompositionSettings
 
@@ -35,16 +35,29 @@ def _random_parameters(dtype=torch.float32):
 
 
 @pytest.mark.parametrize("texels", [1, 2, 7, 50, 2000])
-def test_a_bound_factor_keeps_the_quantile_of_base_colours_below_one(texels):
+@pytest.mark.parametrize("metal", [None, -90.0, 0.0, 90.0])
+def test_a_bound_factor_keeps_the_quantile_of_base_colours_at_what_paint_reflects(texels, metal):
+    """Metal may reflect all; what is neither is between."""
     generator = torch.Generator().manual_seed(texels)
     maps = torch.randn(texels, 4, generator=generator)
     maps[: texels // 3] = maps[0]  # many alike
     factor = CommonFactor()
     with torch.no_grad():
         factor.parameter.fill_(-9.0)
+    factor.bound(maps, None if metal is None else torch.full((texels,), metal))
+    most = {None: WHITEST, -90.0: WHITEST, 0.0: WHITEST**0.5, 90.0: 1.0}[metal]
+    reached = torch.nn.functional.logsigmoid(maps[:, :3]) - factor.parameter
+    torch.testing.assert_close(torch.quantile(reached, KEPT, dim=0).exp(), torch.full((3,), most), rtol=1e-5, atol=0)
+
+
+def test_bright_metal_does_not_darken_the_paint_beside_it():
+    maps = torch.full((100, 5), -2.0)
+    maps[:40, :3], maps[:40, 4] = 3.0, 9.0
+    factor = CommonFactor()
+    factor.bound(maps, maps[:, 4])
+    assert float(factor.parameter.abs().max()) == 0
     factor.bound(maps)
-    expected = torch.nn.functional.logsigmoid(torch.quantile(maps[:, :3], KEPT, dim=0))
-    torch.testing.assert_close(factor.parameter, expected, rtol=1e-5, atol=1e-7)
+    assert float(factor.parameter.min()) == pytest.approx(np.log(1 / (1 + np.exp(-3.0)) / WHITEST), rel=1e-4)
 
 
 def test_folding_scales_colour_and_light_and_leaves_the_rest():
