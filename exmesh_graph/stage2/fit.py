@@ -157,7 +157,8 @@ def _optimise(
             optimiser.forget()  # what the sky's moments and the count of steps hold is of another problem
         optimiser.step(guard.scale * settings.rate_decay ** (step / settings.iterations))
         model.maps.spare = gradient
-        model.factor.bound(model.maps.parameter, model.maps.parameter[:, 4] if settings.metallic else None)
+        if not settings.keep_light:
+            model.factor.bound(model.maps.parameter, model.maps.parameter[:, 4] if settings.metallic else None)
         if step % 10 == 0 or step == settings.iterations - 1:
             figures = {
                 "loss": float(loss.detach()),

@@ -138,7 +138,7 @@ def test_the_factor_does_not_undo_what_the_chroma_term_does_to_the_sky(carrier, 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("wrong", "rate", "low", "high"), [(0.8, 0.06, 0.98, 1.13), (0.8, 0.0, 1.15, 1.3), (1.2, 0.06, 0.75, 0.92)]
+    ("wrong", "rate", "low", "high"), [(0.8, 0.06, 0.98, 1.13), (0.8, 0.0, 1.15, 1.3), (1.2, 0.06, 0.85, 1.03)]
 )
 def test_a_wrong_start_is_brought_back(
     carrier, train_views, transport, true_asset, wrong, rate, low, high, monkeypatch
@@ -146,7 +146,8 @@ def test_a_wrong_start_is_brought_back(
     """From the truth, base colour times `wrong`: the factor brings the sky back, the texels alone do not.
 
     A fifth too bright, a third of the red texels start near 1: the factor must not run off that way (it did).
-    Bounds: a little outside what seeds 3 to 7 give, 1.01 to 1.11, 1.16 to 1.22 and 0.77 to 0.90.
+    Bounds: a little outside what seeds 3 to 7 give, 1.02 to 1.11, 1.15 to 1.22 and 0.88 to 1.01 (0.77 to 0.90 where
+    base colours may reach 1).
     """
 
     def start(model):
