@@ -8,7 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from exmesh_graph.errors import MissingLibraryError
-from exmesh_graph.rays.tracer import MISS, Hits, unit_mesh
+from exmesh_graph.geometry.unit import unit_mesh
+from exmesh_graph.rays.tracer import MISS, Hits
 
 #: Rays per call of embree, at least and at most.
 _LEAST, _MOST = 1 << 12, 1 << 16

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
-from exmesh_graph.errors import GeometryError
-
 if TYPE_CHECKING:
     import torch
 
@@ -72,21 +70,3 @@ def offset_origins(points: Array, normals: Array, radius: float) -> Array:
     rounding = 8 * float(np.finfo(str(points.dtype).removeprefix("torch.")).eps)
     wide = points.double()
     return wide + normals * (RELATIVE_OFFSET * radius + rounding * wide.abs().amax(dim=1, keepdim=True))
-
-
-def unit_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The mesh's vertices about its centre and at unit radius, float32 [V, 3]; its centre [3]; its radius.
-
-    So a scene far from the origin, tiny or huge loses nothing to a tracer's float32. Raises GeometryError for an
-    empty mesh or vertices that are not finite.
-    """
-    points = np.asarray(vertices, np.float64)
-    if len(points) == 0 or len(faces) == 0:
-        raise GeometryError("cannot trace rays against an empty mesh", expected="at least one face")
-    if not np.isfinite(points).all():
-        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise GeometryError("a vertex is not finite", where=f"vertex {bad}", expected="finite coordinates")
-    low, high = points.min(axis=0), points.max(axis=0)
-    centre = (low + high) / 2
-    radius = float(np.linalg.norm(high - low) / 2) or 1.0
-    return ((points - centre) / radius).astype(np.float32), centre, radius

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from exmesh_graph.geometry.unit import unit_mesh
 from exmesh_graph.gpu.warp_runtime import launch, warp
 from exmesh_graph.rays.tensors import TensorHits
-from exmesh_graph.rays.tracer import Hits, unit_mesh
+from exmesh_graph.rays.tracer import Hits
 
 #: What the queries are told instead of infinity.
 _FAR = 1e30

@@ -16,8 +16,9 @@ from exmesh_graph.graph.declare.packs import load_packs
 BUILTIN = {name: d for name, d in load_packs().types.items() if d.function.__module__.startswith("exmesh_nodes.")}
 ROOT = Path(__file__).parent.parent.parent
 # numpy: under every node, its results are pinned by IEEE arithmetic but for sums; safetensors: bytes are hashed anyway
-# bpy: of the child process that Blender's own Python runs; psutil: reads the memory of processes, for limits and logs
-LEFT_OUT = {"numpy", "safetensors", "pydantic", "pydantic_core", "bpy", "psutil"}
+# bpy: of the child process that Blender's own Python runs; psutil: reads the memory of processes, for limits and logs;
+# threadpoolctl: says how many threads take part
+LEFT_OUT = {"numpy", "safetensors", "pydantic", "pydantic_core", "bpy", "psutil", "threadpoolctl"}
 LATE = {
     "import_open3d": "open3d",
     "import_pymeshlab": "pymeshlab",
@@ -26,7 +27,7 @@ LATE = {
 }  # by a computed name, in exmesh_graph.native
 UNUSED = {  # imported by a module of the node's code, but by no function that the node calls
     "benchmark.dtu": {"OpenImageIO", "torch"},
-    "benchmark.nerf_synthetic": {"OpenImageIO", "open3d", "pymeshlab", "scikit-image", "torch", "warp-lang"},
+    "benchmark.nerf_synthetic": {"OpenImageIO", "open3d", "pymeshlab", "scikit-image"},
     "benchmark.stanford_orb": {"scikit-image"},
     "data.environment": {"scipy"},
     "data.usd": {"scipy"},

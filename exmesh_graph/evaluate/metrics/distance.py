@@ -17,9 +17,9 @@ import torch
 from scipy.spatial import cKDTree
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.geometry.unit import unit_mesh
 from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.warp_runtime import warp
-from exmesh_graph.rays.tracer import unit_mesh
 
 _CHUNK = 4096
 _NEAREST = 8
