@@ -10,8 +10,8 @@ from exmesh_graph.errors import GeometryError
 def unit_mesh(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """The mesh's vertices about its centre and at unit radius, float32 [V, 3]; its centre [3]; its radius.
 
-    So a scene far from the origin, tiny or huge loses nothing to float32. Raises GeometryError for an
-    empty mesh or vertices that are not finite.
+    So a scene far from the origin, tiny or huge loses nothing to float32. Raises GeometryError for an empty mesh or
+    vertices that are not finite.
     """
     points = np.asarray(vertices, np.float64)
     if len(points) == 0 or len(faces) == 0:

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.unit import unit_mesh
 from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import warp
 
 _CHUNK = 4096
@@ -48,7 +49,7 @@ def distance_to_mesh(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray
     asked = np.ascontiguousarray((np.asarray(points, np.float64) - centre) / radius)
     split(
         _kernels().distance, len(found), meshes[0].id, meshes[-1].id, len(thin),
-        *map(torch.from_numpy, (corners, faces, thin if len(thin) else faces, asked)), found, grain=_GRAIN,
+        *map(tensor_of, (corners, faces, thin if len(thin) else faces, asked)), found, grain=_GRAIN,
     )  # fmt: skip
     return radius * found.numpy()
 
