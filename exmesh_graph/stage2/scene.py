@@ -178,7 +178,8 @@ def shade(
 ) -> list[torch.Tensor]:
     """Radiance [N, 3] of the surface samples `smooth` in each of the body's scenes; rays are traced once for all.
 
-    Specular light by `samples` rays of each point, of which `shared` are averaged later (lobes.Lobes.radiance).
+    Specular light by `samples` rays of each point; as many points as `shared` are averaged later, and their rays share
+    the lobe (lobes.Lobes.radiance).
     `shift` [N, 5], uniform in [0, 1), moves each point's specular and sun samples.
     """
     shaded = [torch.empty(len(smooth), 3, device=body.device) for _ in scenes]

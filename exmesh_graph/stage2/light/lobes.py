@@ -60,7 +60,7 @@ class Lobes(Protocol):
 
         Free rays read `sky` averaged over the solid angle they stand for (Krivanek and Colbert 2008), with its `extra`
         for some points (bool [N]); rays that met a front face read the radiance `sent` [M, 3] by it; back faces are
-        black. f0 [N, 3]. `shared`: so many times a point's rays stand for its lobe, with those of its neighbours.
+        black. f0 [N, 3]. `shared`: how many times as many rays count for a point as it traced itself.
         """
 
 
