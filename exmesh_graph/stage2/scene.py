@@ -21,6 +21,7 @@ from exmesh_graph.shading.specular import scattered
 from exmesh_graph.shading.suns import find_suns, sun_transfer
 from exmesh_graph.shading.transport import check_fits, lattice_origins
 from exmesh_graph.stage2.light.fused_lobes import trace_lobes
+from exmesh_graph.stage2.light.fused_suns import FusedSunRays, trace_suns
 from exmesh_graph.stage2.light.lobes import Sky
 from exmesh_graph.stage2.light.traced import SunRays, narrow_lobes
 from exmesh_graph.stage2.surface import (
@@ -199,7 +200,7 @@ def _shade_part(
     surface, roughness = body.mapped(smooth, plain), plain[:, 3]
     lobes = trace_lobes(surface, body.geometry.face_normals, roughness, body.tracer, samples, shift[:, :2])
     texels, points = body.texels(lobes.face, lobes.bary), body.points(lobes.face, lobes.bary)
-    suns: dict[int, SunRays] = {}
+    suns: dict[int, SunRays | FusedSunRays] = {}
     shaded = []
     for scene in scenes:
         material = plain if scene.maps is body.maps else gather_rows(scene.maps, *own)
@@ -215,7 +216,7 @@ def _shade_part(
         radiance = f_d * arrived + specular
         if len(sky.suns):
             if id(sky) not in suns:
-                suns[id(sky)] = SunRays.traced(sky.suns, surface, body.tracer, SUN_SAMPLES, shift[:, 2:])
+                suns[id(sky)] = trace_suns(sky.suns, surface, body.tracer, SUN_SAMPLES, shift[:, 2:])
             radiance += suns[id(sky)].radiance(sky.flux, f_d, roughness, f0)
         shaded.append(radiance)
     return shaded

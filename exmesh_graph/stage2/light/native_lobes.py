@@ -1,24 +1,13 @@
 """C++ of traced lobes (kernels_lobes): eight points side by side, sample after sample."""
 
-from exmesh_graph.gpu.simd import MATHS, PRELUDE
+from exmesh_graph.gpu.simd import CIRCLE, GROUPS, MATHS, PRELUDE
 from exmesh_graph.stage2.fused.corners import CORNERS
-
-_GROUPS = r"""
-    const int S = samples, all = (count + 7) / 8, begin = item * groups;
-    const int end = begin + groups < all ? begin + groups : all;
-    int at[8];
-"""
 
 MAKE_RAYS = (
     MATHS
-    + _GROUPS
+    + CIRCLE
+    + GROUPS
     + r"""
-    auto read = [&](const float* values, int stride, int c) {
-        vf v;
-        for (int j = 0; j < 8; ++j) v[j] = values[(long)at[j] * stride + c];
-        return v;
-    };
-    auto root = [](vf x) { return __builtin_elementwise_sqrt(x); };
     // arctangent of y / x in [-pi, pi]: of a ratio in [0, 1], from 0.414 on turned by an eighth of the circle
     auto turn = [](vf y, vf x) {
         const vf ax = x < 0.f ? -x : x, ay = y < 0.f ? -y : y;
@@ -68,24 +57,8 @@ MAKE_RAYS = (
             vf x = grid.data[2 * s] + move_x, y = grid.data[2 * s + 1] + move_y;
             x = x >= 1.f ? x - 1.f : x;
             y = y >= 1.f ? y - 1.f : y;
-            // sine and cosine of 2 pi x, of the rest of x after quarters of the circle
-            const vf quarter = __builtin_elementwise_floor(4.f * x + 0.5f);
-            const vf t = 6.28318531f * (x - 0.25f * quarter), tt = t * t;
-            vf sine = 1.f / 362880, cosine = -1.f / 3628800;
-            sine = sine * tt - 1.f / 5040;
-            sine = sine * tt + 1.f / 120;
-            sine = sine * tt - 1.f / 6;
-            sine = sine * tt * t + t;
-            cosine = cosine * tt + 1.f / 40320;
-            cosine = cosine * tt - 1.f / 720;
-            cosine = cosine * tt + 1.f / 24;
-            cosine = cosine * tt - 0.5f;
-            cosine = cosine * tt + 1.f;
-            const vi q = __builtin_convertvector(quarter, vi);
-            const vi odd = (q & 1) == 1;
-            vf c = odd ? sine : cosine, d = odd ? cosine : sine;
-            c = (((q + 1) & 2) == 2) ? -c : c;
-            d = ((q & 2) == 2) ? -d : d;
+            vf c, d;
+            circle(x, d, c);
             const vf z = (1.f - y) * (1.f + sz) - sz, rest = 1.f - z * z;
             const vf radius = root(rest > 0.f ? rest : (vf)0.f);
             vf hx = (radius * c + sx) * a, hy = (radius * d + sy) * a, hz = z + sz;
@@ -130,7 +103,7 @@ MAKE_RAYS = (
 LIGHT_RAYS = (
     MATHS
     + CORNERS
-    + _GROUPS
+    + GROUPS
     + r"""
     typedef float v4 __attribute__((ext_vector_type(4), aligned(4)));
     auto load4 = [](const float* p) { return *(const v4*)p; };
