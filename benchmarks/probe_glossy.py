@@ -51,7 +51,7 @@ def main() -> None:
     carrier = uv.unwrap(Quiet(0), Mesh(vertices, faces), p=uv.UnwrapParams(texture_size=256)).carrier
     for name in options.only or CASES:
         views = photographed(vertices, faces, CASES[name], options.size, options.samples)
-        found = probe_scene(carrier, views, thorough=False).needs.decisions["metallic"]
+        found = probe_scene(carrier, views).needs.decisions["metallic"]
         print(f"{name:14s} {'metal' if found.value else 'no metal':9s} {found.reason}", flush=True)
 
 

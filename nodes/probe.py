@@ -13,8 +13,8 @@ class ProbeParams(CoreSettings):
 
     thorough: bool = param(
         True,
-        doc="Ask with two more fits of 500 steps, half of the probe's time, whether the light should move alone at "
-        "first (light_first); false: it does not.",
+        doc="Ask with two more fits of 500 steps whether the light should move alone at first (light_first), and look "
+        "for a little metal with 36 views; false: it does not, and the look is a quick one with 16 views.",
     )
 
 
@@ -23,7 +23,7 @@ class ProbeOut(NamedTuple):
     decisions: Metrics
 
 
-@node("scene.probe", version="1", libraries=("torch", "embreex", "warp-lang", "scipy"), resources=ALL_CORES)
+@node("scene.probe", version="2", libraries=("torch", "embreex", "warp-lang", "scipy"), resources=ALL_CORES)
 def probe(
     ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: ProbeParams
 ) -> ProbeOut:

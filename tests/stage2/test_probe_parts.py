@@ -21,6 +21,7 @@ from exmesh_graph.stage2.probe.decide import (
 from exmesh_graph.stage2.probe.gain import FLOOR, Gain, Work, paired_gain, tiles_of
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, measure_shape, texel_budget
 from exmesh_graph.stage2.probe.light import Baked, unnatural
+from exmesh_graph.stage2.probe.metal import Comparison, decide_metal
 from exmesh_graph.stage2.probe.short import sample_views
 from exmesh_graph.types import Views
 from tests.stage2 import probe_scenes
@@ -235,3 +236,45 @@ def test_few_views_keep_lone_pixels_out(count):
 def test_odd_sizes_are_cut_to_whole_blocks():
     found = sample_views(_views(8, 25, 33), view_pixels=25 * 33 // 4)
     assert (found.views.height, found.views.width) == (12, 16)
+
+
+def _compared(gains, share, seed=0):
+    """A comparison of 32 clusters of 100 pixels whose metal gains `gains[1]` dB on its `share`, the rest `gains[0]`."""
+    rng = np.random.default_rng(seed)
+    pixels = np.full(32, 100.0)
+    paint, steel = pixels * (1 - share), pixels * share
+    before = [0.01 * rng.uniform(0.8, 1.2, 32) * part for part in (paint, steel)]
+    after = [
+        values * 10 ** (-gain / 10) * rng.uniform(0.97, 1.03, 32) for values, gain in zip(before, gains, strict=True)
+    ]
+    whole = np.stack([sum(before), sum(after), pixels])
+    return Comparison(whole, np.stack([before[1], after[1], steel]), 0.01)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        (((0.0, 1.0), 0.08), ((0.0, 1.0), 0.08), True),  # a little metal, of which all pixels together tell little
+        (((0.0, 1.0), 0.08), ((0.0, 1.0), 0.01), False),  # hardly any under one of the splits
+        (((0.0, -1.0), 0.08), ((0.5, -1.0), 0.08), False),  # paint that is drawn worse as metal
+        (((0.5, 0.2), 0.3), ((0.5, 0.2), 0.3), False),  # by less than metal brings
+        (((-0.3, 1.0), 0.08), ((-0.3, 1.0), 0.08), False),  # and all the rest is drawn worse
+    ],
+)
+def test_metal_is_judged_where_it_is(first, second, expected):
+    found = decide_metal([_compared(*first, seed=1), _compared(*second, seed=2)], 1.05)
+    assert found.value is expected, found.reason
+    assert found.evidence["share"] == pytest.approx(min(first[1], second[1]))
+
+
+def test_one_split_alone_is_no_metal():
+    found = decide_metal([_compared((0.5, -0.1), 0.3)], 1.05)
+    assert found.value is False
+    assert found.gain < 0 < found.evidence["gain_on_all"]
+
+
+def test_no_metal_pixel_at_all_is_no_metal():
+    nothing = _compared((0.2, 0.0), 0.0)
+    found = decide_metal([nothing], 1.05)
+    assert found.value is False
+    assert found.reason == "No held-out pixel comes out as metal."

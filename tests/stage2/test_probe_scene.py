@@ -11,7 +11,7 @@ from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
-from exmesh_graph.stage2.probe import scene, short
+from exmesh_graph.stage2.probe import metal, scene, short
 from exmesh_graph.stage2.probe.light import sampling_gain
 from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
 from exmesh_graph.stage2.probe.short import ShortFit, sample_views
@@ -43,6 +43,8 @@ def small():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scene, "BASE_STEPS", 80)
         patch.setattr(scene, "STEPS", 30)
+        patch.setattr(metal, "THOROUGH", (24, 12, 160))
+        patch.setattr(metal, "QUICK", (12, 4, 100))
         patch.setattr(scene, "LONG_STEPS", 160)
         patch.setattr(scene, "SHARP_HINT", 0.3)
         patch.setattr(scene, "SHARP_LEAST", 0.3)  # of pictures so small that a reflection is a pixel
@@ -125,17 +127,32 @@ def test_a_probe_that_is_not_thorough_leaves_the_light_out(matte, matte_probe):
     quick = probe_scene(carrier_of(matte[0]), matte[1], thorough=False).needs
     assert "thorough" in quick.decisions["light_first"].reason
     assert quick.decisions["light_first"].value == 0
-    rest = {name: decision for name, decision in matte_probe.needs.decisions.items() if name != "light_first"}
+    assert quick.decisions["metallic"].value is False
+    asked_less = ("light_first", "metallic")
+    rest = {name: decision for name, decision in matte_probe.needs.decisions.items() if name not in asked_less}
     assert {name: quick.decisions[name] for name in rest} == rest
 
 
 def test_metal_turns_metallic_on_and_matte_does_not(matte_probe, hollow_probe):
-    metal = asset(ball(), metallic=1.0, roughness=0.35)
-    found = probe_scene(carrier_of(metal), photographed(metal)).needs.decisions["metallic"]
+    steel = asset(ball(), metallic=1.0, roughness=0.35)
+    found = probe_scene(carrier_of(steel), photographed(steel)).needs.decisions["metallic"]
     assert found.value is True
     assert found.gain > 0.5
     assert _value(matte_probe, "metallic") is False
     assert _value(hollow_probe, "metallic") is False
+
+
+def test_a_band_of_steel_on_paint_is_found():
+    """Of which all held-out pixels together tell little."""
+    painted = asset(ball(), metallic=0.0, roughness=0.35)
+    band = np.zeros_like(painted.metallic)
+    band[26:33] = 1
+    color = np.where(band[..., None] > 0, np.float32([0.6, 0.58, 0.55]), painted.base_color)
+    truth = dataclasses.replace(painted, metallic=band, base_color=color)
+    found = probe_scene(carrier_of(truth), photographed(truth)).needs.decisions["metallic"]
+    assert found.value is True, found.reason
+    assert found.evidence["share"] < 0.35
+    assert found.gain > found.evidence["gain_on_all"]
 
 
 def test_gloss_that_no_coat_explains_is_not_taken_for_metal():

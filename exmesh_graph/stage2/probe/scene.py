@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.stage2.probe.decide import (
-    LEAST_GAIN,
     decide_bounces,
     decide_environment,
     decide_light_first,
-    decide_part,
     decide_sharp,
     decide_technique,
     decide_texture,
@@ -22,7 +21,8 @@ from exmesh_graph.stage2.probe.decide import (
 from exmesh_graph.stage2.probe.gain import Gain, Work, paired_gain
 from exmesh_graph.stage2.probe.geometry import fed_side, measure_shape, texel_budget
 from exmesh_graph.stage2.probe.light import baked_light, sampling_gain, unnatural
-from exmesh_graph.stage2.probe.short import Part, ShortFit, sample_views
+from exmesh_graph.stage2.probe.metal import decide_metal, find_metal
+from exmesh_graph.stage2.probe.short import FITTED, HELD, Part, Sample, ShortFit, sample_views
 from exmesh_graph.types import Carrier, Decision, SceneNeeds, Views
 
 Progress = Callable[[int, int], None]
@@ -45,38 +45,8 @@ BEST_ERROR = 1e-4
 FULL = TransportSettings()
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A part of the model that is on or off.
-
-    settings  what the fit is told for it;  channels  that it adds to the maps;  what  sentences call it
-    anew      compared by fits from the start on, where one that goes on would be caught in what it found without
-    least     gain [dB] that it must bring at least; a part that is compared anew must bring it under another split of
-              the views as well
-    """
-
-    name: str
-    settings: dict[str, Any]
-    channels: int
-    what: str
-    anew: bool = False
-    least: float = LEAST_GAIN
-
-
-#: Weight of undecided metallic (`metal_weight`) in the fit that metal is judged by. A gloss that the coat's model does
-#: not have is matched by half metals; where each texel must be metal or none, that gain goes and that of metal stays.
-DECIDED = {"metal_weight": 1.0, "iterations": BASE_STEPS}
-#: Gain [dB] from which fits of BASE_STEPS are believed, and the steps of those that are asked below it. A quarter of a
-#: metal everywhere brings up to 0.8 dB in the first and takes 0.2 to 1.0 in longer ones, where each texel has become
-#: metal or none; the lid of `tin` brings 0.7 in the first and 0.6 to 1.4 in longer ones.
-SURE, SURE_STEPS = 1.5, 300
-#: To let the probe judge another switch of the fit, add a line. A dielectric taken for metal is wrong everywhere: what
-#: metal brings where there is none (0.24 dB on rubber) is below what it brings where there is (0.37 dB and far more).
-CANDIDATES = (Candidate("metallic", {"metallic": True} | DECIDED, 1, "A metallic map", anew=True, least=0.3),)
-
-
 #: Fits at most, for the progress.
-STAGES = 8 + len(CANDIDATES) + len(SKIES)
+STAGES = 11 + len(SKIES)
 
 
 @dataclass(frozen=True)
@@ -93,7 +63,7 @@ def probe_scene(
 ) -> Probed:
     """Measure what `carrier`, seen by the training `views`, needs (docs/probe.md).
 
-    thorough  whether to fit as long as `light_first` takes to be judged, which without it is 0
+    thorough  whether to fit as long as `light_first` takes to be judged, which without it is 0, and a little metal
 
     Equal arguments give equal `needs` on a CPU. Raises DataError when no pixel sees the mesh.
     """
@@ -105,7 +75,7 @@ class _Probe:
         self.carrier, self.views, self.seed = carrier, views, seed
         self.progress, self.steps = progress, 0
         self.sample = sample_views(views)
-        self.fit = ShortFit(carrier, self.sample, self._side(), seed)
+        self.fit = ShortFit(carrier, self.sample, self._side(self.sample), seed)
         self.shape = measure_shape(self.fit.transport, carrier.vertices, carrier.faces)
         self.decisions: dict[str, Decision] = {}
         self.long: ShortFit | None = None
@@ -118,8 +88,8 @@ class _Probe:
         start = self.fit.forked(Part(bounces=int(concave)))
         self.fit = start.forked(Part()).run(BASE_STEPS)
         self._tick()
-        anew = {c.name: [self._gain(self.fit, self._anew(start, c))] for c in CANDIDATES if c.anew}
-        self._again(anew, start, int(concave))
+        metal = find_metal(partial(self._begun, int(concave)), thorough, self._tick)
+        self.seconds["metallic"] = metal[-1].seconds
         self._light_first(start, thorough)
         self._sharp(start, int(concave))
         self.fit.measure()
@@ -129,9 +99,8 @@ class _Probe:
             reference = self._bounces(reference)
         else:
             self.decisions["bounces"] = decide_bounces([], [], Gain(0.0, 0.0), self.shape)
-        for candidate in CANDIDATES:
-            gains = anew.get(candidate.name) or [self._gain(reference, self._going_on(candidate))]
-            self._decide(candidate, [with_noise(gain, self.placebo) for gain in gains])
+        more = replace(self.work, channels=self.work.channels + 1)
+        self.decisions["metallic"] = decide_metal(metal, more.total() / self.work.total())
         self._environment(reference)
         self.decisions["technique"] = decide_technique(sampling_gain(reference, "mis", self.seed))
         if self.progress:
@@ -140,9 +109,9 @@ class _Probe:
         geometry |= {"placebo_gain": self.placebo.gain, "views": len(self.sample.views), "factor": self.sample.factor}
         return Probed(SceneNeeds(self.decisions, geometry), self.seconds)
 
-    def _side(self) -> int:
+    def _side(self, sample: Sample) -> int:
         """Maps that the coarse pixels can feed."""
-        alpha = self.sample.views.alpha[: self.sample.fitted]
+        alpha = sample.views.alpha[: sample.fitted]
         fed = fed_side(self.carrier, float((alpha > 0.5).sum()))
         return int(min(max(fed, LEAST_TEXELS), TEXELS))
 
@@ -165,39 +134,11 @@ class _Probe:
         self.fit = self.fit.forked(Part(bounces=0))
         return direct
 
-    def _decide(self, candidate: Candidate, gains: list[Gain]) -> None:
-        work = self.work
-        cost = replace(work, channels=work.channels + candidate.channels).total() / work.total()
-        self.decisions[candidate.name] = decide_part(gains, cost, candidate.what, candidate.least)
-
-    def _again(self, gains: dict[str, list[Gain]], start: ShortFit, bounces: int) -> None:
-        """Measure what pays once more with other views held out: fits that share neither held-out pixels nor base.
-        What then pays by little must pay in longer fits under both splits, which else take their place."""
-        hopeful = [c for c in CANDIDATES if c.name in gains and pays(gains[c.name][0], 1.0, least=c.least)]
-        if not hopeful:
-            return
-        other = self._other(bounces)
-        without = other.forked(Part()).run(BASE_STEPS)
-        for candidate in hopeful:
-            found = gains[candidate.name]
-            found.append(self._gain(without, self._anew(other, candidate)))
-            if all(pays(gain, 1.0, least=candidate.least) for gain in found) and min(g.gain for g in found) < SURE:
-                longer = [self._longer(begun, candidate) for begun in (start, other)]
-                if min(gain.gain for gain in longer) < candidate.least:
-                    gains[candidate.name] = longer
-
-    def _longer(self, start: ShortFit, candidate: Candidate) -> Gain:
-        """What a candidate brings in fits of SURE_STEPS from `start` on."""
-        settings = candidate.settings | {"iterations": SURE_STEPS}
-        without = start.restarted(Part()).run(SURE_STEPS)
-        with_ = start.restarted(Part(settings)).run(SURE_STEPS)
-        self._tick()
-        return self._gain(without, with_)
-
-    def _other(self, bounces: int) -> ShortFit:
-        """The beginning of fits under the second split of the views."""
-        other = ShortFit(self.carrier, sample_views(self.views, other=True), self._side(), self.seed + 1)
-        return other.forked(Part(bounces=bounces))
+    def _begun(self, bounces: int, other: bool, fitted: int = FITTED, held: int = HELD) -> ShortFit:
+        """The beginning of fits under the first or the `other` split of some views."""
+        sample = sample_views(self.views, fitted, held, other=other)
+        begun = ShortFit(self.carrier, sample, self._side(sample), self.seed + other, self.fit.transport)
+        return begun.forked(Part(bounces=bounces))
 
     def _light_first(self, start: ShortFit, thorough: bool) -> None:
         """Decide whether the fit's first steps move the light alone. What is the light's and what the paint's on walls
@@ -234,18 +175,9 @@ class _Probe:
         if gains[0].gain > SHARP_HINT:
             gains = [gain(self._long(start), start, LONG_STEPS)]
             if pays(gains[0], 1.0, least=SHARP_LEAST):
-                other = self._other(bounces)
+                other = self._begun(bounces, other=True)
                 gains.append(gain(other.restarted(Part()).run(LONG_STEPS), other, LONG_STEPS))
         self.decisions["roughness"] = decide_sharp(gains, SHARP, NEUTRAL, SHARP_LEAST)
-
-    def _anew(self, start: ShortFit, candidate: Candidate) -> ShortFit:
-        tried = start.restarted(Part(candidate.settings)).run(BASE_STEPS)
-        self.seconds[candidate.name] = tried.seconds_per_step
-        self._tick()
-        return tried
-
-    def _going_on(self, candidate: Candidate) -> ShortFit:
-        return self._compared(candidate.name, Part(candidate.settings), draw=1)
 
     def _environment(self, reference: ShortFit) -> None:
         tried_gains = []

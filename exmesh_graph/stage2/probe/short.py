@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +21,7 @@ from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.maps import Appearance, MaterialMaps
+from exmesh_graph.stage2.metal import agree_on_metal
 from exmesh_graph.stage2.objective import weighted_terms
 from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.probe.gain import sums_over_tiles
@@ -117,8 +120,11 @@ class Part:
 class ShortFit:
     """A fit that can be forked: the copy goes on from the same maps and environment with another model."""
 
-    def __init__(self, carrier: Carrier, sample: Sample, texture_size: int, seed: int = 0) -> None:
-        self.transport: Transport = with_bounces(direct_transport(carrier.vertices, carrier.faces, TRANSPORT), 1)
+    def __init__(
+        self, carrier: Carrier, sample: Sample, texture_size: int, seed: int = 0, transport: Transport | None = None
+    ) -> None:
+        """`transport`: that of another fit of the same carrier."""
+        self.transport = transport or with_bounces(direct_transport(carrier.vertices, carrier.faces, TRANSPORT), 1)
         self.seed = seed
         self.carrier = carrier
         self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8)
@@ -205,6 +211,15 @@ class ShortFit:
         self.seconds_per_step = (time.perf_counter() - began) / steps
         return self
 
+    def agreeing(self, steps: int) -> ShortFit:
+        """`steps` as of a whole fit: half way rays measure the specular term, and texels of one colour agree on metal
+        (stage2.metal), where there is any."""
+        half, settings = steps // 2, self.model.settings
+        self.run(half, last=math.sqrt(LAST_RATE)).measure()
+        if settings.metallic:
+            agree_on_metal(self.model.maps, self._evidence(), settings.metal_share)
+        return self.run(steps - half, math.sqrt(LAST_RATE), math.sqrt(LAST_RATE), draw=1)
+
     @torch.no_grad()
     def measure(self) -> ShortFit:
         """Let rays measure the specular term at the current maps, for this fit and all its forks."""
@@ -215,15 +230,17 @@ class ShortFit:
         return self
 
     @torch.no_grad()
-    def held_errors(self) -> tuple[np.ndarray, np.ndarray]:
+    def held_errors(self, only: Sequence[torch.Tensor] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Squared error (display values, mean over channels) and pixels, summed over every cluster: float64 [C] each.
 
         A cluster is a tile of a held-out view. Pixels on texels that no fitted pixel reads are left out, and so are
-        channels at the top of a photograph's range.
+        channels at the top of a photograph's range. `only`: of every held-out view the pixels that count, bool [N].
         """
         prepared = self.model.prepare(1.0, 0)
         errors, pixels = [], []
-        for buffer, known in zip(self.held, self.known, strict=True):
+        for number, (buffer, known) in enumerate(zip(self.held, self.known, strict=True)):
+            if only is not None:
+                known = known & only[number]
             shown, _ = self.model.shade(buffer, prepared)
             wrong = (encode_srgb(shown) - encode_srgb(buffer.target)) ** 2
             wrong = torch.where(buffer.clipped, torch.zeros_like(wrong), wrong).mean(dim=1)[known]
@@ -231,6 +248,12 @@ class ShortFit:
             errors.append(sums[0])
             pixels.append(sums[1])
         return np.concatenate(errors), np.concatenate(pixels)
+
+    @torch.no_grad()
+    def held_metal(self) -> list[torch.Tensor]:
+        """Which pixels of every held-out view are metal rather than not, bool [N]."""
+        metallic = self.model.maps.values()[:, 4]
+        return [(metallic[buffer.texel] * buffer.texel_weight).sum(1) > 0.5 for buffer in self.held]
 
     @torch.no_grad()
     def fitted_term(self) -> float:
@@ -278,7 +301,11 @@ class ShortFit:
         return envmap.parameter_of(torch.from_numpy(np.maximum(radiance, 1e-6).astype(np.float32)))
 
     def _known(self, buffer: Any) -> torch.Tensor:
+        return (self._evidence()[buffer.texel] * buffer.texel_weight).sum(1) > 0.5
+
+    def _evidence(self) -> torch.Tensor:
+        """How much the fitted pixels read each texel, float [T]."""
         evidence = torch.zeros(len(self.model.maps.texels))
         for fitted in self.fitted:
             evidence.index_add_(0, fitted.texel.reshape(-1), fitted.texel_weight.reshape(-1))
-        return (evidence[buffer.texel] * buffer.texel_weight).sum(1) > 0.5
+        return evidence
