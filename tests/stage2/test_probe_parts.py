@@ -248,14 +248,13 @@ def _compared(gains, share, seed=0):
         values * 10 ** (-gain / 10) * rng.uniform(0.97, 1.03, 32) for values, gain in zip(before, gains, strict=True)
     ]
     whole = np.stack([sum(before), sum(after), pixels])
-    return Comparison(whole, np.stack([before[1], after[1], steel]), 0.01)
+    return Comparison(share, whole, np.stack([before[1], after[1], steel]), 0.01)
 
 
 @pytest.mark.parametrize(
     ("first", "second", "expected"),
     [
         (((0.0, 1.0), 0.08), ((0.0, 1.0), 0.08), True),  # a little metal, of which all pixels together tell little
-        (((0.0, 1.0), 0.08), ((0.0, 1.0), 0.01), False),  # hardly any under one of the splits
         (((0.0, -1.0), 0.08), ((0.5, -1.0), 0.08), False),  # paint that is drawn worse as metal
         (((0.5, 0.2), 0.3), ((0.5, 0.2), 0.3), False),  # by less than metal brings
         (((-0.3, 1.0), 0.08), ((-0.3, 1.0), 0.08), False),  # and all the rest is drawn worse
@@ -273,8 +272,8 @@ def test_one_split_alone_is_no_metal():
     assert found.gain < 0 < found.evidence["gain_on_all"]
 
 
-def test_no_metal_pixel_at_all_is_no_metal():
-    nothing = _compared((0.2, 0.0), 0.0)
-    found = decide_metal([nothing], 1.05)
+def test_hardly_a_metal_pixel_under_a_split_is_no_metal():
+    found = decide_metal([_compared((0.5, 1.0), 0.08), Comparison(0.01, None, None, 0.01)], 1.05)
     assert found.value is False
-    assert found.reason == "No held-out pixel comes out as metal."
+    assert found.gain is None
+    assert found.reason.startswith("1.0 % of the held-out pixels come out as metal, under 2 %")

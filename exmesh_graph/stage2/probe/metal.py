@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from exmesh_graph.stage2.probe.decide import pays, required
-from exmesh_graph.stage2.probe.gain import Gain, paired_gain
+from exmesh_graph.stage2.probe.gain import paired_gain
 from exmesh_graph.stage2.probe.short import Part, ShortFit
 from exmesh_graph.types import Decision
 
@@ -30,29 +29,28 @@ METALLIC = {"metallic": True, "metal_weight": 0.1, "metal_share": 0.25}
 @dataclass(frozen=True)
 class Comparison:
     """Squared errors without and with a metallic map, and pixels, summed over C clusters of held-out ones [3, C]: of
-    all of them, and of those that the second fit calls metal. `seconds` of a step of the second."""
+    all of them, and of those that the second fit calls metal; None where these are too few to ask the first. `share`:
+    of the held-out pixels, those that come out as metal; `seconds` of a step of the second."""
 
-    whole: np.ndarray
-    metal: np.ndarray
+    share: float
+    whole: np.ndarray | None
+    metal: np.ndarray | None
     seconds: float
-
-    @property
-    def share(self) -> float:
-        """Of the held-out pixels, those that come out as metal."""
-        return float(self.metal[2].sum() / max(self.whole[2].sum(), 1.0))
 
 
 def compared(start: ShortFit, steps: int) -> Comparison:
-    """Fits without and with metal from `start` on, which agree half way."""
-    without = start.restarted(Part()).agreeing(steps)
+    """Fits with metal and, where that finds any, without from `start` on, which agree half way."""
+    measured = start.measured()
     with_ = start.restarted(Part(METALLIC | {"iterations": steps})).agreeing(steps)
     chosen = with_.held_metal()
-
-    def table(only: Any) -> np.ndarray:
-        errors, pixels = without.held_errors(only)
-        return np.stack([errors, with_.held_errors(only)[0], pixels])
-
-    return Comparison(table(None), table(chosen), with_.seconds_per_step)
+    (after, pixels), (metal, mine) = with_.held_errors(), with_.held_errors(chosen)
+    share = float(mine.sum() / max(pixels.sum(), 1.0))
+    if share < SHARE:
+        return Comparison(share, None, None, with_.seconds_per_step)
+    start.put_back(measured)  # corrections of the one fit are none of the other
+    without = start.restarted(Part()).agreeing(steps)
+    whole = np.stack([without.held_errors()[0], after, pixels])
+    return Comparison(share, whole, np.stack([without.held_errors(chosen)[0], metal, mine]), with_.seconds_per_step)
 
 
 def find_metal(
@@ -65,7 +63,8 @@ def find_metal(
     for other in (False, True):
         found.append(compared(begun(other, fitted, held), steps))
         tick()
-        if paired_gain(*found[-1].metal).gain <= 0:
+        metal = found[-1].metal
+        if metal is None or paired_gain(*metal).gain <= 0:
             break
     return found
 
@@ -75,20 +74,17 @@ def decide_metal(found: Sequence[Comparison], cost: float) -> Decision:
 
     cost  of a step with a metallic map, times one without
     """
-    whole = paired_gain(*np.concatenate([one.whole for one in found], axis=1))
     share = min(one.share for one in found)
-    evidence = {"gain_on_all": whole.gain, "share": share}
-    gain = paired_gain(*np.concatenate([one.metal for one in found], axis=1))
-    on = len(found) > 1 and share >= SHARE and whole.gain > 0 and pays(gain, cost, least=LEAST)
-    if not share:
-        reason = "No held-out pixel comes out as metal."
-        return Decision(on, whole.gain, _known(whole), cost, reason, evidence)
+    wholes = [one.whole for one in found if one.whole is not None]
+    metals = [one.metal for one in found if one.metal is not None]
+    if len(metals) < len(found):
+        what = f"{100 * share:.1f} % of the held-out pixels come out as metal, under {100 * SHARE:.0f} %"
+        return Decision(False, None, None, cost, f"{what}: no metal.", {"share": share})
+    whole, gain = (paired_gain(*np.concatenate(tables, axis=1)) for tables in (wholes, metals))
+    on = len(found) > 1 and whole.gain > 0 and pays(gain, cost, least=LEAST)
     what = f"On the held-out pixels that come out as metal, {100 * share:.1f} % of all, a metallic map brings"
     need = f"{required(cost, LEAST):.2f} dB beyond the noise, on {100 * SHARE:.0f} % of the pixels and on all together"
     told = f"{gain.gain:+.2f} ± {gain.error:.2f} dB ({whole.gain:+.2f} on all)"
     reason = f"{what} {told}; metal brings at least {need}."
-    return Decision(on, gain.gain, _known(gain), cost, reason, evidence)
-
-
-def _known(gain: Gain) -> float | None:
-    return gain.error if np.isfinite(gain.error) else None
+    error = gain.error if np.isfinite(gain.error) else None
+    return Decision(on, gain.gain, error, cost, reason, {"gain_on_all": whole.gain, "share": share})

@@ -229,6 +229,14 @@ class ShortFit:
         model.light.measure(now, [*self.fitted, *self.held], generator)
         return self
 
+    def measured(self) -> dict[str, Any]:
+        """What rays have measured so far, which all forks share."""
+        return self.light.state([*self.fitted, *self.held])
+
+    def put_back(self, measured: dict[str, Any]) -> None:
+        """Forget what rays have measured since."""
+        self.light.restore([*self.fitted, *self.held], measured)
+
     @torch.no_grad()
     def held_errors(self, only: Sequence[torch.Tensor] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Squared error (display values, mean over channels) and pixels, summed over every cluster: float64 [C] each.
