@@ -122,11 +122,12 @@ class Decomposition:
     def state(self) -> dict[str, Any]:
         """What steps change besides the optimised parameters."""
         exposure = None if self.exposure is None else self.exposure.logs
-        return {"light": self.light.state(self.buffers.held), "exposure": exposure}
+        return {"light": self.light.state(self.buffers.held), "exposure": exposure, "least": self.factor.least}
 
     def restore(self, kept: Mapping[str, Any]) -> None:
         """Go on from `state`."""
         self.light.restore(self.buffers.held, kept["light"])
+        self.factor.least = kept["least"].to(self.factor.least)
         if self.exposure is not None:
             self.exposure.logs = kept["exposure"].to(self.exposure.logs)
 

@@ -22,8 +22,8 @@ import torch.nn.functional as F
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 
 #: What few paints reflect more than; the share of texels whose base colour the factor must leave below it, judged from
-#: so many of them.
-WHITEST, KEPT, JUDGED = 0.85, 0.95, 2000
+#: so many of them; the logarithm within which a channel is held there.
+WHITEST, KEPT, JUDGED, HELD = 0.85, 0.95, 2000, 0.01
 
 #: Base colour that `fold` brightens no further: the logit of 1 does not exist.
 BRIGHTEST = 0.98
@@ -31,6 +31,7 @@ BRIGHTEST = 0.98
 
 class CommonFactor:
     """`parameter` [3]: logarithm of what the light gains and base colour loses, over what texels alone say.
+    `least` [3]: what it may not fall below while another channel is held at its bound; -inf where none is.
 
     Folding is left to a few moments of a fit: what is brighter than 1 by then is cut, and cut again and again by a
     factor that swings to and fro, bright texels would lose their light.
@@ -38,6 +39,7 @@ class CommonFactor:
 
     def __init__(self, device: torch.device | str = "cpu") -> None:
         self.parameter = torch.zeros(3, device=device, requires_grad=True)
+        self.least = torch.full((3,), -math.inf, device=device)
 
     def share(self, values: torch.Tensor, environment: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The maps' `values` [T, C] and the radiance [H, W, 3] with the factor moved from the first to the second."""
@@ -52,16 +54,21 @@ class CommonFactor:
     @torch.no_grad()
     def bound(self, maps: torch.Tensor, metallic: torch.Tensor | None = None) -> None:
         """Keep base colours, logits `maps` [T, C], and what the factor makes of them at what paint reflects, where
-        `metallic` [T] (logits) says metal at 1.
+        `metallic` [T] (logits) says metal at 1. From when one channel is held there no other brightens.
 
         Where no highlight tells the level, base colours grow as far as they may, the light fading. And texels that
         start near 1 under too dim a sky have a valley of their own: ever brighter base colours make up for the missing
-        light by interreflection.
+        light by interreflection. They grow in all channels alike: with the brightest alone held, the others would
+        catch up with it, base colours fade to gray and the light take their hue.
         """
         stride = max(1, len(maps) // JUDGED)
         paint = torch.ones_like(maps[::stride, 0]) if metallic is None else torch.sigmoid(-metallic[::stride])
         past = F.logsigmoid(maps[::stride, :3]) - math.log(WHITEST) * paint[:, None]
-        self.parameter.copy_(torch.maximum(self.parameter, _quantile(past, KEPT)))
+        bound = _quantile(past, KEPT)
+        held = self.parameter <= bound + HELD
+        began = torch.where(self.least.isinf(), self.parameter, self.least)
+        self.least = torch.where(held.any(), began, -math.inf)
+        self.parameter.copy_(torch.maximum(self.parameter, torch.where(held, bound, torch.maximum(bound, self.least))))
 
     @torch.no_grad()
     def fold(self, maps: torch.Tensor, environment: torch.Tensor) -> None:
@@ -74,6 +81,7 @@ class CommonFactor:
         positive = radiance > 0  # a parameter so low that its radiance is 0 stays
         radiance = torch.where(positive, radiance, torch.ones_like(radiance))
         environment.copy_(torch.where(positive, radiance + torch.log(-torch.expm1(-radiance)), environment))
+        self.least = self.least - self.parameter
         self.parameter.zero_()
 
 
