@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import pytest
+from pydantic import ValidationError
 
 from exmesh_graph.graph import Context, NodeDef, Params, facets, param
 from exmesh_graph.graph.declare.ports import signature
+from exmesh_graph.graph.language.nodecheck import _whole_unions
 from exmesh_graph.types import Metrics
 
 GOOD = """
@@ -93,6 +95,30 @@ def test_parameter_values(bench: Any, line: str, word: str) -> None:
 def test_range_errors_tell_unit_and_meaning(bench: Any) -> None:
     problem = only(bench.problems(GOOD + "  x: {type: toy.const, value: 5000}\n"))
     assert problem.expected == "The number. [apples]"
+
+
+class Several(Params):
+    size: float | Literal["auto"] = param(1.0, ge=0, doc="Of one type or another.")
+    pair: tuple[int, int] = param((1, 2), doc="Of one type.")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"size": "lots"}, {("size",): ["a valid number", ", or 'auto'"]}),
+        ({"size": -1}, {("size",): ["greater than or equal to 0"]}),
+        ({"pair": ["x", "y"]}, {("pair", 0): ["valid integer"], ("pair", 1): ["valid integer"]}),
+        ({"size": "lots", "pair": [1, "y"]}, {("size",): ["'auto'"], ("pair", 1): ["valid integer"]}),
+    ],
+)
+def test_a_value_that_is_of_no_type_of_several_is_told_once(given: dict[str, Any], told: Any) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Several.model_validate(given)
+    found = {error["loc"]: error["msg"] for error in _whole_unions(caught.value.errors(), Several)}
+    assert list(found) == list(told)
+    for place, words in told.items():
+        assert all(word in found[place] for word in words), found
+        assert found[place].count("Input should be") == 1
 
 
 def test_missing_parameter(bench: Any) -> None:

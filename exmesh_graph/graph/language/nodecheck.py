@@ -7,7 +7,8 @@ import os.path
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePath
-from typing import Any
+from types import UnionType
+from typing import Any, Union, get_origin
 
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
 from exmesh_graph.graph.declare.components import BoundComponent
@@ -147,7 +148,7 @@ class NodeCheck:
         try:
             model = self.kind.params.model_validate(raw)
         except ValidationError as error:
-            for details in error.errors(include_url=False):
+            for details in _whole_unions(error.errors(include_url=False), self.kind.params):
                 if details["loc"][:1] not in [(port,) for port in self.kind.inputs]:  # told of as a wire
                     self._refuse_value(details)
             return None
@@ -248,6 +249,22 @@ class NodeCheck:
             expected = f"{doc} [{unit}]".strip() if unit else doc
         where, shown = (self.spec.where, "") if given is None else (given.where, repr(given.value))
         self.add_problem("parameter", where, what, expected=expected, found=shown)
+
+
+def _whole_unions(errors: Iterable[Mapping[str, Any]], params: type[Params]) -> Iterable[Mapping[str, Any]]:
+    """pydantic's errors, those of one parameter that may be of several types as one: it has one for each type."""
+    told: list[Mapping[str, Any]] = []
+    for error in errors:
+        key = error["loc"][0] if error["loc"] else None
+        field = params.model_fields.get(str(key))
+        if field is None or len(error["loc"]) < 2 or get_origin(field.annotation) not in (Union, UnionType):
+            told.append(error)
+        elif told and told[-1]["loc"] == (key,):
+            other = str(error["msg"]).removeprefix("Input should be ")
+            told[-1] = {**told[-1], "msg": f"{told[-1]['msg']}, or {other}"}
+        else:
+            told.append({**error, "loc": (key,)})
+    return told
 
 
 def _is_positive(value: Any) -> bool:
