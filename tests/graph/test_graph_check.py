@@ -99,7 +99,7 @@ def test_range_errors_tell_unit_and_meaning(bench: Any) -> None:
 
 class Several(Params):
     size: float | Literal["auto"] = param(1.0, ge=0, doc="Of one type or another.")
-    pair: tuple[int, int] = param((1, 2), doc="Of one type.")
+    pair: tuple[int, int] | None = param(None, doc="Of one type, or none.")
 
 
 @pytest.mark.parametrize(

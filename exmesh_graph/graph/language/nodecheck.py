@@ -7,8 +7,8 @@ import os.path
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePath
-from types import UnionType
-from typing import Any, Union, get_origin
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from exmesh_graph.errors import ExmeshError, MissingLibraryError
 from exmesh_graph.graph.declare.components import BoundComponent
@@ -257,7 +257,7 @@ def _whole_unions(errors: Iterable[Mapping[str, Any]], params: type[Params]) -> 
     for error in errors:
         key = error["loc"][0] if error["loc"] else None
         field = params.model_fields.get(str(key))
-        if field is None or len(error["loc"]) < 2 or get_origin(field.annotation) not in (Union, UnionType):
+        if len(error["loc"]) < 2 or field is None or len(_types(field.annotation)) < 2:
             told.append(error)
         elif told and told[-1]["loc"] == (key,):
             other = str(error["msg"]).removeprefix("Input should be ")
@@ -265,6 +265,12 @@ def _whole_unions(errors: Iterable[Mapping[str, Any]], params: type[Params]) -> 
         else:
             told.append({**error, "loc": (key,)})
     return told
+
+
+def _types(annotation: Any) -> list[Any]:
+    """What a value may be besides None."""
+    members = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    return [member for member in members if member is not NoneType]
 
 
 def _is_positive(value: Any) -> bool:
