@@ -149,7 +149,7 @@ def _seconds(graph: Path, settings: Mapping[str, Any], folder: Path, k: int) -> 
 
     nodes = ex.check(graph, set=dict(settings)).nodes
     names = [name for name in ("gaussians", "coarse", "settle", "pbr", "reshape") if name in nodes]
-    if nodes["coarse"].definition.type not in LOOPS:
+    if "coarse" in names and nodes["coarse"].definition.type not in LOOPS:
         names.remove("coarse")
     ex.run(
         graph, set=dict(settings), nodes=names, workers=0, store=folder / f"store{k}", runs=folder / "runs",
