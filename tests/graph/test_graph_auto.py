@@ -24,6 +24,11 @@ def test_auto_without_its_judge_is_found_by_check(bench: Any) -> None:
     bench.check(text.replace("count: auto", "count: 3"))
 
 
+def test_what_else_stands_for_auto_is_told(bench: Any) -> None:
+    told = problem_of(bench, "nodes: {x: {type: toy.counted, count: lots}}")
+    assert "unable to parse string as an integer, or auto" in told
+
+
 def test_auto_of_a_component_needs_the_judge_of_its_node(bench: Any) -> None:
     text = "nodes:\n  j: {type: toy.const, value: 4}\n  c: {type: curve.steep, slope: auto}\n"
     text += '  s: {type: curve.sum, first: "@c"}\n'

@@ -121,6 +121,21 @@ def test_a_value_that_is_of_no_type_of_several_is_told_once(given: dict[str, Any
         assert found[place].count("Input should be") == 1
 
 
+@pytest.mark.parametrize("value", [True, False])
+def test_truth_is_no_number(value: bool) -> None:
+    """Wherever parameters are given: in files, and in Python."""
+
+    class Count(Params):
+        count: int = param(1, doc="A number.")
+        share: float = param(1.0, doc="Another.")
+        on: bool = param(True, doc="Not one.")
+
+    for name in ("count", "share"):
+        with pytest.raises(ValidationError, match="not true or false"):
+            Count(**{name: value})
+    assert Count(on=value).on is value
+
+
 def test_missing_parameter(bench: Any) -> None:
     assert "path must be given" in str(only(bench.problems("nodes: {x: {type: toy.file}}")))
 

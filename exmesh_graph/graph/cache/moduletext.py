@@ -125,15 +125,11 @@ class _Slice:
         body = self.module.tree.body
         if function not in self.binders:
             raise GraphError(f"{self.module.name} has no function {function} at its top level")
-        chosen: set[int] = set()
-        todo = [*self.binders[function], *self.always]
+        chosen, todo = set[int](), {*self.binders[function], *self.always}
         while todo:
-            index = todo.pop()
-            if index in chosen:
-                continue
-            chosen.add(index)
-            for name in syntax.used_by(body[index]):
-                todo += self.binders.get(name, [])
+            chosen.add(index := todo.pop())
+            todo.update(*(self.binders.get(name, ()) for name in syntax.used_by(body[index])))
+            todo -= chosen
         texts, imports, lines = list[str](), list[Import](), list[int]()
         built = {name for i in chosen for name in syntax.used_by(body[i], annotations=False)}
         for index in sorted(chosen):

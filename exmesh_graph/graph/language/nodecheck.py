@@ -6,6 +6,7 @@ import math
 import os.path
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path, PurePath
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
@@ -22,6 +23,7 @@ from exmesh_graph.graph.language.yamlfile import every, is_whole
 from exmesh_graph.graph.problems import Where, closest, nearest
 from exmesh_graph.params import Auto, Params
 
+UNIONS = (Union, UnionType)
 LIMITS = ("seconds", "ram_gb", "disk_gb", "retries")
 
 
@@ -134,13 +136,8 @@ class NodeCheck:
         raw: dict[str, Any] = dict(nested)
         failed = False
         for key, value in self.given.items():
-            items = value.value if isinstance(value.value, list) else [value.value]
-            if any(isinstance(item, Link | Broken) for item in items):
+            if any(isinstance(item, Link | Broken) for item in every(value.value)):
                 self.add_problem("link", value.where, f"{key} is a parameter, not an input port")
-                failed = True
-            elif isinstance(value.value, bool) and self.kind.params.model_fields[key].annotation in (int, float):
-                message = "Input should be a number, not true or false"  # pydantic would take true for 1
-                self._refuse_value({"loc": (key,), "type": "number", "msg": message})
                 failed = True
             raw[key] = value.value
         if failed:
@@ -240,7 +237,8 @@ class NodeCheck:
         key, missing = path[0] if path else "", error["type"] == "missing"
         if missing and not self.whole:
             return
-        told = f"{'.'.join(path) or self.definition.type}: {error['msg']}"
+        or_auto = f", or {Auto.word}" * (key in self.kind.decided_by())
+        told = f"{'.'.join(path) or self.definition.type}: {error['msg']}{or_auto}"
         what = f"the parameter {key} must be given" if missing else told
         expected, given = "", self.given.get(key)
         if key in self.kind.params.model_fields:
@@ -253,24 +251,13 @@ class NodeCheck:
 
 def _whole_unions(errors: Iterable[Mapping[str, Any]], params: type[Params]) -> Iterable[Mapping[str, Any]]:
     """pydantic's errors, those of one parameter that may be of several types as one: it has one for each type."""
-    told: list[Mapping[str, Any]] = []
-    for error in errors:
-        key = error["loc"][0] if error["loc"] else None
-        field = params.model_fields.get(str(key))
-        if len(error["loc"]) < 2 or field is None or len(_types(field.annotation)) < 2:
-            told.append(error)
-        elif told and told[-1]["loc"] == (key,):
-            other = str(error["msg"]).removeprefix("Input should be ")
-            told[-1] = {**told[-1], "msg": f"{told[-1]['msg']}, or {other}"}
-        else:
-            told.append({**error, "loc": (key,)})
-    return told
-
-
-def _types(annotation: Any) -> list[Any]:
-    """What a value may be besides None."""
-    members = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    return [member for member in members if member is not NoneType]
+    for loc, group in groupby(errors, lambda error: tuple(error["loc"][:1])):
+        told, field = list(group), params.model_fields.get("".join(map(str, loc)))
+        kinds = {*get_args(field.annotation)} - {NoneType} if field and get_origin(field.annotation) in UNIONS else ()
+        if len(kinds) > 1:
+            others = [error["msg"].removeprefix("Input should be ") for error in told[1:]]
+            told = [{**told[0], "loc": loc, "msg": ", or ".join([told[0]["msg"], *others])}]
+        yield from told
 
 
 def _is_positive(value: Any) -> bool:

@@ -47,17 +47,11 @@ def apart(seed: int) -> Iterator[None]:
         folder = os.getcwd()
     except OSError:  # it is gone: nothing to come back to
         folder = ""
-    drawn = random.getstate()
-    random.seed(seed)
-    numpy: Any = sys.modules.get("numpy")  # not imported for this alone
-    torch: Any = sys.modules.get("torch")
+    states = drawn()
     before = {(m, get): getattr(sys.modules[m], get)() for m, get, _, _ in _STATES if m in sys.modules}
-    if numpy is not None:
-        numpys = numpy.random.get_state()
-        _seed(numpy, seed)
-    if torch is not None:
-        torchs = torch.get_rng_state()
-        _seed(torch, seed)
+    random.seed(seed)
+    for module in filter(None, map(sys.modules.get, ("numpy", "torch"))):  # not imported for this alone
+        _seed(module, seed)
     seeding = _Seeding(seed)
     sys.meta_path.insert(0, seeding)
     try:
@@ -74,11 +68,7 @@ def apart(seed: int) -> Iterator[None]:
         with contextlib.suppress(OSError):  # gone meanwhile
             os.chdir(folder)
         locale.setlocale(locale.LC_ALL, words)
-        random.setstate(drawn)
-        if numpy is not None:
-            numpy.random.set_state(numpys)
-        if torch is not None:
-            torch.set_rng_state(torchs)
+        draw_on(states)
         for name, get, put, fresh in _STATES:
             if name in sys.modules and ((name, get) in before or fresh is not None):
                 _put_back(sys.modules[name], get, put, before.get((name, get), fresh))

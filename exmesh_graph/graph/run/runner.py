@@ -109,9 +109,8 @@ class Runner:
                 raise NodeFailed(self.failures, self.cause) from self.cause
             missing = [name for name in self.nodes if self.rows[name]["state"] not in (DONE, HIT, IDLE)]
             if missing:
-                raise ExmeshError(
-                    f"the run ended without {', '.join(missing)}", fix="a fault of the framework: tell us"
-                )
+                what = f"the run ended without {', '.join(missing)}"
+                raise ExmeshError(what, fix="a fault of the framework: tell us")
             state = DONE
         except KeyboardInterrupt:
             state = INTERRUPTED

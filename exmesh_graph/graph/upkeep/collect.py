@@ -268,7 +268,6 @@ def verify(store: Store) -> Iterator[tuple[str, str]]:
             yield f"pin {path.stem}", str(error)
         else:
             if lost:
-                why = f"{len(lost)} of its results are gone, {lost[0]} first; run the graph again"
-                yield f"pin {path.stem}", why
+                yield f"pin {path.stem}", f"{len(lost)} of its results are gone, {lost[0]} first; run the graph again"
     for why in Leases(store.root).sweep():
         yield "lease", f"{why}; removed"
