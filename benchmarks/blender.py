@@ -196,10 +196,10 @@ def shown(picture: np.ndarray) -> np.ndarray:
     return display(picture[..., :3], picture[..., 3])
 
 
-def true_asset(truth: SceneTruth) -> Asset:
-    """The sample's true mesh with its true maps and light."""
+def true_asset(truth: SceneTruth, folder: Path = SCENE) -> Asset:
+    """A rendered scene's true mesh with its true maps and light."""
     positions, coordinates, corners = [], [], []
-    for line in (SCENE / "mesh" / "mesh.obj").read_text().splitlines():
+    for line in (folder / "mesh" / "mesh.obj").read_text().splitlines():
         kind, _, rest = line.partition(" ")
         if kind == "vt":
             coordinates.append([float(x) for x in rest.split()[:2]])
@@ -211,8 +211,9 @@ def true_asset(truth: SceneTruth) -> Asset:
     assert truth.environment is not None
     assert len(positions) == len(truth.mesh_vertices)
     index = np.array(corners, np.int32)
-    color = srgb_to_linear(read_image(SCENE / "mesh" / "albedo.png")[..., :3])
-    roughness = read_image(SCENE / "mesh" / "roughness.png")[..., 0]
+    color = srgb_to_linear(read_image(folder / "mesh" / "albedo.png")[..., :3])
+    roughness = read_image(folder / "mesh" / "roughness.png")[..., 0]
+    metallic = folder / "mesh" / "metallic.png"
     return Asset(
         vertices=truth.mesh_vertices,
         faces=index[..., 0],
@@ -223,6 +224,7 @@ def true_asset(truth: SceneTruth) -> Asset:
         roughness=roughness,
         seen=np.ones(roughness.shape, bool),
         environment=truth.environment,
+        metallic=read_image(metallic)[..., 0] if metallic.is_file() else None,
     )
 
 

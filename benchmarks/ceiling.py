@@ -1,7 +1,8 @@
-"""What the renderer leaves at best: the sample's true mesh, maps and light, scored like a reconstruction.
+"""What the renderer leaves at best: a scene's true mesh, maps and light, scored like a reconstruction.
 
-    python -m benchmarks.ceiling                 # eight test views, the training light and two unseen ones
+    python -m benchmarks.ceiling                 # the sample: eight test views, the training light and two unseen ones
     python -m benchmarks.ceiling --quick         # two of the views
+    python -m benchmarks.ceiling FOLDER/blocks   # another rendered scene
     python -m benchmarks.ceiling --supersampling 4 --specular-samples 4
     python -m benchmarks.ceiling --binned-suns   # small suns shine from the nearest of the transport's directions
 
@@ -32,6 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.ceiling", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("scene", type=Path, nargs="?", default=SCENE)
     parser.add_argument("--views", type=int, default=0, help="score this many test views; 0: all")
     parser.add_argument("--quick", action="store_true", help="two views")
     parser.add_argument("--supersampling", type=int, default=2, help="samples per pixel side")
@@ -40,9 +42,9 @@ def main() -> None:
     parser.add_argument("--binned-suns", action="store_true", help="no rays of their own for small suns")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    scene = load_blender(SCENE)
+    scene = load_blender(options.scene)
     assert scene.truth is not None
-    asset = true_asset(scene.truth)
+    asset = true_asset(scene.truth, options.scene)
     if options.binned_suns:
         render.find_suns = lambda sky, count: find_suns(torch.ones_like(sky), count)
     quality = Quality(
