@@ -23,7 +23,7 @@ def direct(ctx: Context, mesh: Carrier, *, p: TransportSettings) -> TransportOut
     return TransportOut(light)
 
 
-@node("transport.bounce", version="1", libraries=("torch", "scipy"), resources=ALL_CORES)
+@node("transport.bounce", version="2", libraries=("torch", "scipy"), resources=ALL_CORES)
 def bounce(ctx: Context, light: Transport, needs: SceneNeeds | None = None, *, p: BounceSettings) -> TransportOut:
     """Build the interreflection operator from the secondary hits and switch it on."""
     from exmesh_graph.shading.transport import with_bounces
@@ -32,7 +32,7 @@ def bounce(ctx: Context, light: Transport, needs: SceneNeeds | None = None, *, p
     if bounces == 0:
         ctx.log("direct light only")
         return TransportOut(light)
-    bounced = with_bounces(light, bounces, p.secondary_material)
+    bounced = with_bounces(light, bounces, p.secondary_material, p.deeper)
     assert bounced.gather_point is not None
     ctx.log(f"{len(bounced.gather_point)} entries between {len(bounced.points)} points")
     return TransportOut(bounced)

@@ -11,6 +11,11 @@ Diffuse radiance of a point is rho I_n. Without secondary material (an ablation 
 own rho stands in for that of the hits: I_i = I_0 + s rho * M I_(i-1). Both operators carry exact adjoints
 (`irradiance` is differentiable in L and rho), so nothing is sampled while fitting.
 
+The recursion begun from I_0 + r in place of I_0, with r what I_n - I_0 was in the step before (`Deeper`), ends where
+I = I_0 + s M (rho * I) does: the light of all bounces, for the work of n, while maps and light move slowly. The
+gradient is that of the n bounces, r held. Where nothing is kept from step to step, the recursion goes on until r stays
+(`Transport.deeper`).
+
 Vector irradiance is how a point's irradiance changes when its shading normal turns:
 
     F(p) = sum_k V[p, k] L_k w_k        over the directions w_k above the point's horizon,  n . F = I_0
@@ -35,6 +40,17 @@ from exmesh_graph.shading.point_sets import nearest_direction
 from exmesh_graph.shading.products import dense_adjoint, dense_product, sparse_product
 from exmesh_graph.shading.transport import gathered_hits
 from exmesh_graph.types import Transport
+
+#: How far deeper bounces are followed where no fit does: until they change by so much of the brightest light, or the
+#: recursion has been gone through so often.
+SETTLED, MOST_ROUNDS = 1e-4, 32
+
+
+class Deeper:
+    """`rest` [P, 3]: what `irradiance` found beyond the direct light, kept from call to call; None before the first."""
+
+    def __init__(self) -> None:
+        self.rest: torch.Tensor | None = None
 
 
 class LightTransport:
@@ -83,17 +99,36 @@ class LightTransport:
         return matrix.coalesce().to(self.transfer.device)
 
     def irradiance(
-        self, radiance: torch.Tensor, diffuse: torch.Tensor | None = None, strength: float = 1.0
+        self,
+        radiance: torch.Tensor,
+        diffuse: torch.Tensor | None = None,
+        strength: float = 1.0,
+        deeper: Deeper | None = None,
     ) -> torch.Tensor:
         """I_n [P, 3] of binned light `radiance` L [K, 3] and f_d = `diffuse` [P, 3] at the points.
 
-        `strength` is lambda_ind. Without bounces (or without `diffuse`) the direct light I_0.
+        `strength` is lambda_ind. Without bounces (or without `diffuse`) the direct light I_0. With `deeper` the bounces
+        beyond the n-th are those of the last call with it, which this one replaces; a transport whose deeper bounces
+        count finds them here otherwise.
 
         Equations: 18, 19.
         """
         if diffuse is None or self.gather is None or strength == 0:
             return _Direct.apply(radiance, self)
-        return _Bounces.apply(radiance, diffuse, self, strength)
+        if deeper is None and self.light.deeper:
+            deeper = self._settled(radiance, diffuse, strength)
+        return _Bounces.apply(radiance, diffuse, self, strength, deeper)
+
+    @torch.no_grad()
+    def _settled(self, radiance: torch.Tensor, diffuse: torch.Tensor, strength: float) -> Deeper:
+        """What is beyond the direct light, once it changes by no more than SETTLED of the brightest."""
+        deeper, before = Deeper(), None
+        for _ in range(MOST_ROUNDS):
+            found = _Bounces.apply(radiance, diffuse, self, strength, deeper)
+            if before is not None and float((found - before).abs().max()) <= SETTLED * float(found.max()):
+                break
+            before = found
+        return deeper
 
     def with_columns(self, transfer: torch.Tensor) -> LightTransport:
         """The same operators with further lights: T grows by the columns `transfer` [P, S], L by as many rows."""
@@ -193,14 +228,16 @@ class _Bounces(torch.autograd.Function):
     recursion backwards through M^T and T^T."""
 
     @staticmethod
-    def forward(ctx, radiance, diffuse, operators, strength):  # type: ignore[no-untyped-def]
+    def forward(ctx, radiance, diffuse, operators, strength, deeper):  # type: ignore[no-untyped-def]
         own = operators.light.secondary_material
         direct = operators.direct(radiance)
-        states = [direct]
+        states = [direct if deeper is None or deeper.rest is None else direct + deeper.rest]
         for _ in range(operators.bounces):
             sent = diffuse * states[-1] if own else states[-1]
             arrived = strength * sparse_product(operators.gather, sent)
             states.append(direct + (arrived if own else diffuse * arrived))
+        if deeper is not None:
+            deeper.rest = states[-1] - direct
         ctx.operators, ctx.strength = operators, strength
         ctx.save_for_backward(diffuse, *states[:-1])
         return states[-1]
@@ -222,7 +259,7 @@ class _Bounces(torch.autograd.Function):
                 to_diffuse = to_diffuse + adjoint * (ctx.strength * sparse_product(operators.gather, state))
                 adjoint = ctx.strength * sparse_product(operators.gather_transposed, diffuse * adjoint)
         direct = direct + adjoint
-        return operators.direct_adjoint(direct), to_diffuse, None, None
+        return operators.direct_adjoint(direct), to_diffuse, None, None, None
 
 
 def _transposed(light: Transport, shape: tuple[int, int], device: torch.device | str) -> torch.Tensor:

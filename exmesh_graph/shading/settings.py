@@ -24,6 +24,11 @@ class BounceSettings(Params):
     bounces: Annotated[int, Field(ge=0, le=16), Auto("needs")] = param(
         1, doc="Diffuse interreflections to add; the paper has 1. 0 hands the direct light on."
     )
+    deeper: bool = param(
+        False,
+        doc="Bounces beyond these count too: in a fit as they were a step before, which costs no more; the paper has "
+        "none.",
+    )
     secondary_material: bool = param(
         True, doc="Light from the mesh carries the maps of where it comes from; else the receiver's own (an ablation)."
     )

@@ -170,10 +170,11 @@ def _trace_points(
     )
 
 
-def with_bounces(light: Transport, bounces: int, secondary_material: bool = True) -> Transport:
+def with_bounces(light: Transport, bounces: int, secondary_material: bool = True, deeper: bool = False) -> Transport:
     """`light` with the interreflection operator M built and `bounces` of it switched on.
 
     secondary_material  hits send their own colour; else the receiving point's colour stands in
+    deeper              the bounces beyond these count too
     """
     cosine = (light.normals[light.hit_point] * light.directions[light.hit_direction]).sum(axis=1)
     start, point, weight = gathered_hits(light, np.maximum(cosine, 0) * (4 * math.pi / len(light.directions)))
@@ -181,6 +182,7 @@ def with_bounces(light: Transport, bounces: int, secondary_material: bool = True
         light,
         bounces=bounces,
         secondary_material=secondary_material,
+        deeper=deeper,
         gather_start=start.astype(np.int32),
         gather_point=point.astype(np.int32),
         gather_weight=weight,

@@ -27,6 +27,7 @@ class Transport(ArrayArtifact):
     hit_point    int32 [B], hit_direction uint16 [B], hit_face int32 [B], hit_bary float32 [B, 2] (weights of the
                  face's second and third corner): front-facing hits of the rays that met the mesh
     bounces      interreflections to add to the direct light; 0 until transport.bounce
+    deeper       whether the bounces beyond these count too (shading.operators)
     secondary_material  whether interreflection carries the colour of where it comes from
     gather_start, gather_point, gather_weight   the operator M of transport.bounce as CSR rows
                  (int32 [P + 1], int32 [Z], float32 [Z]), or None
@@ -55,6 +56,7 @@ class Transport(ArrayArtifact):
     hit_bary: np.ndarray
     bounces: int = 0
     secondary_material: bool = True
+    deeper: bool = False
     gather_start: np.ndarray | None = None
     gather_point: np.ndarray | None = None
     gather_weight: np.ndarray | None = None

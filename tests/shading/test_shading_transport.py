@@ -14,7 +14,7 @@ from exmesh_graph.gpu.cores import cores
 from exmesh_graph.rays import make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import build_lattice, locate
-from exmesh_graph.shading.operators import Binning, LightTransport, at_surface
+from exmesh_graph.shading.operators import Binning, Deeper, LightTransport, at_surface
 from exmesh_graph.shading.products import dense_adjoint, dense_product, sparse_product
 from exmesh_graph.shading.transport import check_fits, choose_steps, trace_transport, with_bounces
 from exmesh_graph.types import Transport
@@ -281,6 +281,49 @@ def test_bounces_are_the_neumann_series():
         torch.testing.assert_close(operators.irradiance(radiance, rho, 0.7), total, rtol=1e-5, atol=1e-6)
     # no point can receive more than the hemisphere holds
     assert float(dense.sum(1).max()) <= math.pi * 1.05
+
+
+@pytest.mark.parametrize("secondary_material", [True, False])
+@pytest.mark.parametrize("bounces", [1, 2])
+def test_from_call_to_call_deeper_bounces_come_to_all_of_them(bounces, secondary_material):
+    """Between nearly white walls; the light doubles on the way."""
+    vertices, faces = _corner()
+    light = trace_transport(vertices, faces, 256, steps=3)
+    few = LightTransport(with_bounces(light, bounces, secondary_material))
+    many = LightTransport(with_bounces(light, 60, secondary_material))
+    generator = torch.Generator().manual_seed(0)
+    rho = (0.9 + 0.08 * torch.rand(len(light.points), 3, generator=generator)) / math.pi
+    radiance = torch.rand(256, 3, generator=generator)
+    deeper = Deeper()
+    first = few.irradiance(radiance, rho, 1.0, deeper)
+    torch.testing.assert_close(first, few.irradiance(radiance, rho))
+    for _ in range(20):
+        few.irradiance(radiance, rho, 1.0, deeper)
+    for _ in range(20):
+        found = few.irradiance(2 * radiance, rho, 1.0, deeper)
+    whole = many.irradiance(2 * radiance, rho)
+    torch.testing.assert_close(found, whole, rtol=1e-5, atol=1e-6)
+    assert float((whole / few.irradiance(2 * radiance, rho)).max()) > 1.03  # what it was worth
+    settled = LightTransport(with_bounces(light, bounces, secondary_material, deeper=True))
+    torch.testing.assert_close(settled.irradiance(2 * radiance, rho), whole, rtol=1e-3, atol=1e-3)
+
+
+def test_the_gradient_of_deeper_bounces_holds_what_was_before():
+    vertices, faces = _corner()
+    operators = LightTransport(with_bounces(trace_transport(vertices, faces, 32), 2))
+    operators.transfer = operators.transfer.double()
+    operators.gather, operators.gather_transposed = operators.gather.double(), operators.gather_transposed.double()
+    generator = torch.Generator().manual_seed(0)
+    radiance = torch.rand(32, 3, generator=generator, dtype=torch.float64, requires_grad=True)
+    rho = torch.rand(len(operators.light.points), 3, generator=generator, dtype=torch.float64, requires_grad=True)
+    rest = torch.rand(len(operators.light.points), 3, generator=generator, dtype=torch.float64)
+
+    def found(e: torch.Tensor, a: torch.Tensor) -> torch.Tensor:
+        deeper = Deeper()
+        deeper.rest = rest
+        return operators.irradiance(e, a, 0.6, deeper)
+
+    assert torch.autograd.gradcheck(found, (radiance, rho))
 
 
 def test_without_secondary_material_the_receivers_own_colour_stands_in():

@@ -122,6 +122,7 @@ def test_every_kind_of_transport(carrier, train_views, transport, true_asset):
     direct = dataclasses.replace(transport, bounces=0, gather_start=None, gather_point=None, gather_weight=None)
     _agree(_stir(_model(carrier, train_views, direct)))
     _agree(_stir(_model(carrier, train_views, dataclasses.replace(transport, secondary_material=False))))
+    _agree(_stir(_model(carrier, train_views, dataclasses.replace(transport, deeper=True))))
     known = _agree(_stir(_model(carrier, train_views, transport, start=true_asset, keep_light=True)))
     assert "environment" not in known
 

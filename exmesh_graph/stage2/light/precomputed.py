@@ -27,7 +27,7 @@ from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
-from exmesh_graph.shading.operators import Binning, LightTransport, VectorTransport, at_surface
+from exmesh_graph.shading.operators import Binning, Deeper, LightTransport, VectorTransport, at_surface
 from exmesh_graph.shading.specular import (
     PrefilteredStack,
     directional_albedo,
@@ -108,6 +108,7 @@ class PrecomputedLight:
         bary = tensor_of(transport.point_bary).to(device)
         self._point_uv = (corners * bary[..., None]).sum(1)
         self.suns: FittedSuns | None = None
+        self.deeper = Deeper() if transport.deeper else None
         self._footprint: Footprint | None = None
 
     def texels(self, size: int) -> torch.Tensor:
@@ -143,13 +144,14 @@ class PrecomputedLight:
         rest = environment if self.suns is None else self.suns.suns.without(environment)
         binned = self.binning(rest)
         if self.suns is None:
-            irradiance = self.operators.irradiance(binned, diffuse, strength)
+            irradiance = self.operators.irradiance(binned, diffuse, strength, self.deeper)
             vector = None
             if self.vectors is not None:
                 vector = self._vector(binned, irradiance, None if diffuse is None else strength * diffuse)
             return PreparedTransport(self.stack.build(environment), irradiance, vector=vector)
         flux = self.suns.suns.flux(environment)
-        irradiance = self.suns.operators.irradiance(torch.cat([binned, flux]), diffuse, strength)
+        both = torch.cat([binned, flux])
+        irradiance = self.suns.operators.irradiance(both, diffuse, strength, self.deeper)
         irradiance = irradiance - self.suns.lattice @ flux
         return PreparedTransport(self.stack.build(environment), irradiance, flux)
 
@@ -240,12 +242,15 @@ class PrecomputedLight:
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
         suns = None if self.suns is None else self.suns.state()
-        return {"specular_scale": dict(self.scale), "suns": suns}
+        rest = None if self.deeper is None else self.deeper.rest
+        return {"specular_scale": dict(self.scale), "suns": suns, "deeper": rest}
 
     def restore(self, buffers: Iterable[ViewBuffer], kept: Mapping[str, Any]) -> None:
         self.scale = {number: scale.to(self.geometry.device) for number, scale in kept["specular_scale"].items()}
         for buffer in buffers:
             buffer.light.specular_scale = self.scale[buffer.number]
+        if self.deeper is not None:
+            self.deeper.rest = None if kept["deeper"] is None else kept["deeper"].to(self.geometry.device)
         self.suns = None if kept["suns"] is None else FittedSuns.restored(kept["suns"], self.operators)
 
     def _keep(self, buffer: ViewBuffer, scale: torch.Tensor) -> None:
