@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="two views")
     parser.add_argument("--supersampling", type=int, default=2, help="samples per pixel side")
     parser.add_argument("--specular-samples", type=int, default=12, help="GGX rays per sample of a pixel")
-    parser.add_argument("--bounces", type=int, default=2)
+    parser.add_argument("--bounces", type=int, default=8)
     parser.add_argument("--binned-suns", action="store_true", help="no rays of their own for small suns")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()

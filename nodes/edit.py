@@ -49,7 +49,7 @@ class RelightParams(Params):
     exposure: float = param(0.0, ge=-20, le=20, unit="stops", doc="The light is multiplied by 2 to this power.")
     pictures: int = param(3, ge=0, le=64, doc="Pictures in the report: of the wired views, or around the object.")
     size: int = param(384, ge=16, le=4096, unit="px", doc="Side of pictures that no view gives a size.")
-    bounces: int = param(2, ge=0, le=8, doc="Interreflections in the pictures, where no transport is wired.")
+    bounces: int = param(8, ge=0, le=16, doc="Interreflections in the pictures, where no transport is wired.")
 
 
 class RelightOut(NamedTuple):
@@ -94,7 +94,7 @@ class TurntableParams(Params):
     seconds: float = param(4.0, gt=0, le=120, unit="s", doc="Duration of one turn.")
     elevation: float = param(0.35, gt=-1.5, lt=1.5, unit="rad", doc="Height of the camera above the horizon.")
     turn: Literal["camera", "light"] = param("camera", doc="What goes round.")
-    bounces: int = param(2, ge=0, le=8, doc="Interreflections, where no transport is wired.")
+    bounces: int = param(8, ge=0, le=16, doc="Interreflections, where no transport is wired.")
 
 
 class TurntableOut(NamedTuple):

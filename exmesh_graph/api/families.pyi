@@ -141,32 +141,32 @@ class _Benchmark(Family):
         scene: The scene's name in the table.
         samples: Points on each surface, and rays from the test cameras. [>= 100]
         """
-    def speed(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 1, specular_samples: int | Parameter = 8, size: int | Parameter = 1600, frames: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
+    def speed(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 8, supersampling: int | Parameter = 1, specular_samples: int | Parameter = 8, size: int | Parameter = 1600, frames: int | Parameter = 4, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """Relighting frames per second by the paper's rule, vertices, and the mesh's size as PLY.
 
         directions: Directions per surface point of the light transport. [>= 32]
-        bounces: Interreflections in the scored renders. [>= 0, <= 8]
+        bounces: Interreflections in the scored renders. [>= 0, <= 16]
         supersampling: Antialiasing. [samples per pixel side, >= 1, <= 8]
         specular_samples: GGX rays per sample of a pixel. [>= 1]
         size: Side of the rendered pictures; the paper's is 1600. [px, >= 16, <= 4096]
         frames: Frames; the first is a warm-up and not counted. [>= 2]
         """
-    def stanford_orb(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, novel: Wire[LitViews] | Node, truth: Wire[SceneTruth] | Node, frame: Wire[Frame] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
+    def stanford_orb(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, novel: Wire[LitViews] | Node, truth: Wire[SceneTruth] | Node, frame: Wire[Frame] | Node, directions: int | Parameter = 256, bounces: int | Parameter = 8, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsNode:
         """Stanford-ORB's PSNR-H, PSNR-L and SSIM in new views and under new lights; depth, normal, shape, albedo.
 
         directions: Directions per surface point of the light transport. [>= 32]
-        bounces: Interreflections in the scored renders. [>= 0, <= 8]
+        bounces: Interreflections in the scored renders. [>= 0, <= 16]
         supersampling: Antialiasing. [samples per pixel side, >= 1, <= 8]
         specular_samples: GGX rays per sample of a pixel. [>= 1]
         max_views: Score this many views, evenly spread; 0: all. [>= 0]
         lpips: LPIPS's weights, a safetensors file (docs/metrics.md); none: left out.
         scene: The scene's name in the table.
         """
-    def synthetic4relight(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node, train: Wire[Views] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", rule: Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"] | Parameter = "median", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
+    def synthetic4relight(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node, train: Wire[Views] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 8, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, scene: str | Parameter = "", rule: Literal["median", "median_red", "mean", "none", "least_squares", "sampled_median", "sampled_red"] | Parameter = "median", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
         """New views, relit views, albedo by every published rule, roughness; what `evaluate.asset` gives as well.
 
         directions: Directions per surface point of the light transport. [>= 32]
-        bounces: Interreflections in the scored renders. [>= 0, <= 8]
+        bounces: Interreflections in the scored renders. [>= 0, <= 16]
         supersampling: Antialiasing. [samples per pixel side, >= 1, <= 8]
         specular_samples: GGX rays per sample of a pixel. [>= 1]
         max_views: Score this many views, evenly spread; 0: all. [>= 0]
@@ -305,16 +305,16 @@ class _Edit(Family):
         radius: Radius of the ball, in the units of `center`. [>= 0]
         feather: Share of the radius over which the edit fades out. [>= 0, <= 1]
         """
-    def relight(self, name: str = "", *, asset: Wire[Asset] | Node, light: Wire[EnvMap] | Node | None = None, views: Wire[Views] | Node | None = None, transport: Wire[Transport] | Node | None = None, rotation: float | Parameter = 0.0, exposure: float | Parameter = 0.0, pictures: int | Parameter = 3, size: int | Parameter = 384, bounces: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetGalleryNode:
+    def relight(self, name: str = "", *, asset: Wire[Asset] | Node, light: Wire[EnvMap] | Node | None = None, views: Wire[Views] | Node | None = None, transport: Wire[Transport] | Node | None = None, rotation: float | Parameter = 0.0, exposure: float | Parameter = 0.0, pictures: int | Parameter = 3, size: int | Parameter = 384, bounces: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetGalleryNode:
         """The asset under another environment, turned and exposed (its own where none is wired), with pictures.
 
         rotation: Turn of the light about +Y, counter-clockwise from above. [rad, >= -6.283185307179586, <= 6.283185307179586]
         exposure: The light is multiplied by 2 to this power. [stops, >= -20, <= 20]
         pictures: Pictures in the report: of the wired views, or around the object. [>= 0, <= 64]
         size: Side of pictures that no view gives a size. [px, >= 16, <= 4096]
-        bounces: Interreflections in the pictures, where no transport is wired. [>= 0, <= 8]
+        bounces: Interreflections in the pictures, where no transport is wired. [>= 0, <= 16]
         """
-    def turntable(self, name: str = "", *, asset: Wire[Asset] | Node, transport: Wire[Transport] | Node | None = None, frames: int | Parameter = 36, size: int | Parameter = 384, seconds: float | Parameter = 4.0, elevation: float | Parameter = 0.35, turn: Literal["camera", "light"] | Parameter = "camera", bounces: int | Parameter = 2, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilmNode:
+    def turntable(self, name: str = "", *, asset: Wire[Asset] | Node, transport: Wire[Transport] | Node | None = None, frames: int | Parameter = 36, size: int | Parameter = 384, seconds: float | Parameter = 4.0, elevation: float | Parameter = 0.35, turn: Literal["camera", "light"] | Parameter = "camera", bounces: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> FilmNode:
         """A film of the asset turning under its light (animated WebP, shown in the report).
 
         frames: Pictures in one turn. [>= 2, <= 720]
@@ -322,14 +322,14 @@ class _Edit(Family):
         seconds: Duration of one turn. [s, > 0, <= 120]
         elevation: Height of the camera above the horizon. [rad, > -1.5, < 1.5]
         turn: What goes round.
-        bounces: Interreflections, where no transport is wired. [>= 0, <= 8]
+        bounces: Interreflections, where no transport is wired. [>= 0, <= 16]
         """
 class _Evaluate(Family):
-    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, before: Wire[Metrics] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 2, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
+    def asset(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, truth: Wire[SceneTruth] | Node | None = None, train: Wire[Views] | Node | None = None, region: Wire[Region] | Node | None = None, before: Wire[Metrics] | Node | None = None, directions: int | Parameter = 256, bounces: int | Parameter = 8, supersampling: int | Parameter = 2, specular_samples: int | Parameter = 12, max_views: int | Parameter = 0, lpips: str | PathLike[str] | None | Parameter = None, exposure: Literal["fixed", "fitted"] | Parameter = "fixed", pictures: int | Parameter = 3, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MetricsScoredNode:
         """Held-out and relit PSNR, albedo and roughness, each beside the score of a gray object.
 
         directions: Directions per surface point of the light transport. [>= 32]
-        bounces: Interreflections in the scored renders. [>= 0, <= 8]
+        bounces: Interreflections in the scored renders. [>= 0, <= 16]
         supersampling: Antialiasing. [samples per pixel side, >= 1, <= 8]
         specular_samples: GGX rays per sample of a pixel. [>= 1]
         max_views: Score this many views, evenly spread; 0: all. [>= 0]
@@ -841,10 +841,11 @@ class _Stage3(Family):
         device: Where to compute; auto takes a CUDA device if there is one.
         """
 class _Transport(Family):
-    def bounce(self, name: str = "", *, light: Wire[Transport] | Node, needs: Wire[SceneNeeds] | Node | None = None, bounces: int | Literal["auto"] | Parameter = 1, secondary_material: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TransportNode:
+    def bounce(self, name: str = "", *, light: Wire[Transport] | Node, needs: Wire[SceneNeeds] | Node | None = None, bounces: int | Literal["auto"] | Parameter = 1, deeper: bool | Parameter = False, secondary_material: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TransportNode:
         """Build the interreflection operator from the secondary hits and switch it on.
 
         bounces: Diffuse interreflections to add; the paper has 1. 0 hands the direct light on. [>= 0, <= 16, or auto, by needs]
+        deeper: Bounces beyond these count too: in a fit as they were a step before, which costs no more; the paper has none.
         secondary_material: Light from the mesh carries the maps of where it comes from; else the receiver's own (an ablation).
         """
     def direct(self, name: str = "", *, mesh: Wire[Carrier] | Node, directions: int | Parameter = 128, points: int | Parameter = 12000, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TransportNode:

@@ -48,7 +48,7 @@ def turntable(
     elevation: float = 0.35,
     turn: Literal["camera", "light"] = "camera",
     transport: Transport | None = None,
-    bounces: int = 2,
+    bounces: int = 8,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> list[np.ndarray]:

@@ -18,7 +18,7 @@ class Quality(Params):
     """How finely the scored pictures are rendered."""
 
     directions: int = param(256, ge=32, doc="Directions per surface point of the light transport.")
-    bounces: int = param(2, ge=0, le=8, doc="Interreflections in the scored renders.")
+    bounces: int = param(8, ge=0, le=16, doc="Interreflections in the scored renders.")
     supersampling: int = param(2, ge=1, le=8, unit="samples per pixel side", doc="Antialiasing.")
     specular_samples: int = param(12, ge=1, doc="GGX rays per sample of a pixel.")
 

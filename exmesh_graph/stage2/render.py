@@ -42,7 +42,7 @@ class Rendered:
 
 def render_transport(
     asset: Asset,
-    bounces: int = 2,
+    bounces: int = 8,
     directions: int = RENDER_DIRECTIONS,
     points: int = RENDER_POINTS,
     casts: np.ndarray | None = None,
@@ -61,7 +61,7 @@ def render_views(
     width: int,
     *,
     environment: np.ndarray | None = None,
-    bounces: int = 2,
+    bounces: int = 8,
     supersampling: int = 2,
     specular_samples: int = 12,
     transport: Transport | None = None,
