@@ -14,7 +14,7 @@ from exmesh_graph.gpu.cores import cores
 from exmesh_graph.rays import make_ray_tracer, offset_origins
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import build_lattice, locate
-from exmesh_graph.shading.operators import Binning, Deeper, LightTransport, at_surface
+from exmesh_graph.shading.operators import MOST_BEYOND, Binning, Deeper, LightTransport, at_surface
 from exmesh_graph.shading.products import dense_adjoint, dense_product, sparse_product
 from exmesh_graph.shading.transport import check_fits, choose_steps, trace_transport, with_bounces
 from exmesh_graph.types import Transport
@@ -306,6 +306,19 @@ def test_from_call_to_call_deeper_bounces_come_to_all_of_them(bounces, secondary
     assert float((whole / few.irradiance(2 * radiance, rho)).max()) > 1.03  # what it was worth
     settled = LightTransport(with_bounces(light, bounces, secondary_material, deeper=True))
     torch.testing.assert_close(settled.irradiance(2 * radiance, rho), whole, rtol=1e-3, atol=1e-3)
+
+
+def test_deeper_bounces_between_walls_that_send_more_than_they_get_stay_bounded():
+    vertices, faces = _corner()
+    light = trace_transport(vertices, faces, 256, steps=3)
+    operators = LightTransport(with_bounces(light, 1))
+    rho, radiance = torch.full((len(light.points), 3), 20.0), torch.rand(256, 3)
+    deeper = Deeper()
+    for _ in range(200):
+        found = operators.irradiance(radiance, rho, 1.0, deeper)
+    assert torch.isfinite(found).all()
+    assert deeper.rest is not None
+    assert (deeper.rest <= MOST_BEYOND * operators.direct(radiance).amax(0) + 1e-3).all()
 
 
 def test_the_gradient_of_deeper_bounces_holds_what_was_before():
