@@ -355,8 +355,8 @@ LESSONS = _group(
     ),
     (f"{RUN}/hermetic.py", "            os.environ.update(environment)\n", "", _CLEAN, "behind"),
     (f"{RUN}/hermetic.py", "            os.chdir(folder)\n", "            pass\n", _CLEAN, "behind"),
-    (f"{RUN}/hermetic.py", "    random.seed(seed)\n    numpy:", "    numpy:", _CLEAN, "generators"),
-    (f"{RUN}/hermetic.py", "        _seed(torch, seed)\n", "", _CLEAN, "generators_start"),
+    (f"{RUN}/hermetic.py", "    random.seed(seed)\n    for", "    for", _CLEAN, "generators"),
+    (f"{RUN}/hermetic.py", '("numpy", "torch"))):', '("numpy",))):', _CLEAN, "generators_start"),
     (
         f"{RUN}/hermetic.py",
         '    ("torch", "get_default_dtype", "set_default_dtype", "float32"),\n',
