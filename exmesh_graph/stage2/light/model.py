@@ -9,7 +9,7 @@ A fit calls, in this order:
     start                 once, before the first step of a fit that is not resumed
     prepare, radiance     every step: what holds for all pixels under the current maps and environment; then one view
     measure               now and then (DecompositionSettings.corrections): rays that no single step could afford
-    state, restore        for checkpoints: everything that start and measure changed
+    state, restore        for checkpoints: everything that start, prepare and measure changed
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class LightModel(ViewLight, Protocol):
         """Measure again, under the current maps and environment, whatever steps only approximate. No gradients."""
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
-        """What `start` and `measure` changed, as types.state can store it."""
+        """What `start`, `prepare` and `measure` changed, as types.state can store it."""
 
     def restore(self, buffers: Iterable[ViewBuffer], kept: Mapping[str, Any]) -> None:
         """Go on from `state`."""
