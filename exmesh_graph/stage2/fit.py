@@ -17,8 +17,10 @@ from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.guard import Guard
 from exmesh_graph.stage2.metal import agree_on_metal, agreeing, metal_alone
 from exmesh_graph.stage2.objective import indirect_strength, weighted_terms
+from exmesh_graph.stage2.palette import gather_colors, gathering, light_follows
 from exmesh_graph.stage2.pictures import view_psnr
 from exmesh_graph.stage2.result import finished_asset
+from exmesh_graph.stage2.schedule import learning_rates, lit_first
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Asset, Carrier, Transport, Views
 
@@ -78,25 +80,6 @@ def fit(
     return finished_asset(carrier, model), curves
 
 
-def learning_rates(settings: DecompositionSettings) -> list[float]:
-    """First learning rates of maps, environment and common factor.
-
-    Every texel moves by the sign of a noisy gradient, so that high rates wander the farther the longer they last: as
-    the square root of the number of steps. The factor has one valley to follow, however many steps there are.
-    """
-    share = min(1.0, settings.rates_for / settings.iterations) if settings.rates_for else 1.0
-    return [settings.material_rate * share**0.5, settings.environment_rate * share**0.5, settings.factor_rate * share]
-
-
-def lit_first(settings: DecompositionSettings) -> int:
-    """How many of the first steps move the light alone.
-
-    Maps and light that start together share what sets one wall apart from another, and where each wall has one normal
-    no photograph corrects them: under a low sun a plaster of one colour ends as one colour a wall.
-    """
-    return 0 if settings.keep_light else round(settings.light_first * settings.iterations)
-
-
 def _optimise(
     model: Decomposition,
     seed: int,
@@ -133,6 +116,12 @@ def _optimise(
             turned = agree_on_metal(model.maps, model.buffers.evidence.weight, settings.metal_share)
             if log:
                 log(f"texels of one colour agree on metal: {turned} of {len(model.maps.texels)} changed sides")
+        if gathering(settings, step):
+            model.settle_factor()
+            moved = gather_colors(model.maps, model.buffers.evidence.weight, settings.palette_width)
+            optimiser.forget()
+            if log:
+                log(f"base colours gather about their paints: moved by {100 * moved:.1f} % on the mean")
         if step in refresh:
             model.settle_factor()
             model.measure(indirect_strength(settings, step), generator)
@@ -151,7 +140,7 @@ def _optimise(
         gradient = model.maps.parameter.grad
         if gradient is not None and metal_alone(settings, step):
             gradient[:, :4] = 0
-        if step < alone:
+        if step < alone or light_follows(settings, step):
             model.maps.parameter.grad = model.factor.parameter.grad = None
         elif step == alone > 0:
             optimiser.forget()  # what the sky's moments and the count of steps hold is of another problem

@@ -85,6 +85,14 @@ class DecompositionSettings(Params):
         doc="Share of metal among texels of like colour, at half of the steps, from which all of them are metal; "
         "0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed.",
     )
+    palette_width: float = param(
+        0.0,
+        ge=0,
+        le=1,
+        doc="Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather "
+        "about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain "
+        "what was shade and no paint; 0: each texel for itself.",
+    )
     normal_map: bool = param(
         False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
     )

@@ -11,13 +11,14 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.losses import d_ssim, log_l1, pair_variation
 from exmesh_graph.optim import Adam
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.fit import fit, learning_rates, lit_first
+from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import initial_base_color, neutral_asset, resize_texture
 from exmesh_graph.stage2.maps import Material
 from exmesh_graph.stage2.objective import image_terms
 from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.result import complete_maps
+from exmesh_graph.stage2.schedule import learning_rates, lit_first
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 
 QUICK = DecompositionSettings(
