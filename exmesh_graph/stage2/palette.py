@@ -67,7 +67,8 @@ def gather_colors(maps: MaterialMaps, seen: torch.Tensor, width: float) -> float
 def climb(place: np.ndarray, weight: np.ndarray, width: float) -> np.ndarray:
     """The modes [T, 3] that each `place` [T, 3] climbs to, of the density of all with Gaussians of `width`.
 
-    The density is that of a grid, and texels of one cell climb together: an error of some tenths of the width.
+    place in the logarithm of base colour, weight [T] at least 0 and not all 0. The density is that of a grid, and
+    texels of one cell climb together: an error of some tenths of the width.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates
 
