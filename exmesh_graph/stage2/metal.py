@@ -27,15 +27,20 @@ BRIGHT, BLACK = 0.2, 0.15
 CELL = 0.3
 
 
+def agrees(settings: DecompositionSettings) -> bool:
+    """Whether texels agree at all."""
+    return settings.metallic and settings.metal_share > 0
+
+
 def agreeing(settings: DecompositionSettings, step: int) -> bool:
     """Whether texels agree before this step."""
-    return settings.metallic and settings.metal_share > 0 and step == round(WHEN * settings.iterations)
+    return agrees(settings) and step == round(WHEN * settings.iterations)
 
 
 def metal_alone(settings: DecompositionSettings, step: int) -> bool:
     """Whether of the maps metallic alone moves in this step."""
     since = step - round(WHEN * settings.iterations)
-    return settings.metallic and settings.metal_share > 0 and 0 <= since < WAIT * settings.iterations
+    return agrees(settings) and 0 <= since < WAIT * settings.iterations
 
 
 @torch.no_grad()

@@ -15,15 +15,16 @@ import math
 import numpy as np
 import torch
 
+from exmesh_graph.stage2 import metal
 from exmesh_graph.stage2.gains import BRIGHTEST
 from exmesh_graph.stage2.init import NARROW_MARGIN, logit
 from exmesh_graph.stage2.maps import LOG_FLOOR, MaterialMaps
 from exmesh_graph.stage2.schedule import learning_rates
 from exmesh_graph.stage2.settings import DecompositionSettings
 
-#: When colours gather, as shares of the fit's steps: from when the light has its shape. For how long the light then
-#: moves alone, and how far (logits) steps must still take a texel after that: a few do not bring paint back
-#: (docs/stage2_trials.md).
+#: When colours gather, as shares of the fit's steps: from when the light has its shape; where texels agree on metal,
+#: after that only, for half metals are of no paint. For how long the light then moves alone, and how far (logits) steps
+#: must still take a texel after that: a few do not bring paint back (docs/stage2_trials.md).
 WHEN, WAIT, REACH = (0.4, 0.6, 0.8), 0.1, 1.5
 #: Cells of the density's grid in a width, and along an axis at most; steps of the climb.
 FINE, LONGEST, CLIMB = 2, 128, 30
@@ -92,7 +93,12 @@ def _moments(settings: DecompositionSettings) -> list[int]:
     """The steps before which colours gather."""
     if not settings.palette_width or settings.keep_light:
         return []
-    return [round(share * settings.iterations) for share in WHEN if _reach(settings, share + WAIT) >= REACH]
+    known = metal.WHEN if metal.agrees(settings) else 0.0
+    return [
+        round(share * settings.iterations)
+        for share in WHEN
+        if share >= known and _reach(settings, share + WAIT) >= REACH
+    ]
 
 
 def _reach(settings: DecompositionSettings, share: float) -> float:

@@ -8,6 +8,7 @@ import pytest
 
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import trace_transport
+from exmesh_graph.stage2.probe import metal
 from exmesh_graph.stage2.probe.decide import (
     decide_bounces,
     decide_environment,
@@ -264,6 +265,19 @@ def test_metal_is_judged_where_it_is(first, second, expected):
     found = decide_metal([_compared(*first, seed=1), _compared(*second, seed=2)], 1.05)
     assert found.value is expected, found.reason
     assert found.evidence["share"] == pytest.approx(min(first[1], second[1]))
+
+
+@pytest.mark.parametrize(("gain", "splits"), [(1.0, 2), (-0.05, 2), (-1.0, 1)])
+def test_a_second_split_is_asked_unless_metal_clearly_loses(monkeypatch, gain, splits):
+    """What one split leaves open, within its noise, the other may tell."""
+    asked = []
+    noisy = _compared((0.0, gain), 0.2)
+    noisy.metal[1] *= np.where(np.arange(32) % 2, 1.15, 0.85)  # some tiles gain, others lose
+    monkeypatch.setattr(metal, "compared", lambda begun, steps: (asked.append((begun, steps)), noisy)[1])
+    found = metal.find_metal(lambda other, fitted, held: (other, fitted, held), True, lambda: None)
+    fitted, held, steps = metal.THOROUGH
+    assert len(found) == splits
+    assert asked == [((other, fitted, held), steps) for other in (False, True)[:splits]]
 
 
 def test_one_split_alone_is_no_metal():

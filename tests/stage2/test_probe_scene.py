@@ -1,6 +1,7 @@
 """The probe on tiny scenes whose needs are known."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def small():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scene, "BASE_STEPS", 80)
         patch.setattr(scene, "STEPS", 30)
-        patch.setattr(metal, "THOROUGH", (24, 12, 160))
+        patch.setattr(metal, "THOROUGH", (24, 12, 240))
         patch.setattr(metal, "QUICK", (12, 4, 100))
         patch.setattr(scene, "LONG_STEPS", 160)
         patch.setattr(scene, "SHARP_HINT", 0.3)
@@ -219,6 +220,28 @@ def test_samples_follow_lobes_where_they_are_sharp(matte):
     assert polished.gain > 2 * polished.error > 0
     assert polished.gain > chalk.gain + 1
     assert sampling_gain(fits, "environment", 1).gain == 0
+
+
+def test_fits_for_metal_go_the_way_of_whole_ones(matte, monkeypatch):
+    """Colours gather and the light follows when they do in a fit, texels agree on metal half way: no step is lost."""
+    fits = ShortFit(carrier_of(matte[0]), sample_views(matte[1]), 32)
+    told = []
+    run = ShortFit.run
+    monkeypatch.setattr(short, "gather_colors", lambda maps, seen, width: told.append(("gather", width)))
+    monkeypatch.setattr(short, "agree_on_metal", lambda maps, seen, share: told.append(("agree", share)))
+
+    def ran(self, steps, rate=1.0, last=1.0, draw=0, light_first=0.0):
+        told.append((steps, round(light_first * steps), rate, rate * last))
+        return run(self, steps, rate, last, draw, light_first)
+
+    monkeypatch.setattr(ShortFit, "run", ran)
+    fits.restarted(short.Part(metal.METALLIC)).agreeing(50)
+    gathered, rates = ("gather", short.WIDTH), [short.LAST_RATE**share for share in (0, 0.5, 0.6, 0.8, 1)]
+    assert [row[:2] for row in told] == [
+        (25, 0), ("agree", 0.25), (5, 0), gathered, (10, 5), gathered, (10, 5)
+    ]  # fmt: skip
+    stretches = [row[2:] for row in told if len(row) == 4]
+    np.testing.assert_allclose(stretches, list(pairwise(rates)))
 
 
 def test_one_view_is_enough_to_answer(matte):

@@ -111,7 +111,7 @@ def test_texels_that_no_pixel_sees_follow_and_do_not_lead():
 
 
 def test_when_colours_gather_and_the_light_follows():
-    """As long as steps are left that bring paint back: the quickstart's 800 have three times, the minute's 150 two."""
+    """As long as steps are left that bring paint back: the quickstart's 800 have three times, 150 two."""
     ours = SETTINGS.replaced(material_rate=0.3, rates_for=400)
     for iterations, shares in ((4000, 3), (800, 3), (600, 3), (150, 2), (20, 0)):
         settings = ours.replaced(iterations=iterations)
@@ -121,6 +121,13 @@ def test_when_colours_gather_and_the_light_follows():
         assert alone == [step + since for step in steps for since in range(iterations // 10)]
     for other in (ours.replaced(palette_width=0), ours.replaced(keep_light=True)):
         assert not any(gathering(other, step) or light_follows(other, step) for step in range(200))
+
+
+@pytest.mark.parametrize(("metal", "shares"), [({}, WHEN[1:]), ({"metal_share": 0}, WHEN), ({"metallic": False}, WHEN)])
+def test_colours_gather_once_texels_have_agreed_on_metal(metal, shares):
+    """What is half a metal half way is of no paint."""
+    settings = SETTINGS.replaced(**{"metallic": True, "metal_share": 0.25, "iterations": 800} | metal)
+    assert [step for step in range(800) if gathering(settings, step)] == [round(800 * share) for share in shares]
 
 
 @pytest.mark.thorough

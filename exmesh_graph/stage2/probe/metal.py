@@ -56,15 +56,15 @@ def compared(start: ShortFit, steps: int) -> Comparison:
 def find_metal(
     begun: Callable[[bool, int, int], ShortFit], thorough: bool, tick: Callable[[], None]
 ) -> list[Comparison]:
-    """The first split of the views, and where metal pays there on its own pixels, the second; `begun` makes the start
-    of a split (False: the first) with so many views to fit and to keep out."""
+    """The first split of the views, and where metal does not clearly lose there on its own pixels, the second; `begun`
+    makes the start of a split (False: the first) with so many views to fit and to keep out."""
     found: list[Comparison] = []
     fitted, held, steps = THOROUGH if thorough else QUICK
     for other in (False, True):
         found.append(compared(begun(other, fitted, held), steps))
         tick()
         metal = found[-1].metal
-        if metal is None or paired_gain(*metal).gain <= 0:
+        if metal is None or (gain := paired_gain(*metal)).gain <= -gain.error:
             break
     return found
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,14 @@ from exmesh_graph.optim import Adam
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.transport import direct_transport, with_bounces
+from exmesh_graph.stage2 import metal, palette
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.maps import Appearance, MaterialMaps
 from exmesh_graph.stage2.metal import agree_on_metal
 from exmesh_graph.stage2.objective import weighted_terms
+from exmesh_graph.stage2.palette import gather_colors
 from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.probe.gain import sums_over_tiles
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
@@ -32,6 +34,8 @@ from exmesh_graph.types.pictures import Pictures
 #: The probe's light transport.
 TRANSPORT = TransportSettings(points=2500, directions=64)
 LAST_RATE = 0.05
+#: Of the Gaussian that colours gather by (`palette_width` of stage2.fit, as the graphs have it).
+WIDTH = 0.1
 #: The short schedule (docs/stage2_trials.md) on coarse maps. `bounces` switches interreflection, not its weight.
 SHORT = DecompositionSettings(
     environment_height=32,
@@ -212,13 +216,23 @@ class ShortFit:
         return self
 
     def agreeing(self, steps: int) -> ShortFit:
-        """`steps` as of a whole fit: half way rays measure the specular term, and texels of one colour agree on metal
-        (stage2.metal), where there is any."""
-        half, settings = steps // 2, self.model.settings
-        self.run(half, last=math.sqrt(LAST_RATE)).measure()
-        if settings.metallic:
-            agree_on_metal(self.model.maps, self._evidence(), settings.metal_share)
-        return self.run(steps - half, math.sqrt(LAST_RATE), math.sqrt(LAST_RATE), draw=1)
+        """`steps` as of a whole fit with metal: half way rays measure the specular term, and texels of one colour
+        agree on metal (stage2.metal), where there is any; after that base colours gather (stage2.palette), and each
+        time the light alone goes on for a while."""
+        settings, maps = self.model.settings, self.model.maps
+        gather = [share for share in palette.WHEN if share >= metal.WHEN]
+        for draw, (since, until) in enumerate(pairwise([0.0, metal.WHEN, *gather, 1.0])):
+            alone = 0.0
+            if since == metal.WHEN:
+                self.measure()
+                if settings.metallic:
+                    agree_on_metal(maps, self._evidence(), settings.metal_share)
+            elif since in gather:
+                gather_colors(maps, self._evidence(), WIDTH)
+                alone = palette.WAIT / (until - since)
+            length = round(until * steps) - round(since * steps)
+            self.run(length, LAST_RATE**since, LAST_RATE ** (until - since), draw, alone)
+        return self
 
     @torch.no_grad()
     def measure(self) -> ShortFit:
