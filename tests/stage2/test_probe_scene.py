@@ -227,8 +227,8 @@ def test_fits_for_metal_go_the_way_of_whole_ones(matte, monkeypatch):
     fits = ShortFit(carrier_of(matte[0]), sample_views(matte[1]), 32)
     told = []
     run = ShortFit.run
-    monkeypatch.setattr(short, "gather_colors", lambda maps, seen, width: told.append(("gather", width)))
-    monkeypatch.setattr(short, "agree_on_metal", lambda maps, seen, share: told.append(("agree", share)))
+    monkeypatch.setattr(short.palette, "gather_colors", lambda maps, seen, width: told.append(("gather", width)))
+    monkeypatch.setattr(short.metal, "agree_on_metal", lambda maps, seen, share: told.append(("agree", share)))
 
     def ran(self, steps, rate=1.0, last=1.0, draw=0, light_first=0.0):
         told.append((steps, round(light_first * steps), rate, rate * last))

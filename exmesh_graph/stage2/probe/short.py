@@ -22,9 +22,7 @@ from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.maps import Appearance, MaterialMaps
-from exmesh_graph.stage2.metal import agree_on_metal
 from exmesh_graph.stage2.objective import weighted_terms
-from exmesh_graph.stage2.palette import gather_colors
 from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.probe.gain import sums_over_tiles
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
@@ -226,9 +224,9 @@ class ShortFit:
             if since == metal.WHEN:
                 self.measure()
                 if settings.metallic:
-                    agree_on_metal(maps, self._evidence(), settings.metal_share)
+                    metal.agree_on_metal(maps, self._evidence(), settings.metal_share)
             elif since in gather:
-                gather_colors(maps, self._evidence(), WIDTH)
+                palette.gather_colors(maps, self._evidence(), WIDTH)
                 alone = palette.WAIT / (until - since)
             length = round(until * steps) - round(since * steps)
             self.run(length, LAST_RATE**since, LAST_RATE ** (until - since), draw, alone)
