@@ -10,15 +10,16 @@ from exmesh_graph.stage1 import large_steps, smoothness
 if TYPE_CHECKING:
     import torch
 
+    from exmesh_graph.raster import EdgeTable
     from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 
 class Smoothness(Component):
     """Base of what keeps the surface smooth; an `exmesh_graph.stage1.regularise.Smoothness`."""
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
-        """Of the start's vertices [V, 3] and undirected edges [E, 2], of which the mean one spans `pixels` of the
-        photographs; None where there is nothing to do."""
+    def prepare(self, vertices: torch.Tensor, table: EdgeTable, pixels: float) -> PreparedSmoothness | None:
+        """Of the start's vertices [V, 3] and edges, of which the mean one spans `pixels` of the photographs; None where
+        there is nothing to do."""
         raise NotImplementedError
 
 

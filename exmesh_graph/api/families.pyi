@@ -706,11 +706,13 @@ class _Prior(Family):
         device: Where to compute; auto takes a CUDA device if there is one.
         """
 class _Regulariser(Family):
-    def bilaplacian(self, name: str = "", *, weight: float | Parameter = 0.3, edge: float | Parameter = 0.0) -> Node:
+    def bilaplacian(self, name: str = "", *, weight: float | Parameter = 0.3, edge: float | Parameter = 0.0, normals: float | Parameter = 0.0, normals_width: float | Parameter = 0.02) -> Node:
         """The Laplacian's square, which does not shrink round shapes; the default.
 
         weight: Weight of L_s in its scale-free form; 0: no smoothness. [>= 0]
         edge: Edge that the weight suits: where edges span more pixels, it falls with their square, to a quarter at most; 0: any edge. [pixels, >= 0]
+        normals: Weight of how much normals vary beside it: walls come out flat, creases stay. 0: none. [>= 0]
+        normals_width: Bends between two faces below this cost by their square, so that round stays round. [rad, > 0]
         """
     def laplacian(self, name: str = "", *, weight: float | Parameter = 0.3, units: Literal["edges", "world"] | Parameter = "edges") -> Node:
         """The paper's Laplacian, divided by the squared mean edge length.

@@ -1,7 +1,7 @@
 """What a step does for each vertex or face, for a CPU. Import through `runtime.vertex_kernels`.
 
-Plain forms: `regularise.smoothness`, `facing.behind`, `refine.move`. Every item writes what it alone owns; sums belong
-to an item.
+Plain forms: `regularise.smoothness`, `normals.normal_variation`, `facing.behind`, `refine.move`.
+Every item writes what it alone owns; sums belong to an item.
 """
 
 # mypy: ignore-errors
@@ -84,6 +84,65 @@ _TURNED = (
             + (a[0] * b[1] - a[1] * b[0]) * d[2] > 0.0;
     }
     totals.data[chunk] = found;
+"""
+)
+
+_BEND = (
+    _RANGE
+    + """
+    typedef float v3[3];
+    auto cross = [](const float* a, const float* b, float* to) {
+        to[0] = a[1] * b[2] - a[2] * b[1]; to[1] = a[2] * b[0] - a[0] * b[2]; to[2] = a[0] * b[1] - a[1] * b[0];
+    };
+    auto dot = [](const float* a, const float* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
+    double total = 0.0;
+    for (int e = begin; e < end; ++e) {
+        float* to = pushes.data + 12 * (long)e;
+        for (int c = 0; c < 12; ++c) to[c] = 0.f;
+        const int* at = corners.data + 4 * (long)e;
+        const float* p[4];
+        for (int k = 0; k < 4; ++k) p[k] = points.data + 3 * (long)at[k];
+        v3 along, left, right, n[2];
+        for (int c = 0; c < 3; ++c) {
+            along[c] = p[1][c] - p[0][c]; left[c] = p[2][c] - p[0][c]; right[c] = p[3][c] - p[0][c];
+        }
+        cross(along, left, n[0]);
+        cross(right, along, n[1]);
+        const float size[2] = {__builtin_sqrtf(dot(n[0], n[0])), __builtin_sqrtf(dot(n[1], n[1]))};
+        if (!(size[0] > least && size[1] > least)) continue;
+        for (int k = 0; k < 2; ++k) for (int c = 0; c < 3; ++c) n[k][c] /= size[k];
+        const v3 off = {n[0][0] - n[1][0], n[0][1] - n[1][1], n[0][2] - n[1][2]};
+        const float bend = __builtin_sqrtf(dot(off, off) + width * width), own = weights.data[e];
+        total += own * (dot(off, off) / (bend + width));              // bend - width, without its cancellation
+        v3 g[2], pushed;
+        for (int k = 0; k < 2; ++k) {                                 // what is across the normal, per its length
+            const float factor = (k ? -own : own) / bend, inside = dot(n[k], off);
+            for (int c = 0; c < 3; ++c) g[k][c] = factor * (off[c] - n[k][c] * inside) / size[k];
+        }
+        cross(left, g[0], pushed);
+        for (int c = 0; c < 3; ++c) to[3 + c] += pushed[c];
+        cross(g[1], right, pushed);
+        for (int c = 0; c < 3; ++c) to[3 + c] += pushed[c];
+        cross(g[0], along, to + 6);
+        cross(along, g[1], to + 9);
+        for (int c = 0; c < 3; ++c) to[c] = -(to[3 + c] + to[6 + c] + to[9 + c]);
+    }
+    totals.data[chunk] = total;
+"""
+)
+
+_GATHER = (
+    _RANGE
+    + """
+    for (int v = begin; v < end; ++v) {
+        float x = 0.f, y = 0.f, z = 0.f;
+        for (int n = starts.data[v]; n < starts.data[v + 1]; ++n) {
+            const float* from = pushes.data + 3 * (long)rows.data[n];
+            x += from[0]; y += from[1]; z += from[2];
+        }
+        float* to = out.data + 3 * (long)v;
+        to[0] = x; to[1] = y; to[2] = z;
+    }
 """
 )
 
@@ -197,3 +256,64 @@ def count_turned(
 ):
     """Chunk `first + tid`: how many of its faces that are shown are seen from behind, by homogeneous pixel places."""
     _turned(first + wp.tid(), CHUNK, count, points, faces, shown, totals)
+
+
+@wp.func_native(_BEND)
+def _bend(
+    chunk: int,
+    each: int,
+    count: int,
+    width: float,
+    least: float,
+    corners: wp.array(dtype=wp.int32),
+    weights: wp.array(dtype=float),
+    points: wp.array(dtype=float),
+    pushes: wp.array(dtype=float),
+    totals: wp.array(dtype=wp.float64),
+): ...
+
+
+@wp.kernel
+def bend_edges(
+    first: int,
+    count: int,
+    width: float,
+    least: float,
+    corners: wp.array(dtype=wp.int32),
+    weights: wp.array(dtype=float),
+    points: wp.array(dtype=float),
+    pushes: wp.array(dtype=float),
+    totals: wp.array(dtype=wp.float64),
+):
+    """Chunk `first + tid`: edges of two faces by their corners [E, 4], first the ends.
+
+    `totals` is the chunk's sum of weight (sqrt(|n - n'|^2 + width^2) - width), `pushes` [E, 4, 3] its gradient. Faces
+    whose doubled area is not above `least` count nothing.
+    """
+    _bend(first + wp.tid(), CHUNK, count, width, least, corners, weights, points, pushes, totals)
+
+
+@wp.func_native(_GATHER)
+def _gather(
+    chunk: int,
+    each: int,
+    count: int,
+    starts: wp.array(dtype=wp.int32),
+    rows: wp.array(dtype=wp.int32),
+    pushes: wp.array(dtype=float),
+    out: wp.array(dtype=float),
+): ...
+
+
+@wp.kernel
+def gather_corners(
+    first: int,
+    count: int,
+    starts: wp.array(dtype=wp.int32),
+    rows: wp.array(dtype=wp.int32),
+    pushes: wp.array(dtype=float),
+    out: wp.array(dtype=float),
+):
+    """Chunk `first + tid`: of each vertex v the sum of the rows rows[starts[v]:starts[v + 1]] of `pushes`, in their
+    order."""
+    _gather(first + wp.tid(), CHUNK, count, starts, rows, pushes, out)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # the parameters are those of a node, which loads neither bef
     import numpy as np
     import torch
 
+    from exmesh_graph.raster import EdgeTable
     from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 _TOLERANCE = 1e-5
@@ -30,11 +31,11 @@ class LargeSteps(Params):
 
     strength: float = param(19.0, ge=0, doc="lambda of the paper; the filter reaches about its root, in edges.")
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
+    def prepare(self, vertices: torch.Tensor, table: EdgeTable, pixels: float) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.regularise import PreparedSmoothness
 
         return PreparedSmoothness(
-            None, implicit_filter(len(vertices), edges, self.strength, vertices.device), uniform=True
+            None, implicit_filter(len(vertices), table.edges, self.strength, vertices.device), uniform=True
         )
 
 

@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple, Protocol
 
 import torch
 
+from exmesh_graph.raster import EdgeTable
 from exmesh_graph.stage1.vertices import Neighbours, neighbours, serves, unevenness
 
 Kind = Literal["laplacian", "bilaplacian"]
@@ -26,9 +27,9 @@ REFERENCE_DECAY = 0.99
 class Smoothness(Protocol):
     """What `refine` takes as its L_s: made once for every call, hence for every topology."""
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
-        """Of the start's vertices [V, 3] and undirected edges [E, 2], of which the mean one spans `pixels` of the
-        photographs; None where there is nothing to do."""
+    def prepare(self, vertices: torch.Tensor, table: EdgeTable, pixels: float) -> PreparedSmoothness | None:
+        """Of the start's vertices [V, 3] and edges, of which the mean one spans `pixels` of the photographs; None where
+        there is nothing to do."""
 
 
 class PreparedSmoothness(NamedTuple):

@@ -9,6 +9,7 @@ from exmesh_graph.params import Params, param
 if TYPE_CHECKING:
     import torch
 
+    from exmesh_graph.raster import EdgeTable
     from exmesh_graph.stage1.regularise import PreparedSmoothness
 
 
@@ -24,11 +25,11 @@ class Laplacian(Params):
         "edges", doc="What distances are measured in: mean edge lengths, or units of the normalised world (the paper)."
     )
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
+    def prepare(self, vertices: torch.Tensor, table: EdgeTable, pixels: float) -> PreparedSmoothness | None:
         from exmesh_graph.stage1.regularise import mean_edge, weighted
 
-        square = mean_edge(vertices, edges) ** 2 if self.units == "world" else 1.0
-        return weighted("laplacian", self.weight * square, vertices, edges)
+        square = mean_edge(vertices, table.edges) ** 2 if self.units == "world" else 1.0
+        return weighted("laplacian", self.weight * square, vertices, table.edges)
 
 
 class Bilaplacian(Params):
@@ -42,11 +43,25 @@ class Bilaplacian(Params):
         doc="Edge that the weight suits: where edges span more pixels, it falls with their square, to a quarter at "
         "most; 0: any edge.",
     )
+    normals: float = param(
+        0.0, ge=0, doc="Weight of how much normals vary beside it: walls come out flat, creases stay. 0: none."
+    )
+    normals_width: float = param(
+        0.02,
+        gt=0,
+        unit="rad",
+        doc="Bends between two faces below this cost by their square, so that round stays round.",
+    )
 
-    def prepare(self, vertices: torch.Tensor, edges: torch.Tensor, pixels: float) -> PreparedSmoothness | None:
-        from exmesh_graph.stage1.regularise import weighted
+    def prepare(self, vertices: torch.Tensor, table: EdgeTable, pixels: float) -> PreparedSmoothness | None:
+        from exmesh_graph.stage1.normals import beside, normal_variation
+        from exmesh_graph.stage1.regularise import mean_edge, weighted
 
-        return weighted("bilaplacian", self.weight * self.share(pixels), vertices, edges)
+        smooth = weighted("bilaplacian", self.weight * self.share(pixels), vertices, table.edges)
+        if self.normals == 0:
+            return smooth
+        pixel = mean_edge(vertices, table.edges) / pixels
+        return beside(smooth, self.normals, normal_variation(vertices, table, pixel, self.normals_width))
 
     def share(self, pixels: float) -> float:
         """Of the weight, where the mean edge spans so many pixels: as many times more of them tell where it lies."""

@@ -42,8 +42,9 @@ class Terms:
         self.fused = ImageTerms(targets, settings) if fused and usual and on_cpu else None
         self.targets, self.settings, self.faces = targets, settings, surface.faces
         vertices = surface.vertices.detach()
-        edges = surface.edges.edges
-        self.smoothness = smoothness.prepare(vertices, edges, mean_edge(vertices, edges) / _pixel(vertices, targets))
+        self.smoothness = smoothness.prepare(
+            vertices, surface.edges, mean_edge(vertices, surface.edges.edges) / _pixel(vertices, targets)
+        )
         self.smoother: Smoother | None = None
         # the running mean that L_b measures from starts anew with every call, hence after every change of topology
         self.reference: torch.Tensor | None = None

@@ -73,7 +73,7 @@ class _Unevenness(torch.autograd.Function):
 def _umbrella(of: Neighbours, x: torch.Tensor, out: torch.Tensor, transposed: int, factor: float) -> float:
     """The sum of squares of what is written to `out`."""
     k, count = vertex_kernels(), len(of.inverse)
-    totals = _totals(count)
+    totals = totals_of(count)
     split(k.umbrella, len(totals), count, transposed, factor, *of, x, out, totals, grain=1)
     return float(totals.sum())
 
@@ -95,7 +95,7 @@ def step(
     vertices, gradient [V, 3], per_area [V, 1], mean [V], moments [V, 3] and [V]; the others as in `adam_step`.
     Returns the sum of the gradient's norms, which is not finite if a gradient is not.
     """
-    totals = _totals(len(vertices))
+    totals = totals_of(len(vertices))
     split(
         vertex_kernels().step_vertices, len(totals), len(vertices), 1 - decay, 1 - FIRST, 1 - SECOND,
         1 - SECOND**number, epsilon, -rate / (1 - FIRST**number), gradient.contiguous(), per_area, mean, *moments,
@@ -106,7 +106,7 @@ def step(
 
 def any_turned(projected: torch.Tensor, faces: torch.Tensor, shown: torch.Tensor) -> bool:
     """Whether any face int32 [F, 3] that is `shown`, uint8 [F], is seen from behind at `projected` [V, 3]."""
-    totals = _totals(len(faces), torch.int32)
+    totals = totals_of(len(faces), torch.int32)
     split(
         vertex_kernels().count_turned, len(totals), len(faces), projected.detach().contiguous(), faces, shown, totals,
         grain=1,
@@ -114,7 +114,7 @@ def any_turned(projected: torch.Tensor, faces: torch.Tensor, shown: torch.Tensor
     return bool(totals.any())
 
 
-def _totals(count: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
-    """One for each chunk of `count` vertices or faces."""
+def totals_of(count: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
+    """One for each chunk of `count` vertices, edges or faces."""
     chunks = -(-count // int(vertex_kernels().CHUNK))
     return scratch(f"vertex totals {dtype}", chunks, dtype)[:chunks]

@@ -11,6 +11,7 @@ from stage1_scenes import ball, fresh_state, photographs
 from exmesh_graph.errors import NumericsError
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.optim import adam_step
+from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1 import large_steps
 from exmesh_graph.stage1.large_steps import implicit_filter
 from exmesh_graph.stage1.refine import refine
@@ -88,6 +89,7 @@ def test_in_the_loop_it_recovers_a_ball_and_keeps_it_smooth():
 
 
 def test_the_component_makes_the_filter():
-    prepared = regulariser.LargeSteps(strength=3.0).prepare(torch.zeros(3, 3), torch.tensor([[0, 1], [1, 2]]), 2.0)
+    table = edge_table(torch.tensor([[0, 1, 2]]))
+    prepared = regulariser.LargeSteps(strength=3.0).prepare(torch.zeros(3, 3), table, 2.0)
     assert prepared.loss is None
     assert prepared.uniform

@@ -95,7 +95,7 @@ class Filtered:
     def __init__(self, factor):
         self.factor = factor
 
-    def prepare(self, vertices, edges, pixels):
+    def prepare(self, vertices, table, pixels):
         if self.factor is None:
             return PreparedSmoothness(None, lambda x: x.mean(dim=0, keepdim=True).expand_as(x).contiguous())
         return PreparedSmoothness(None, lambda x: self.factor * x)

@@ -69,7 +69,7 @@ def test_laplacian_in_world_units_is_the_mean_squared_difference():
     points = vertices.double().numpy()
     rows = [points[list(ring)].mean(axis=0) - points[v] for v, ring in near.items()]
     expected = 1000 * float(np.square(np.array(rows)).sum()) / len(points)
-    prepared = Laplacian(weight=1000.0, units="world").prepare(vertices, edges, 2.0)
+    prepared = Laplacian(weight=1000.0, units="world").prepare(vertices, surface.edges, 2.0)
     assert prepared is not None
     assert prepared.loss is not None
     assert float(prepared.loss(vertices)) == pytest.approx(expected, rel=1e-4)
