@@ -57,10 +57,10 @@ class _Bends:
         shared = table.opposite[:, 1] >= 0
         self.corners = torch.cat([table.edges[shared], table.opposite[shared]], dim=1).long()
         self.width = width
-        double = [n.norm(dim=1) for n in _normals(vertices, self.corners)]
+        one, other = _normals(vertices, self.corners)
         # an edge stands for a third of either face
-        area = float(sum(double[1:], double[0]).double().sum()) / 6 or 1.0
-        self.least = NEEDLE * 3 * area / max(len(self.corners), 1)
+        area = float((one.norm(dim=1) + other.norm(dim=1)).double().sum()) / 6 or 1.0
+        self.least = NEEDLE * 3 * area / max(len(self.corners), 1)  # of a normal, which is as long as twice an area
         ends = vertices[self.corners[:, :2]]
         self.weight = (ends[:, 1] - ends[:, 0]).norm(dim=1) * (pixel / area)
         order = torch.argsort(self.corners.reshape(-1), stable=True)
