@@ -57,6 +57,7 @@ def main() -> None:
     parser.add_argument("--texels", type=int, default=512)
     parser.add_argument("--cores", type=int, default=1)
     parser.add_argument("--repeats", type=int, default=5, help="turns, of three steps each")
+    parser.add_argument("--normals", type=float, default=0.0, help="weight of the variation of normals; graphs: 0.02")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -89,15 +90,16 @@ def prepared(options: argparse.Namespace) -> dict[str, refine._Loop]:
     made = {}
     for way in ("plain", "fused"):
         with plainly(way == "plain"):
-            made[way] = loop_of(start, photographs)
+            made[way] = loop_of(start, photographs, normals=options.normals)
     return made
 
 
-def loop_of(start: Stage1State, photographs: Views, device: str = "cpu") -> refine._Loop:
+def loop_of(start: Stage1State, photographs: Views, device: str = "cpu", normals: float = 0.0) -> refine._Loop:
     """A loop of Stage I on `device`, its pictures prepared."""
     targets = prepare_targets(photographs, device=device)
     targets.ssim_target(0)
-    return refine._Loop(start, targets, RefineSettings(iterations=10**6), Bilaplacian(), 0, "benchmark", device)
+    smooth = Bilaplacian(normals=normals)
+    return refine._Loop(start, targets, RefineSettings(iterations=10**6), smooth, 0, "benchmark", device)
 
 
 def scene(options: argparse.Namespace) -> tuple[Stage1State, Views]:
