@@ -170,7 +170,7 @@ def stage1(options: argparse.Namespace) -> Step:
 
     size = options.size or 512
     loop = stage1_step.prepared(
-        argparse.Namespace(width=size, height=size, faces=options.faces, texels=options.texels)
+        argparse.Namespace(width=size, height=size, faces=options.faces, texels=options.texels, normals=0.0)
     )["fused"]  # fmt: skip
     number = iter(range(10**9))
 
