@@ -116,5 +116,10 @@ def any_turned(projected: torch.Tensor, faces: torch.Tensor, shown: torch.Tensor
 
 def totals_of(count: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
     """One for each chunk of `count` vertices, edges or faces."""
-    chunks = -(-count // int(vertex_kernels().CHUNK))
-    return scratch(f"vertex totals {dtype}", chunks, dtype)[:chunks]
+    size = chunks(count)
+    return scratch(f"vertex totals {dtype}", size, dtype)[:size]
+
+
+def chunks(count: int) -> int:
+    """The items of a launch over `count` vertices, edges or faces."""
+    return -(-count // int(vertex_kernels().CHUNK))
