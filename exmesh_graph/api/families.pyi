@@ -709,7 +709,7 @@ class _Regulariser(Family):
     def bilaplacian(self, name: str = "", *, weight: float | Parameter = 0.3, edge: float | Parameter = 0.0, normals: float | Parameter = 0.0, normals_width: float | Parameter = 0.02) -> Node:
         """The Laplacian's square, which does not shrink round shapes; the default.
 
-        weight: Weight of L_s in its scale-free form; 0: no smoothness. [>= 0]
+        weight: Weight of L_s in its scale-free form; 0: none. [>= 0]
         edge: Edge that the weight suits: where edges span more pixels, it falls with their square, to a quarter at most; 0: any edge. [pixels, >= 0]
         normals: Weight of how much normals vary beside it: walls come out flat, creases stay. 0: none. [>= 0]
         normals_width: Bends between two faces below this cost by their square, so that round stays round. [rad, > 0]

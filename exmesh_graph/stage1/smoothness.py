@@ -33,9 +33,10 @@ class Laplacian(Params):
 
 
 class Bilaplacian(Params):
-    """Its square, which does not shrink round shapes, times `weight`; a `regularise.Smoothness`."""
+    """Its square, which does not shrink round shapes, times `weight`, and how much normals vary, times `normals`; a
+    `regularise.Smoothness`."""
 
-    weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: no smoothness.")
+    weight: float = param(0.3, ge=0, doc="Weight of L_s in its scale-free form; 0: none.")
     edge: float = param(
         0.0,
         ge=0,
