@@ -1,5 +1,5 @@
-"""Two more small scenes for choosing (256 pixels): a lacquered toy car with a little metal, and a lamp whose thin shade
-is open below."""
+"""Three more small scenes for choosing (256 pixels): a lacquered toy car with a little metal, a lamp whose thin shade is
+open below, and a cottage, whose flat walls face few ways."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.scenes.kinds import Recipe
 from benchmarks.scenes.objects.mixed import ring
 from benchmarks.scenes.paint import mix, noise, printed, step, writing
-from benchmarks.scenes.shapes import Solid, ball, blend, block, level_set, rod, smooth, tube, turn, turned
+from benchmarks.scenes.shapes import Solid, ball, blend, block, box, level_set, rod, smooth, tube, turn, turned
 
 
 def buggy() -> list[Solid]:
@@ -95,7 +95,64 @@ def paint_lamp(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
     return base, rough, metal
 
 
+def cottage() -> list[Solid]:
+    """A toy house: walls with windows and doors, two slopes of slates, a chimney, a stoop, a bench."""
+    found = [
+        box("wall", (0.62, 0.46, 0.42), 0.006).moved((0, 0, 0.12)),
+        box("wall", (0.438, 0.46, 0.438), 0.006).moved((0, 0, 0.54), turn(1, 45)),
+    ]
+    for side in (-1, 1):
+        found.append(box("roof", (0.52, 0.53, 0.025), 0.006).moved((side * 0.37, 0, 0.824), turn(1, side * 45)))
+    found.append(box("chimney", (0.09, 0.09, 0.26), 0.006).moved((0.30, 0.20, 1.05)))
+    found.append(box("stoop", (0.22, 0.10, 0.05), 0.006).moved((0, -0.53, -0.25)))
+    found.append(box("seat", (0.30, 0.07, 0.02), 0.005).moved((0.05, 0.56, -0.08)))
+    for x in (-0.2, 0.3):
+        found.append(box("seat", (0.02, 0.06, 0.11), 0.005).moved((x, 0.56, -0.2)))
+    return found
+
+
+def paint_cottage(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
+    x, y, z = p.T
+    plaster = mix([0.56, 0.50, 0.40], [0.66, 0.61, 0.52], 0.5 + 0.5 * noise(p, 3, 4, 4))
+    courses = np.maximum(
+        step(np.abs(np.mod(z * 9, 1) - 0.5), 0.42, 0.04),
+        step(np.abs(np.mod((x + y) * 4 + 0.5 * (np.floor(z * 9) % 2), 1) - 0.5), 0.46, 0.02),
+    )
+    stones = mix(mix([0.26, 0.24, 0.22], [0.40, 0.36, 0.31], 0.5 + 0.5 * noise(p, 6, 7, 2)), [0.12, 0.11, 0.10], courses)
+    base = np.where((z < -0.05)[:, None], stones, plaster)
+    rough = np.where(z < -0.05, 0.8, 0.85)
+    # along the wall: (axis it faces, side, middle, height, half width, half height, what)
+    for axis, side, at, high, wide, tall, what in (
+        (1, -1, 0.0, 0.10, 0.13, 0.30, 0), (1, -1, -0.38, 0.28, 0.12, 0.14, 1), (1, -1, 0.38, 0.28, 0.12, 0.14, 1),
+        (1, 1, -0.25, 0.30, 0.14, 0.14, 1), (1, 1, 0.30, 0.30, 0.12, 0.14, 1), (1, -1, 0.0, 0.72, 0.09, 0.09, 1),
+        (0, 1, 0.05, 0.25, 0.16, 0.14, 1), (0, -1, -0.15, 0.28, 0.13, 0.14, 1), (0, -1, 0.22, 0.10, 0.11, 0.29, 0),
+    ):  # fmt: skip
+        u, v = (p[:, 1 - axis] - at) / wide, (z - high) / tall
+        facing = (n[:, axis] * side > 0.9) & (part == "wall")
+        paint = np.array([0.10, 0.22, 0.34]) if what else np.array([0.30, 0.07, 0.05])
+        frame, pane = facing & (np.maximum(np.abs(u), np.abs(v)) < 1), what & (np.maximum(np.abs(u), np.abs(v)) < 0.8)
+        bars = np.minimum(np.abs(u), np.abs(v)) < 0.08
+        base = np.where(frame[:, None], np.where((pane & ~bars)[:, None], [0.05, 0.06, 0.07], paint), base)
+        rough = np.where(frame, np.where(pane & ~bars, 0.2, 0.45), rough)
+    along = np.abs(x) * 1.5
+    row = np.floor(along * 9)
+    gaps = np.maximum(
+        step(np.abs(np.mod(along * 9, 1) - 0.5), 0.42, 0.04),
+        step(np.abs(np.mod(y * 8 + 0.5 * (row % 2), 1) - 0.5), 0.45, 0.03),
+    )
+    each = noise(np.column_stack([row, np.floor(y * 8 + 0.5 * (row % 2)), np.sign(x)]), 1.7, 9)
+    slates = mix(mix([0.15, 0.17, 0.20], [0.26, 0.27, 0.28], 0.5 + 0.5 * each), [0.06, 0.06, 0.07], gaps)
+    brick = mix([0.42, 0.17, 0.11], [0.50, 0.46, 0.40], courses)
+    grain = mix([0.38, 0.24, 0.12], [0.50, 0.34, 0.18], 0.5 + 0.5 * noise(p * [2, 30, 30], 1, 5, 2))
+    for name, colour, gloss in (("roof", slates, 0.55), ("chimney", brick, 0.8), ("stoop", stones, 0.8),
+                                ("seat", grain, 0.5)):  # fmt: skip
+        mine = part == name
+        base[mine], rough[mine] = colour[mine], gloss
+    return base, rough, np.zeros(len(p))
+
+
 SCENES = {
+    "cottage": Recipe(cottage, paint_cottage, ("day", 83), 420, heights=(-0.2, 0.9)),
     "buggy": Recipe(buggy, paint_buggy, ("courtyard", 70), 400, heights=(-0.25, 0.92), level=9.0),
     "lamp": Recipe(lamp, paint_lamp, ("interior", 160), 410, heights=(-0.45, 0.9)),
 }
