@@ -4,6 +4,7 @@
     python -m benchmarks.scenes make --role score --out FOLDER --worlds FOLDER     # all of a role; --quick: 128 pixels
     python -m benchmarks.scenes check --out FOLDER            # digests against benchmarks/scenes.yaml
     python -m benchmarks.scenes figures --out FOLDER          # what was measured of them; digests: for the register
+    python -m benchmarks.scenes lights --worlds FOLDER        # how high lights stand, for envmap.ABOVE
     python -m benchmarks.scenes sheet --out FOLDER --picture docs/pictures/scenes.jpg
 
 Pictures that lie there are kept: an interrupted run goes on. Wants `pip install mitsuba manifold3d`, and for Mitsuba's
@@ -13,6 +14,7 @@ LLVM variant `apt-get install libllvm19`.
 from __future__ import annotations
 
 import argparse
+import statistics
 import sys
 import time
 from dataclasses import replace
@@ -31,6 +33,8 @@ def main() -> int:
         from benchmarks.scenes import digests
 
         return (digests.show if options.command == "digests" else digests.figures)(options.out, options.names)
+    if options.command == "lights":
+        return _lights(options.worlds)
     from benchmarks.scenes.sheet import sheet
 
     sheet(options.out, options.names, options.picture)
@@ -63,6 +67,16 @@ def _make(options: argparse.Namespace) -> int:
     return 0
 
 
+def _lights(worlds: Path | None) -> int:
+    from benchmarks.scenes.lights import heights
+
+    found = heights(worlds)
+    for name, height in found.items():
+        print(f"{name:12s} {height:6.3f}")
+    print(f"mean {statistics.mean(found.values()):.3f}, deviation {statistics.pstdev(found.values()):.3f}")
+    return 0
+
+
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.scenes", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -83,6 +97,8 @@ def arguments() -> argparse.Namespace:
             part.add_argument("--worlds", type=Path, help="the wheel of bpy 5.0.1, or a folder of its world pictures")
             part.add_argument("--envmaps", type=Path, help="relight by the EXR maps of this folder too")
             part.add_argument("--threads", type=int, default=0)
+    part = commands.add_parser("lights")
+    part.add_argument("--worlds", type=Path, help="the wheel of bpy 5.0.1, or a folder of its world pictures")
     return parser.parse_args()
 
 

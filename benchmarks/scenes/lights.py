@@ -172,6 +172,17 @@ def read_exr(path: Path) -> np.ndarray:
     return np.asarray(pixels, np.float32).reshape(size.height, size.width, 3)
 
 
+def heights(worlds: Path | None, seeds: int = 3) -> dict[str, float]:
+    """Of each light the mean sine of the elevation that it comes from (`exmesh_graph.shading.envmap.elevation`)."""
+    import torch
+
+    from exmesh_graph.shading.envmap import elevation
+
+    found = {name: world(name, worlds, 0) for name in WORLDS} if worlds else {}
+    found |= {f"{name} {k}": make(k) for name, make in PROCEDURAL.items() for k in range(seeds)}
+    return {name: float(elevation(torch.from_numpy(light).double())) for name, light in found.items()}
+
+
 def lookup(light: np.ndarray, towards: np.ndarray) -> np.ndarray:
     """Radiance [N, 3] from unit directions [N, 3], bilinear between texel centres: the definition of the files."""
     height, width = light.shape[:2]

@@ -131,6 +131,32 @@ def mean_radiance(environment: torch.Tensor) -> torch.Tensor:
     return (environment.mean(dim=1) * row[:, None]).sum(dim=0) / row.sum()
 
 
+#: Mean `elevation` of light, and its deviation, of eight photographed rooms and skies, three test lights and eighteen
+#: procedural ones (`python -m benchmarks.scenes lights`): no light that things are photographed in comes from below.
+ABOVE, ABOVE_SPREAD = 0.35, 0.115
+
+
+def elevation(environment: torch.Tensor) -> torch.Tensor:
+    """How high the light stands: the mean sine of the elevation that radiance [H, W, 3] comes from, in [-1, 1]."""
+    row = _row_weights(*environment.shape[:2], environment.dtype, environment.device)
+    light = environment.mean(dim=(1, 2)) * row
+    return (light * sines(len(light)).to(light)).sum() / light.sum().clamp_min(1e-30)
+
+
+def sines(height: int) -> torch.Tensor:
+    """Sine of the elevation of a map's rows, float64 [height], the highest first."""
+    return torch.from_numpy(np.sin(np.pi * (0.5 - (np.arange(height) + 0.5) / height)))
+
+
+def too_low(environment: torch.Tensor) -> torch.Tensor:
+    """Square of how much lower than usual the light stands, in deviations; 0 from `ABOVE` on.
+
+    What faces up and what faces aside are often of unlike paints: then no photograph tells a dark roof under a bright
+    sky from a light one under a dark sky.
+    """
+    return ((ABOVE - elevation(environment)) / ABOVE_SPREAD).clamp_min(0) ** 2
+
+
 def chroma(environment: torch.Tensor) -> torch.Tensor:
     """L_chroma of eq. 24: squared distance of the mean radiance from its own grey value.
 

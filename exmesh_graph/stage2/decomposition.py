@@ -14,7 +14,7 @@ from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import check_fits
 from exmesh_graph.stage2.gains import CommonFactor, Exposure
 from exmesh_graph.stage2.gbuffer import ViewBuffer, ViewBuffers
-from exmesh_graph.stage2.init import check_start, is_uniform, neutral_asset
+from exmesh_graph.stage2.init import check_start, is_neutral, neutral_asset
 from exmesh_graph.stage2.light.model import LightModel
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.light.sampled import SampledLight
@@ -80,7 +80,7 @@ class Decomposition:
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
         self.maps = MaterialMaps(start, self.buffers.texels, size, settings)
         height = settings.environment_height
-        self.neutral = is_uniform(start.environment) and not settings.keep_light
+        self.neutral = is_neutral(start.environment) and not settings.keep_light
         radiance = torch.from_numpy(envmap.resample(start.environment, height, 2 * height)).to(device)
         self.environment = envmap.parameter_of(radiance).requires_grad_(not settings.keep_light)
         self.factor = CommonFactor(device)
@@ -133,7 +133,7 @@ class Decomposition:
 
     @torch.no_grad()
     def level_light(self) -> None:
-        """Scale the uniform starting light so that the starting maps are as bright as the photographs, on average."""
+        """Scale the neutral starting light so that the starting maps are as bright as the photographs, on average."""
         prepared = self.prepare(0.0, 0)
         seen = shown = 0.0
         for buffer in self.buffers:

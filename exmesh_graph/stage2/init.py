@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from exmesh_graph.colour import srgb_to_linear
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
+from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.settings import StartSettings
 from exmesh_graph.types import Asset, Carrier
 
@@ -61,7 +62,7 @@ def tint(carrier: Carrier, level: float) -> np.ndarray:
 
 
 def neutral_asset(carrier: Carrier, settings: StartSettings | None = None, size: int = 0) -> Asset:
-    """Where a fit starts that knows no better: one roughness, one metallic, white light of radiance 1.
+    """Where a fit starts that knows no better: one roughness, one metallic, white light (`white_light`).
 
     Base colour is kept `MARGIN` away from 0 and 1, metallic `MARGIN` below 1; metallic 0 is no map.
     size  side of the maps in texels; 0: the texture's
@@ -78,7 +79,7 @@ def neutral_asset(carrier: Carrier, settings: StartSettings | None = None, size:
         base_color=color.numpy(),
         roughness=np.full((size, size), settings.roughness, np.float32),
         seen=np.zeros((size, size), bool),
-        environment=np.ones((8, 16, 3), np.float32),
+        environment=white_light(settings.above),
         metallic=np.full((size, size), min(metallic, 1 - MARGIN), np.float32) if metallic > 0 else None,
     )
 
@@ -104,6 +105,18 @@ def check_start(start: Asset, carrier: Carrier, metallic: bool, normal_map: bool
         )
 
 
-def is_uniform(environment: np.ndarray) -> bool:
-    """Whether a starting light is one colour, whose level then comes from the photographs."""
-    return bool(np.ptp(environment, axis=(0, 1)).max() <= 1e-6 * max(float(environment.max()), 1e-30))
+def white_light(above: float = 0.0, height: int = 32) -> np.ndarray:
+    """Radiance 1 + `above` sin(elevation), float32 [height, 2 height, 3]."""
+    rows = 1 + above * envmap.sines(height).numpy()
+    return np.broadcast_to(rows[:, None, None], (height, 2 * height, 3)).astype(np.float32)
+
+
+def is_neutral(environment: np.ndarray) -> bool:
+    """Whether a starting light [H, W, 3] is one colour times a `white_light`: its level comes from the photographs."""
+    light = np.asarray(environment, np.float64)
+    sines = envmap.sines(len(light)).numpy()
+    rows = light.mean(axis=1)
+    slope = sines @ rows / (sines @ sines)
+    off = light - (rows.mean(axis=0) + sines[:, None] * slope)[:, None]
+    alike = np.ptp(slope / rows.mean(axis=0).clip(1e-30)) <= 1e-4
+    return bool(alike and np.abs(off).max() <= 1e-5 * max(float(light.max()), 1e-30))

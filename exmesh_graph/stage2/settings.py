@@ -17,11 +17,14 @@ class StartSettings(Params):
         doc="The Stage I texture, linearised (the paper); mid-gray; or one colour, the texture's mean at `level`, "
         "so that the light starts white.",
     )
-    level: float = param(0.45, gt=0, lt=1, doc="Luminance of the base colour that `tint` starts from.")
+    level: float = param(0.36, gt=0, lt=1, doc="Luminance of the base colour that `tint` starts from.")
     roughness: Annotated[float, Field(gt=0, lt=1), Auto("needs")] = param(
         0.5, doc="Neutral roughness; auto: low where the probe finds that a fit from 0.5 misses sharp reflections."
     )
     metallic: float = param(0.0, ge=0, le=1, doc="Metallic; above 0 only for fits with metallic: true.")
+    above: float = param(
+        0.0, ge=0, le=0.95, doc="How much brighter than on average the sky is straight above, and darker below."
+    )
 
 
 class DecompositionSettings(Params):
@@ -68,6 +71,11 @@ class DecompositionSettings(Params):
         1.0, ge=0, doc="How much the variation of roughness and metallic counts against that of base colour."
     )
     environment_weight: float = param(0.1, ge=0, doc="lambda_env: total variation of the environment.")
+    above_weight: float = param(
+        0.0,
+        ge=0,
+        doc="Weight of the square of how much lower the light stands than that of skies and rooms, in deviations.",
+    )
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
     indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")

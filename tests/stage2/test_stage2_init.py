@@ -54,7 +54,7 @@ def test_a_tinted_start_has_the_textures_mean_colour_at_the_level_asked_for(carr
     linear = ((np.array([0.735, 0.5, 0.25]) + 0.055) / 1.055) ** 2.4
     np.testing.assert_allclose(color[0] / color[0][1], linear / linear[1], rtol=1e-4)
     black = dataclasses.replace(carrier, texture=np.zeros_like(texture))
-    assert np.unique(neutral_asset(black, StartSettings(base_color="tint")).base_color) == pytest.approx(0.45)
+    assert np.unique(neutral_asset(black, StartSettings(base_color="tint")).base_color) == pytest.approx(0.36)
 
 
 def test_an_unwired_start_is_the_nodes_default(carrier, train_views, transport):

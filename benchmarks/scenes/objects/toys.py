@@ -1,5 +1,5 @@
-"""Three more small scenes for choosing (256 pixels): a lacquered toy car with a little metal, a lamp whose thin shade is
-open below, and a cottage, whose flat walls face few ways."""
+"""Three more small scenes for choosing (256 pixels): a lacquered toy car with a little metal, a lamp whose thin shade
+is open below, and a cottage, whose flat walls face few ways."""
 
 from __future__ import annotations
 
@@ -118,7 +118,8 @@ def paint_cottage(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
         step(np.abs(np.mod(z * 9, 1) - 0.5), 0.42, 0.04),
         step(np.abs(np.mod((x + y) * 4 + 0.5 * (np.floor(z * 9) % 2), 1) - 0.5), 0.46, 0.02),
     )
-    stones = mix(mix([0.26, 0.24, 0.22], [0.40, 0.36, 0.31], 0.5 + 0.5 * noise(p, 6, 7, 2)), [0.12, 0.11, 0.10], courses)
+    stones = mix([0.26, 0.24, 0.22], [0.40, 0.36, 0.31], 0.5 + 0.5 * noise(p, 6, 7, 2))
+    stones = mix(stones, [0.12, 0.11, 0.10], courses)
     base = np.where((z < -0.05)[:, None], stones, plaster)
     rough = np.where(z < -0.05, 0.8, 0.85)
     # along the wall: (axis it faces, side, middle, height, half width, half height, what)
