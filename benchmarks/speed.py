@@ -2,6 +2,7 @@
 
     python -m benchmarks.speed                          # against the commit before the kernels used all cores
     python -m benchmarks.speed --quick --case stage1    # smaller pictures, two turns
+    python -m benchmarks.speed --case minute            # the earlier quickstart, today's minute, and their errors
     python -m benchmarks.speed --against REVISION --json speed.json
 
 Both sides run the same graphs by their own command line, in turns, each with a store of its own; what a case measures
@@ -88,18 +89,21 @@ CASES = {
     "pgsr": Case("PGSR iteration, 512 x 512, 20 K Gaussians", _PGSR, (512, 512), (8, 104), 1 / 5),
     "load": Case("load 49 pictures of 800 x 600", {"node": _MESH["views"]}, (800, 600), None, 1 / 6, views=49),
 }  # fmt: skip
+#: Whole runs, and what this checkout's is told. `minute`: the schedule of a minute, which is to be no worse.
+WHOLE: dict[str, dict[str, object]] = {"quickstart": {}, "minute": {"budget": "1min", "scored_views": 0}}
+ERRORS = ("Chamfer", "Held-out PSNR", "Relit PSNR", "Albedo PSNR (linear)")
 SMALLER = {"stage1_large": (800, 600), "stage2": (400, 400), "pgsr": (256, 256)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--against", default=BEFORE, metavar="REVISION")
-    parser.add_argument("--case", action="append", choices=[*CASES, "quickstart"], help="default: all")
+    parser.add_argument("--case", action="append", choices=[*CASES, *WHOLE], help="default: all")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="smaller pictures, two turns, no quickstart")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    names = options.case or [*CASES, *([] if options.quick else ["quickstart"])]
+    names = options.case or [*CASES, *([] if options.quick else WHOLE)]
     repeats = 2 if options.quick else options.repeats
     available = sorted(os.sched_getaffinity(0))
     both = available[:2]
@@ -119,14 +123,17 @@ def main() -> None:
                 found["one core"].append(run(now, both[:1]))
             rows[name] = row = figures({key: statistics.median(values) for key, values in found.items()}, goal)
             print(f"{label:48s}" + "".join(shown(key, value) for key, value in row.items()), flush=True)
+            if name in WHOLE:
+                print("\n".join(f"  {side.root.name}: {side.errors}" for side in (before, now)), flush=True)
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
 def prepared(name: str, quick: bool, repeats: int, work: Path) -> tuple[str, float, int, Callable[..., float]]:
     """(label, goal, turns, seconds of a side on given cores)."""
-    if name == "quickstart":
-        return "quickstart, start to report", 1 / 3, 1, Side.quickstart
+    if name in WHOLE:
+        label = "quickstart, start to report" + (", now budget=1min" if name == "minute" else "")
+        return label, 1 / 3, min(repeats, 2), lambda side, cores: side.whole(WHOLE[name], cores)
     case = CASES[name]
     size = SMALLER.get(name, case.size) if quick else case.size
     label = case.label.replace(f"{case.size[0]} x {case.size[1]}", f"{size[0]} x {size[1]}")
@@ -139,6 +146,7 @@ class Side:
 
     def __init__(self, root: Path) -> None:
         self.root, self.store = root, root / "store"
+        self.errors = ""
 
     def measured(self, name: str, case: Case, scene: Path, cores: list[int]) -> float:
         """Seconds of the case's node: of an iteration, or of all of it."""
@@ -153,10 +161,13 @@ class Side:
         short, long = (self._node(graph, {**sets, "node.iterations": n}, cores) for n in case.lengths)
         return (long - short) / (case.lengths[1] - case.lengths[0])
 
-    def quickstart(self, cores: list[int]) -> float:
-        """Seconds from start to report, from an empty store."""
+    def whole(self, sets: Mapping[str, object], cores: list[int]) -> float:
+        """Seconds from start to report, from an empty store; the earlier commit's side is told nothing."""
         shutil.rmtree(self.store, ignore_errors=True)
-        report = self._run(self.root / "graphs" / "quickstart.yaml", {}, cores, [])
+        sets = sets if self.root.name == "now" else {}
+        report = self._run(self.root / "graphs" / "quickstart.yaml", sets, cores, [])
+        figures = {name: report["headline"][name] for name in ERRORS if name in report["headline"]}
+        self.errors = ", ".join(f"{name} {one['value']:.4g} {one['unit']}" for name, one in figures.items())
         return float(report["seconds"]["this_run"])
 
     def _node(self, graph: Path, sets: Mapping[str, object], cores: list[int]) -> float:
