@@ -20,10 +20,15 @@ import torch
 import torch.nn.functional as F
 
 from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.init import LUMINANCE
 
 #: What few paints reflect more than; the share of texels whose base colour the factor must leave below it, judged from
 #: so many of them; the logarithm within which a channel is held there.
 WHITEST, KEPT, JUDGED, HELD = 0.85, 0.95, 2000, 0.01
+
+#: Luminance that base colours have on the whole (their logarithms' mean), and the logarithm by which objects differ: of
+#: ten painted scenes for choosing, 0.23 to 0.49. Black plastic and dark glaze lie far below; gloss tells their level.
+USUAL, USUAL_SPREAD = 0.33, 0.4
 
 #: Base colour that `fold` brightens no further: the logit of 1 does not exist.
 BRIGHTEST = 0.98
@@ -50,6 +55,23 @@ class CommonFactor:
         """Ones [3] that change as the factor's channels part from their mean: what the sky's colour says to it."""
         part = self.parameter - self.parameter.mean()
         return (part - part.detach()).exp()
+
+    def too_bright(self, maps: torch.Tensor, metallic: torch.Tensor | None = None) -> torch.Tensor:
+        """Square of how much brighter than usual base colours, logits `maps` [T, C], are on the whole with this factor,
+        in deviations; 0 from `USUAL` down. Differentiable in the factor alone; metal (`metallic` [T], logits) does not
+        count.
+
+        Where no highlight tells the level, texels drift up in steps that Adam scales for each by itself; the factor,
+        whose gradient is the sum over all pixels, follows a weak pull only where pictures have no say.
+        """
+        with torch.no_grad():
+            stride = max(1, len(maps) // JUDGED)
+            color = torch.sigmoid(maps[::stride, :3]) @ maps.new_tensor(LUMINANCE)
+            paint = torch.ones_like(color) if metallic is None else torch.sigmoid(-metallic[::stride])
+            level = (paint * color.clamp_min(1e-4).log()).sum() / paint.sum().clamp_min(1e-6)
+            painted = paint.mean()
+        off = (level - self.parameter.mean() - math.log(USUAL)) / USUAL_SPREAD
+        return painted * off.clamp_min(0) ** 2
 
     @torch.no_grad()
     def bound(self, maps: torch.Tensor, metallic: torch.Tensor | None = None) -> None:

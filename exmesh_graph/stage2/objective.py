@@ -91,6 +91,11 @@ def _own_terms(model: Decomposition, environment: torch.Tensor, step: int) -> di
         terms["environment"] = settings.environment_weight * envmap.total_variation(environment)
     if settings.above_weight > 0:
         terms["above"] = settings.above_weight * envmap.too_low(environment)
+    if settings.level_weight > 0:
+        maps = model.maps.parameter
+        terms["level"] = settings.level_weight * model.factor.too_bright(
+            maps, maps[:, 4] if settings.metallic else None
+        )
     if settings.chroma_weight > 0:
         # left out of the common factor, which then undoes what the term does to the sky, the two would run away
         terms["chroma"] = chroma_strength(settings, step) * envmap.chroma(environment * model.factor.tint())

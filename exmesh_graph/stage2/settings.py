@@ -76,6 +76,12 @@ class DecompositionSettings(Params):
         ge=0,
         doc="Weight of the square of how much lower the light stands than that of skies and rooms, in deviations.",
     )
+    level_weight: float = param(
+        0.0,
+        ge=0,
+        doc="Weight of the square of how much brighter than usual base colours are on the whole, in deviations; the "
+        "common factor alone follows it.",
+    )
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
     indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")

@@ -12,7 +12,8 @@ from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.transport import direct_transport
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
-from exmesh_graph.stage2.init import is_neutral, neutral_asset, white_light
+from exmesh_graph.stage2.gains import USUAL, USUAL_SPREAD, CommonFactor
+from exmesh_graph.stage2.init import LUMINANCE, is_neutral, neutral_asset, white_light
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 
 LIGHT = TransportSettings(directions=128, points=1500)
@@ -110,3 +111,37 @@ def test_a_dark_roof_stays_darker_where_light_comes_from_above():
     true = float(envmap.elevation(torch.from_numpy(truth.environment)))
     assert low < high < true
     assert 1 < now < 0.9 * before
+
+
+def test_only_paint_that_is_brighter_than_usual_pulls_and_it_pulls_at_the_factor_alone():
+    generator = torch.Generator().manual_seed(3)
+    maps = torch.randn(5000, 5, generator=generator).requires_grad_()
+    factor = CommonFactor()
+    bright, dark = maps + 2, maps - 4
+
+    def luminance_level(values: torch.Tensor) -> float:
+        return float((torch.sigmoid(values.detach()[::2, :3]).double() @ torch.from_numpy(LUMINANCE)).log().mean())
+
+    off = (luminance_level(bright) - np.log(USUAL)) / USUAL_SPREAD
+    assert off > 0
+    assert float(factor.too_bright(bright).detach()) == pytest.approx(off**2, rel=1e-4)
+    to_maps, to_factor = torch.autograd.grad(
+        factor.too_bright(bright), [maps, factor.parameter], allow_unused=True, materialize_grads=True
+    )
+    assert not to_maps.any()
+    assert (to_factor < 0).all()  # a step down its gradient darkens paint and brightens light
+    torch.testing.assert_close(to_factor, torch.full((3,), float(-2 * off / USUAL_SPREAD / 3)), rtol=1e-3, atol=0)
+    assert float(factor.too_bright(dark).detach()) == 0
+    with torch.no_grad():
+        factor.parameter += off * USUAL_SPREAD + 1e-3  # as much darker
+    assert float(factor.too_bright(bright).detach()) == 0
+
+
+def test_metal_has_no_usual_level():
+    maps, factor = torch.full((300, 5), 2.0), CommonFactor()
+    paint, metal = torch.full((300,), -12.0), torch.full((300,), 12.0)
+    half = torch.cat([paint[:150], metal[150:]])
+    whole = float(factor.too_bright(maps).detach())
+    assert float(factor.too_bright(maps, paint).detach()) == pytest.approx(whole, rel=1e-4)
+    assert float(factor.too_bright(maps, half).detach()) == pytest.approx(whole / 2, rel=1e-4)
+    assert float(factor.too_bright(maps, metal).detach()) < 1e-3 * whole
