@@ -49,6 +49,12 @@ def _row_weights(height: int, width: int, dtype: torch.dtype, device: torch.devi
     return torch.as_tensor(solid_angles(height, width), dtype=dtype, device=device)
 
 
+@cache
+def _row_sines(height: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+    """`sines`, brought to a GPU once. Not to be written to."""
+    return sines(height).to(device, dtype)
+
+
 def bilinear(height: int, width: int, u: torch.Tensor, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """The four texels under image coordinates [N]: flat indices int64 [N, 4] and weights [N, 4]."""
     x, y = u * width - 0.5, (v * height - 0.5).clamp(0, height - 1)
@@ -131,8 +137,8 @@ def mean_radiance(environment: torch.Tensor) -> torch.Tensor:
     return (environment.mean(dim=1) * row[:, None]).sum(dim=0) / row.sum()
 
 
-#: Mean `elevation` of light, and its deviation, of eight photographed rooms and skies, three test lights and eighteen
-#: procedural ones (`python -m benchmarks.scenes lights`): no light that things are photographed in comes from below.
+#: About the mean `elevation` of light and its deviation: eight photographed rooms and skies and eighteen procedural ones
+#: have 0.36 and 0.11 (`python -m benchmarks.scenes lights`), and none of them comes from below.
 ABOVE, ABOVE_SPREAD = 0.35, 0.115
 
 
@@ -140,7 +146,8 @@ def elevation(environment: torch.Tensor) -> torch.Tensor:
     """How high the light stands: the mean sine of the elevation that radiance [H, W, 3] comes from, in [-1, 1]."""
     row = _row_weights(*environment.shape[:2], environment.dtype, environment.device)
     light = environment.mean(dim=(1, 2)) * row
-    return (light * sines(len(light)).to(light)).sum() / light.sum().clamp_min(1e-30)
+    sine = _row_sines(len(light), environment.dtype, environment.device)
+    return (light * sine).sum() / light.sum().clamp_min(1e-30)
 
 
 def sines(height: int) -> torch.Tensor:
