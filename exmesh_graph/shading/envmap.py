@@ -137,8 +137,8 @@ def mean_radiance(environment: torch.Tensor) -> torch.Tensor:
     return (environment.mean(dim=1) * row[:, None]).sum(dim=0) / row.sum()
 
 
-#: About the mean `elevation` of light and its deviation: eight photographed rooms and skies and eighteen procedural ones
-#: have 0.36 and 0.11 (`python -m benchmarks.scenes lights`), and none of them comes from below.
+#: About the mean `elevation` of light and its deviation: eight photographed rooms and skies and eighteen procedural
+#: ones have 0.36 and 0.11 (`python -m benchmarks.scenes lights`), and none of them comes from below.
 ABOVE, ABOVE_SPREAD = 0.35, 0.115
 
 
