@@ -802,7 +802,7 @@ class _Stage2(Family):
         gloss_weight: How much the variation of roughness and metallic counts against that of base colour. [>= 0]
         environment_weight: lambda_env: total variation of the environment. [>= 0]
         above_weight: Weight of the square of how much lower the light stands than that of skies and rooms, in deviations. [>= 0]
-        level_weight: Weight of the square of how much brighter than usual base colours are on the whole, in deviations; the common factor alone follows it. [>= 0]
+        level_weight: Weight of the square of how much brighter than usual base colours are on the whole, in deviations; the common factor alone follows it (not at factor_rate 0). [>= 0]
         chroma_weight: lambda_chroma at the start; falls linearly to 0. [>= 0]
         indirect_weight: Target of lambda_ind, the weight of interreflection. [>= 0]
         indirect_ramp: Iterations until lambda_ind is reached. [iterations, >= 0]

@@ -65,9 +65,8 @@ class CommonFactor:
         whose gradient is the sum over all pixels, follows a weak pull only where pictures have no say.
         """
         with torch.no_grad():
-            stride = max(1, len(maps) // JUDGED)
-            color = torch.sigmoid(maps[::stride, :3]) @ maps.new_tensor(LUMINANCE)
-            paint = torch.ones_like(color) if metallic is None else torch.sigmoid(-metallic[::stride])
+            logits, paint = _judged(maps, metallic)
+            color = torch.sigmoid(logits) @ maps.new_tensor(LUMINANCE)
             level = (paint * color.clamp_min(1e-4).log()).sum() / paint.sum().clamp_min(1e-6)
             painted = paint.mean()
         off = (level - self.parameter.mean() - math.log(USUAL)) / USUAL_SPREAD
@@ -83,9 +82,8 @@ class CommonFactor:
         light by interreflection. They grow in all channels alike: with the brightest alone held, the others would
         catch up with it, base colours fade to gray and the light take their hue.
         """
-        stride = max(1, len(maps) // JUDGED)
-        paint = torch.ones_like(maps[::stride, 0]) if metallic is None else torch.sigmoid(-metallic[::stride])
-        past = F.logsigmoid(maps[::stride, :3]) - math.log(WHITEST) * paint[:, None]
+        logits, paint = _judged(maps, metallic)
+        past = F.logsigmoid(logits) - math.log(WHITEST) * paint[:, None]
         bound = _quantile(past, KEPT)
         held = self.parameter <= bound + HELD
         began = torch.where(self.least.isinf(), self.parameter, self.least)
@@ -105,6 +103,13 @@ class CommonFactor:
         environment.copy_(torch.where(positive, radiance + torch.log(-torch.expm1(-radiance)), environment))
         self.least = self.least - self.parameter
         self.parameter.zero_()
+
+
+def _judged(maps: torch.Tensor, metallic: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
+    """Base colours' logits [N, 3] of about `JUDGED` texels, evenly taken, and how much of each is paint [N]."""
+    stride = max(1, len(maps) // JUDGED)
+    logits = maps[::stride, :3]
+    return logits, torch.ones_like(logits[:, 0]) if metallic is None else torch.sigmoid(-metallic[::stride])
 
 
 def _quantile(values: torch.Tensor, share: float) -> torch.Tensor:

@@ -80,7 +80,7 @@ class DecompositionSettings(Params):
         0.0,
         ge=0,
         doc="Weight of the square of how much brighter than usual base colours are on the whole, in deviations; the "
-        "common factor alone follows it.",
+        "common factor alone follows it (not at factor_rate 0).",
     )
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
