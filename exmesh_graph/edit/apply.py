@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from exmesh_graph.edit.settings import EditParams
-from exmesh_graph.edit.texels import TexelSurface, ball_region, decal, edited, mask_region, texel_surface
+from exmesh_graph.edit.texels import ball_region, decal, edited, mask_region
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import read_mask, read_photo
 from exmesh_graph.types import Asset, Frame, Mesh, Views
+from exmesh_graph.uv.surface import TexelSurface, texel_surface
 
 
 def apply_edit(
@@ -20,7 +21,7 @@ def apply_edit(
     `frame`, `center` and `radius` are in scene units. Raises DataError for settings that contradict each other.
     """
     _check(settings, views, where)
-    surface = texel_surface(asset)
+    surface = texel_surface(asset, len(asset.base_color))
     weight = np.ones(asset.roughness.shape, np.float32)
     if settings.mask is not None:
         weight = weight * mask_region(read_mask(settings.mask), len(weight))

@@ -3,42 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from exmesh_graph.edit.settings import Channel, Operation
 from exmesh_graph.errors import DataError
 from exmesh_graph.types import Asset
-from exmesh_graph.uv.raster import rasterize_atlas
+from exmesh_graph.uv.surface import TexelSurface
 from exmesh_graph.uv.transfer import sample_bilinear
-
-
-@dataclass(frozen=True)
-class TexelSurface:
-    """What each texel shows: position float32 [R, R, 3] and unit face normal [R, R, 3], normalised world.
-
-    Texels off the charts stand for the nearest one on a chart: bilinear lookups and mip levels read them too.
-    """
-
-    position: np.ndarray
-    normal: np.ndarray
-
-
-def texel_surface(asset: Asset) -> TexelSurface:
-    """The surface under every texel of the asset's maps. Raises DataError for an atlas without a texel in a chart."""
-    from scipy.ndimage import distance_transform_edt
-
-    face, bary = rasterize_atlas(asset.uvs, asset.uv_faces, asset.base_color.shape[0])
-    if not (face >= 0).any():
-        raise DataError("no texel of the asset lies in a chart", expected="an atlas in [0, 1]^2", fix="unwrap it again")
-    row, column = distance_transform_edt(face < 0, return_distances=False, return_indices=True)
-    face, bary = face[row, column], bary[row, column]
-    corners = asset.vertices[asset.faces[face]]
-    normal = np.cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
-    position = np.einsum("hwc,hwcx->hwx", bary, corners)
-    return TexelSurface(position.astype(np.float32), normal.astype(np.float32))
 
 
 def ball_region(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -20,6 +21,7 @@ from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.light.sampled import SampledLight
 from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
 from exmesh_graph.stage2.memory import buffer_budget
+from exmesh_graph.stage2.metal import Places
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import CarrierGeometry, TangentFrames
 from exmesh_graph.types import Asset, Carrier, Transport, Views
@@ -79,6 +81,7 @@ class Decomposition:
         if not any(self.buffers.pixels):
             raise DataError("no training pixel sees the mesh", expected="cameras and mesh in one frame")
         self.maps = MaterialMaps(start, self.buffers.texels, size, settings)
+        self.carrier = carrier
         height = settings.environment_height
         self.neutral = is_neutral(start.environment) and not settings.keep_light
         radiance = torch.from_numpy(envmap.resample(start.environment, height, 2 * height)).to(device)
@@ -118,6 +121,11 @@ class Decomposition:
         """Let the light model measure again, at the current maps and environment."""
         now = Appearance(self.maps, self.maps.values(), envmap.radiance_of(self.environment), strength)
         self.light.measure(now, self.buffers, generator)
+
+    @cached_property
+    def places(self) -> Places:
+        """Where the maps' texels lie."""
+        return Places.of(self.carrier, self.maps)
 
     def state(self) -> dict[str, Any]:
         """What steps change besides the optimised parameters."""

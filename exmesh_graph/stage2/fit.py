@@ -112,10 +112,11 @@ def _optimise(
         model.restore(kept)
         guard.restore(kept["guard"])
     for step in range(first, settings.iterations):
-        if agreeing(settings, step):
-            turned = agree_on_metal(model.maps, model.buffers.evidence.weight, settings.metal_share)
+        if time := agreeing(settings, step):
+            seen = model.buffers.evidence.weight
+            turned = agree_on_metal(model.maps, seen, settings.metal_share, model.places, again=time > 1)
             if log:
-                log(f"texels of one colour agree on metal: {turned} of {len(model.maps.texels)} changed sides")
+                log(f"texels about one another agree on metal: {turned} of {len(model.maps.texels)} changed sides")
         if gathering(settings, step):
             model.settle_factor()
             moved = gather_colors(model.maps, model.buffers.evidence.weight, settings.palette_width)

@@ -46,8 +46,8 @@ def weighted_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple
     terms = {"image": settings.log_weight * found.log_l1}
     if settings.ssim_weight > 0:
         terms["ssim"] = settings.ssim_weight * found.d_ssim
-    if settings.material_weight > 0:
-        terms["material"] = settings.material_weight * found.variation
+    if settings.variation_weight > 0:
+        terms["material"] = settings.variation_weight * found.variation
     return terms | _own_terms(model, found.environment, step), found.predicted
 
 
@@ -60,8 +60,8 @@ def plain_terms(model: Decomposition, buffer: ViewBuffer, step: int) -> tuple[di
     prepared = model.prepare(indirect_strength(settings, step), step)
     predicted, material = model.shade(buffer, prepared)
     terms = image_terms(settings, predicted, buffer)
-    if settings.material_weight > 0:
-        terms["material"] = settings.material_weight * pair_variation(material.varied(settings), buffer.pairs)
+    if settings.variation_weight > 0:
+        terms["material"] = settings.variation_weight * pair_variation(material.varied(settings), buffer.pairs)
     return terms | _own_terms(model, prepared.environment, step), predicted.detach()
 
 

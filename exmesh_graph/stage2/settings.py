@@ -99,6 +99,12 @@ class DecompositionSettings(Params):
         doc="Share of metal among texels of like colour, at half of the steps, from which all of them are metal; "
         "0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed.",
     )
+    metal_variation: float = param(
+        1.0,
+        ge=0,
+        doc="How many times material_weight counts in a fit with a metallic map, whose texels have one thing more to "
+        "decide.",
+    )
     palette_width: float = param(
         0.0,
         ge=0,
@@ -129,6 +135,11 @@ class DecompositionSettings(Params):
         doc="Memory that the views' buffers may take, the others are made anew at each visit; auto: half of what is "
         "free, 4 at least.",
     )
+
+    @property
+    def variation_weight(self) -> float:
+        """Weight of the materials' variation in this fit."""
+        return self.material_weight * (self.metal_variation if self.metallic else 1)
 
     @field_validator("memory_gib")
     @classmethod

@@ -79,24 +79,23 @@ def told(model: Decomposition) -> tuple[torch.Tensor, float]:
 def drawn_together(roughness: np.ndarray, variance: np.ndarray, alike: np.ndarray) -> tuple[np.ndarray, float]:
     """`roughness` [T] known to `variance` [T], drawn to the mean of what is `alike` [T, 3 or 4] (linear base colour,
     metallic): the new roughness and its spread t within a material."""
-    place = np.log(alike[:, :3] + DARK) / CELL
+    place = colour_cells(alike[:, :3], CELL)
     if alike.shape[1] > 3:
         place = np.concatenate([place, alike[:, 3:] / METAL_CELL], axis=1)
     spread = 0.01
     for _ in range(ROUNDS):
-        mean = _means(place, roughness, 1 / (variance + spread))
+        mean = means_about(place, roughness, 1 / (variance + spread))
         spread = _spread(roughness - mean, variance)
     weight = variance / (variance + spread)
     return roughness + weight * (mean - roughness), math.sqrt(spread)
 
 
-def like_mean(color: np.ndarray, values: np.ndarray, weight: np.ndarray, cell: float) -> np.ndarray:
-    """Mean of `values` [T] over what is of like `color` [T, 3] (linear), about `cell` of its logarithm apart, weighted
-    by `weight` [T]."""
-    return _means(np.log(color + DARK) / cell, values, weight)
+def colour_cells(color: np.ndarray, cell: float) -> np.ndarray:
+    """Where linear colours [T, 3] stand among others for `means_about`, `cell` of their logarithm to a cell."""
+    return np.log(color + DARK) / cell
 
 
-def _means(place: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def means_about(place: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Weighted mean of `values` [T] about each `place` [T, D], by a Gaussian of one cell: a grid, smoothed, read."""
     from scipy.ndimage import gaussian_filter, map_coordinates
 

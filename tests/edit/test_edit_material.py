@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from exmesh_graph.edit.apply import apply_edit
 from exmesh_graph.edit.cameras import orbit
 from exmesh_graph.edit.settings import EditParams
-from exmesh_graph.edit.texels import decal, texel_surface
+from exmesh_graph.edit.texels import decal
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import write_image
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Frame, Views
+from exmesh_graph.uv.surface import texel_surface
 from tests.edit.edit_scenes import ball
 
 ROOT = Path(__file__).parent.parent.parent
@@ -45,7 +46,9 @@ def test_texels_inside_the_ball_change_and_all_others_keep_their_bytes(center, r
     new, weight = apply_edit(asset, edit)
     old = getattr(asset, channel) if channel != "metallic" else np.zeros_like(asset.roughness)
     got = getattr(new, channel)
-    inside = np.linalg.norm(texel_surface(asset).position - np.float32(center), axis=-1) <= np.float32(radius)
+    inside = np.linalg.norm(
+        texel_surface(asset, len(asset.base_color)).position - np.float32(center), axis=-1
+    ) <= np.float32(radius)
     assert np.array_equal(weight > 0, inside)
     assert got[~inside].tobytes() == old[~inside].tobytes()
     wanted = 0.25 if operation == "set" else 0.25 * old[inside]
@@ -73,7 +76,7 @@ def test_a_picked_pixel_is_where_the_view_sees_it():
     asset, views = ball(size=128, level=3), camera_views()
     edit = EditParams(value=(0.0, 0.0, 0.0), view="001", pixel=(32.0, 32.0), radius=0.2)
     _, weight = apply_edit(asset, edit, views)
-    middle = texel_surface(asset).position[weight > 0].mean(axis=0)
+    middle = texel_surface(asset, len(asset.base_color)).position[weight > 0].mean(axis=0)
     towards = views.camera_to_world[1, :3, 3] / np.linalg.norm(views.camera_to_world[1, :3, 3])
     assert middle @ towards == pytest.approx(1.0, abs=0.03)
 
@@ -107,7 +110,7 @@ def test_a_mask_and_a_feathered_ball_multiply(tmp_path):
 def test_a_decal_stands_upright_and_reads_from_outside():
     """Left half red, upper half green, seen from outside with +Y up: no mirror image, nothing on the far side."""
     asset = ball(size=256, level=3)
-    surface = texel_surface(asset)
+    surface = texel_surface(asset, len(asset.base_color))
     picture = np.zeros((8, 8, 4), np.float32)
     picture[:, :4, 0] = 1
     picture[:4, :, 1] = 1

@@ -10,10 +10,12 @@ import torch
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import logit
-from exmesh_graph.stage2.metal import JOINED, agree_on_metal, agreeing, metal_alone
+from exmesh_graph.stage2.metal import JOINED, Places, agree_on_metal, agreeing, metal_alone
 from exmesh_graph.stage2.objective import plain_terms, weighted_terms
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.together import means_about
+from exmesh_graph.testing import carrier as ball
 from exmesh_graph.types import Views
 from tests.stage2.conftest import SIZE
 
@@ -77,6 +79,13 @@ def _table(*rows):
     return maps, torch.from_numpy(weight)
 
 
+def _spread(count, about=1.0):
+    """Places of `count` texels, a lattice of `about` texels' distances; far fewer than would lie beside one another."""
+    side = int(np.ceil(count ** (1 / 3)))
+    position = np.stack(np.unravel_index(np.arange(count), (side,) * 3), axis=1) * 10.0 * about
+    return Places(position, size=1e6, spacing=about)
+
+
 def test_texels_of_a_colour_agree_on_metal():
     steel, red, dull = (0.6, 0.58, 0.55), (0.6, 0.1, 0.08), (0.3, 0.4, 0.15)
     maps, weight = _table(
@@ -86,7 +95,11 @@ def test_texels_of_a_colour_agree_on_metal():
         (50, (0.05, 0.05, 0.04), 0.9, 1.0), (10, (0.05, 0.05, 0.04), 0.02, 1.0),  # black: none is metal
     )  # fmt: skip
     before = maps.parameter.clone()
-    assert agree_on_metal(maps, weight, 0.25) == 700 + 50
+    # in any order, so that none has its like on all sides
+    order = np.random.default_rng(0).permutation(len(weight))
+    places = _spread(len(weight))
+    places = Places(places.position[order], places.size, 1e-3)
+    assert agree_on_metal(maps, weight, 0.25, places) == 700 + 50
     metallic = maps.values()[:, 4]
     torch.testing.assert_close(metallic[:300], torch.full((300,), 0.98))  # nothing that was surer
     torch.testing.assert_close(metallic[300:1000], torch.full((700,), JOINED))
@@ -94,16 +107,95 @@ def test_texels_of_a_colour_agree_on_metal():
     torch.testing.assert_close(metallic[4520:4570], torch.full((50,), 1 - JOINED))
     assert torch.equal(maps.parameter[4570:], before[4570:])
     assert torch.equal(maps.parameter[:, :4], before[:, :4])
-    assert agree_on_metal(maps, weight, 0.25) == 0
+    assert agree_on_metal(maps, weight, 0.25, places) == 0
+
+
+def test_steel_far_away_says_nothing_of_paint_of_its_colour():
+    gray = (0.6, 0.58, 0.55)
+    maps, weight = _table((500, gray, 0.98, 1.0), (500, gray, 0.02, 1.0))
+    places = _spread(1000)
+    apart = places.position.copy()
+    apart[500:, 0] += 1000.0
+    before = maps.parameter.clone()
+    assert agree_on_metal(maps, weight, 0.25, Places(apart, size=600.0, spacing=1e-3)) == 0
+    assert torch.equal(maps.parameter, before)
+    assert agree_on_metal(maps, weight, 0.25, Places(apart, size=1e6, spacing=1e-3)) == 500  # a larger object's part
+
+
+def test_what_lies_among_metal_is_metal_whatever_its_colour():
+    """A sheet of 40 x 40 texels: a black spot of 3 x 3 within metal joins, asked again as well; one beside it does not,
+    nor does a spot of metal within paint spread."""
+    row, column = (axis.reshape(-1) for axis in np.mgrid[:40, :40])
+    metal = column < 20
+    spot = (abs(row - 20) < 2) & ((abs(column - 10) < 2) | (abs(column - 30) < 2))
+    colours = np.where(spot[:, None], 0.05, np.where(metal[:, None], (0.6, 0.3, 0.1), (0.1, 0.3, 0.6)))
+    maps, weight = _table(*((1, c, m, 1.0) for c, m in zip(colours, np.where(metal != spot, 0.98, 0.02), strict=True)))
+    places = Places(np.stack([row, column, 0 * row], axis=1).astype(float), size=28.0, spacing=1.0)
+    assert float(maps.values()[spot & metal, 4].max()) < 0.1
+    before = maps.parameter.clone()
+    assert agree_on_metal(maps, weight, 0.25, places, again=True) == 9
+    torch.testing.assert_close(maps.values()[spot & metal, 4], torch.full((9,), JOINED))
+    assert torch.equal(maps.parameter[~spot | ~metal], before[~spot | ~metal])
+    maps.parameter.copy_(before)
+    assert agree_on_metal(maps, weight, 0.25, places) == 18  # the black spot of metal within paint is lowered
+    assert not (maps.values()[~metal, 4] > 0.5).any()
+
+
+def test_places_of_texels(carrier):
+    """Texels lie on the ball, a spacing apart; what is seen of the map decides which there are."""
+    surface = ball(rings=20, sectors=32)
+    size = 64
+    maps = SimpleNamespace(texels=torch.arange(0, size * size, 3), size=size)
+    places = Places.of(surface, maps)
+    radius = np.linalg.norm(surface.vertices, axis=1).max()
+    assert np.linalg.norm(places.position, axis=1) == pytest.approx(radius, rel=0.03)
+    assert places.size == pytest.approx(np.sqrt(3) * radius, rel=0.05)
+    assert places.spacing == pytest.approx(np.sqrt(4 * np.pi * radius**2 / len(maps.texels)), rel=0.05)
+
+
+def test_means_about_a_place_are_those_of_a_gaussian():
+    """Beside the sum over all pairs, in three and in six dimensions."""
+    generator = np.random.default_rng(1)
+    for axes, spread in ((3, 6.0), (6, 2.0)):
+        place = generator.uniform(0, spread, (1500, axes))
+        values, weight = np.sin(place[:, 0]), generator.uniform(0.1, 1, len(place))
+        found = means_about(place, values, weight)
+        # a cell's width is a Gaussian's, and a sixth of it more: nearest cell, then bilinear lookup
+        square = ((place[:, None] - place[None]) ** 2).sum(-1)
+        share = weight * np.exp(-0.5 * square / (1 + 1 / 12 + 1 / 6))
+        assert np.abs(found - share @ values / share.sum(1)).max() < 0.06
 
 
 def test_metal_moves_alone_while_texels_agree():
     """Base colour and roughness wait for a tenth of the steps; no settings but those of a metallic map do it."""
     settings = SETTINGS.replaced(metal_share=0.25)
-    assert [step for step in range(200) if agreeing(settings, step)] == [100]
+    assert {step: time for step in range(200) if (time := agreeing(settings, step))} == {100: 1, 140: 2, 170: 3}
     assert [step for step in range(200) if metal_alone(settings, step)] == list(range(100, 120))
     for other in (SETTINGS, settings.replaced(metallic=False)):
         assert not any(agreeing(other, step) or metal_alone(other, step) for step in range(200))
+
+
+def test_a_metallic_map_asks_for_smoother_maps(true_asset, cameras, carrier, transport):
+    """`metal_variation` times the weight of the variation, in both forms of the step; nothing without the map."""
+    intrinsics, poses = cameras
+    views = Views(
+        names=("v0",), images=np.full((1, SIZE, SIZE, 3), 0.3, np.float32), alpha=np.ones((1, SIZE, SIZE), np.float32),
+        intrinsics=intrinsics[:1], camera_to_world=poses[:1], split="train", clipped=False,
+    )  # fmt: skip
+    found = {}
+    for metallic in (True, False):
+        for times in (1.0, 3.0):
+            settings = SETTINGS.replaced(metallic=metallic, metal_variation=times)
+            model = Decomposition(carrier, views, transport, settings, "cpu")
+            generator = torch.Generator().manual_seed(0)
+            with torch.no_grad():
+                model.maps.parameter += torch.randn(model.maps.parameter.shape, generator=generator)
+            model.start()
+            for terms in (weighted_terms, plain_terms):
+                found[metallic, times, terms] = float(terms(model, model.buffers[0], 0)[0]["material"].detach())
+    for terms in (weighted_terms, plain_terms):
+        assert found[True, 3.0, terms] == pytest.approx(3 * found[True, 1.0, terms], rel=1e-5)
+        assert found[False, 3.0, terms] == found[False, 1.0, terms]
 
 
 def test_each_texel_is_drawn_to_one_side_once_the_light_is_found(true_asset, cameras, carrier, transport):

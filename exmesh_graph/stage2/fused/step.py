@@ -114,7 +114,7 @@ def _under_samples(
         predicted = predicted * model.exposure.gain(buffer.number)
     zero = predicted.new_zeros(())
     ssim = view_d_ssim(predicted, buffer) if settings.ssim_weight > 0 else zero
-    variation = pair_variation(material.varied(settings), buffer.pairs) if settings.material_weight > 0 else zero
+    variation = pair_variation(material.varied(settings), buffer.pairs) if settings.variation_weight > 0 else zero
     return log_l1(predicted, buffer.target, buffer.clipped, buffer.coverage), ssim, variation, predicted.detach()
 
 
