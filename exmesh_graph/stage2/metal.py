@@ -2,11 +2,11 @@
 
 Metal that mirrors nothing sharp looks much like paint of its colour, and each texel decides alone: of a sheet of steel
 a part ends as metal, the rest as gray paint, and the light makes up for it with more contrast and more colour than the
-sky has. But paint hardly ever ends as metal by mistake. So a share of metal among texels of like colour, not far away,
-far below one half, tells what all of them are; what is none after all, the pictures bring back. Dark texels tell
-nothing: a coat mirrors 0.04 of the light, as a black metal would, and no bare metal is black. But where a mirror shows
-what is dark, or a dent bends it, metal is found as dark paint, whose colour is none of the metal's: so what lies among
-metal on all sides is metal too, whatever its colour.
+sky has. But paint hardly ever ends as metal by mistake. So a share of metal among texels of like colour, far below one
+half, tells what all of them are that have some of it near; what is none after all, the pictures bring back. Dark texels
+tell nothing: a coat mirrors 0.04 of the light, as a black metal would, and no bare metal is black. But where a mirror
+shows what is dark, or a dent bends it, metal is found as dark paint, whose colour is none of the metal's: so what lies
+among metal on all sides is metal too, whatever its colour.
 """
 
 from __future__ import annotations
@@ -87,25 +87,30 @@ def metal_alone(settings: DecompositionSettings, step: int) -> bool:
 
 
 @torch.no_grad()
-def agree_on_metal(maps: MaterialMaps, seen: torch.Tensor, share: float, places: Places, again: bool = False) -> int:
-    """Raise metallic where more than `share` of what is alike and near is metal, or most of what lies about a texel;
-    lower it where base colour is black.
+def agree_on_metal(
+    maps: MaterialMaps, seen: torch.Tensor, share: float, places: Places | None = None, again: bool = False
+) -> int:
+    """Raise metallic where more than `share` of what is alike is metal, some of it near, or most of what lies about a
+    texel; lower it where base colour is black.
 
-    seen   float [T], how much pixels tell of each texel (`gbuffer.Evidence.weight`)
-    again  only what lies about a texel counts, and nothing is lowered
+    seen    float [T], how much pixels tell of each texel (`gbuffer.Evidence.weight`)
+    places  of the texels; None: colour alone decides, as where a few texels are a part of the object
+    again   only what lies about a texel counts, and nothing is lowered
     Returns how many texels changed sides of one half.
     """
     values, weight = maps.values().double().cpu().numpy(), seen.double().cpu().numpy()
     color, metallic = values[:, :3], values[:, 4]
-    joined = means_about(places.about, metallic, weight) > MOST
-    black = np.zeros_like(joined)
+    joined = black = np.zeros(len(values), bool)
+    if places is not None:
+        joined = means_about(places.about, metallic, weight) > MOST
     if not again:
-        level = color.mean(axis=1)
+        alike, level = colour_cells(color, CELL), color.mean(axis=1)
+        found = (means_about(alike, metallic, weight) > share) & (level > BRIGHT)
+        if places is not None:
+            near = np.concatenate([alike, places.near], axis=1)
+            found &= means_about(near, metallic, weight) > LEAST * share
         black = (level < BLACK) & ~joined
-        alike = colour_cells(color, CELL)
-        near = np.concatenate([alike, places.near], axis=1)
-        found = (means_about(alike, metallic, weight) > share) & (means_about(near, metallic, weight) > LEAST * share)
-        joined |= found & (level > BRIGHT)
+        joined = joined | found
     column, end = maps.parameter[:, 4], float(logit(torch.tensor(JOINED)))
     up, down = (torch.from_numpy(which).to(column.device) for which in (joined, black))
     moved = torch.where(up, column.clamp_min(end), torch.where(down, column.clamp_max(-end), column))

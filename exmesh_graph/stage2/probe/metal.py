@@ -23,7 +23,7 @@ THOROUGH, QUICK = (24, 12, 400), (12, 4, 200)
 #: What metal must bring on its own pixels [dB], and the share of all held-out ones that these must be.
 LEAST, SHARE = 0.3, 0.02
 #: A fit with a metallic map, as the graphs have it.
-METALLIC = {"metallic": True, "metal_weight": 0.1, "metal_share": 0.25}
+METALLIC = {"metallic": True, "metal_weight": 0.1, "metal_share": 0.25, "metal_variation": 3.0}
 
 
 @dataclass(frozen=True)

@@ -224,7 +224,7 @@ class ShortFit:
             if since == metal.WHEN:
                 self.measure()
                 if settings.metallic:
-                    metal.agree_on_metal(maps, self._evidence(), settings.metal_share, self.model.places)
+                    metal.agree_on_metal(maps, self._evidence(), settings.metal_share)
             elif since in gather:
                 palette.gather_colors(maps, self._evidence(), WIDTH)
                 alone = palette.WAIT / (until - since)
