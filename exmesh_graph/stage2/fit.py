@@ -17,7 +17,7 @@ from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.guard import Guard
 from exmesh_graph.stage2.metal import agree_on_metal, agreeing, metal_alone
 from exmesh_graph.stage2.objective import indirect_strength, weighted_terms
-from exmesh_graph.stage2.palette import gather_colors, gathering, light_follows
+from exmesh_graph.stage2.palette import METAL_WIDER, gather_colors, gathering, light_follows
 from exmesh_graph.stage2.pictures import view_psnr
 from exmesh_graph.stage2.result import finished_asset
 from exmesh_graph.stage2.schedule import learning_rates, lit_first
@@ -119,7 +119,8 @@ def _optimise(
                 log(f"texels about one another agree on metal: {turned} of {len(model.maps.texels)} changed sides")
         if gathering(settings, step):
             model.settle_factor()
-            moved = gather_colors(model.maps, model.buffers.evidence.weight, settings.palette_width)
+            seen = model.buffers.evidence.weight
+            moved = gather_colors(model.maps, seen, settings.palette_width, METAL_WIDER)
             optimiser.forget()
             if log:
                 log(f"base colours gather about their paints: moved by {100 * moved:.1f} % on the mean")

@@ -26,6 +26,8 @@ from exmesh_graph.stage2.settings import DecompositionSettings
 #: after that only, for half metals are of no paint. For how long the light then moves alone, and how far (logits) steps
 #: must still take a texel after that: a few do not bring paint back (docs/stage2_trials.md).
 WHEN, WAIT, REACH = (0.4, 0.6, 0.8), 0.1, 1.5
+#: How much wider the colours of metal gather in whole fits: nothing paints it, what varies is what it mirrors.
+METAL_WIDER = 3.0
 #: Cells of the density's grid in a width, and along an axis at most; steps of the climb.
 FINE, LONGEST, CLIMB = 2, 128, 30
 
@@ -42,20 +44,20 @@ def light_follows(settings: DecompositionSettings, step: int) -> bool:
 
 
 @torch.no_grad()
-def gather_colors(maps: MaterialMaps, seen: torch.Tensor, width: float) -> float:
+def gather_colors(maps: MaterialMaps, seen: torch.Tensor, width: float, wider: float = 1.0) -> float:
     """Move each base colour to the mode of its like, metal and paint apart; how bright they are on the whole stays.
 
     seen   float [T], how much pixels tell of each texel (`gbuffer.Evidence.weight`)
-    width  of the Gaussian that a colour counts with, in the logarithm of base colour
+    width  of the Gaussian that a colour counts with, in the logarithm of base colour; for metal `wider` times that
     Returns by how much logarithms moved on the mean, of the texels that pixels see.
     """
     values, weight = maps.values().double().cpu().numpy(), seen.double().cpu().numpy()
     place = np.log(values[:, :3] + LOG_FLOOR)
     metal = values[:, 4] > 0.5 if maps.settings.metallic else np.zeros(len(values), bool)
     moved = np.zeros_like(place)
-    for side in (metal, ~metal):
+    for side, times in ((metal, wider), (~metal, 1.0)):
         if weight[side].sum() > 0:
-            moved[side] = climb(place[side], weight[side], width) - place[side]
+            moved[side] = climb(place[side], weight[side], times * width) - place[side]
     whole = weight.sum()
     if whole == 0:
         return 0.0

@@ -99,6 +99,21 @@ def test_metal_and_paint_of_one_colour_gather_apart():
     assert ratio == [pytest.approx(1, abs=0.02), pytest.approx(0.92, abs=0.02)]
 
 
+def test_metal_gathers_wider_than_paint():
+    """Two tones a third apart are two paints, and of a metal one, where it is asked to gather three times as wide."""
+    rng = np.random.default_rng(3)
+    tones = np.repeat([1.0, 0.74], 2000)[:, None] * GRAY * np.exp(rng.normal(0, 0.02, (4000, 3)))
+    metallic = np.repeat([0.97, 0.03], 4000)
+    apart = []
+    for wider in (1.0, 3.0):
+        maps = _maps(np.concatenate([tones, tones]), metallic)
+        gather_colors(maps, torch.ones(8000), 0.1, wider)
+        logs = np.log(maps.values()[:, :3].numpy()).reshape(2, 2, 2000, 3).mean(axis=(2, 3))
+        apart.append(logs[:, 0] - logs[:, 1])
+    np.testing.assert_allclose(apart[0], 0.3, atol=0.04)
+    np.testing.assert_allclose(apart[1], [0, 0.3], atol=0.04)
+
+
 def test_texels_that_no_pixel_sees_follow_and_do_not_lead():
     color = np.concatenate([np.tile(RED, (10, 1)), np.tile(1.1 * RED, (1000, 1))])
     maps = _maps(color)
