@@ -66,6 +66,14 @@ def test_metal_and_dielectric_side_by_side(true_asset, cameras, carrier, transpo
     assert np.mean(curves["image"][-5:]) < 0.65 * np.mean(worse["image"][-5:])
 
 
+def _gray_view(cameras):
+    intrinsics, poses = cameras
+    return Views(
+        names=("v0",), images=np.full((1, SIZE, SIZE, 3), 0.3, np.float32), alpha=np.ones((1, SIZE, SIZE), np.float32),
+        intrinsics=intrinsics[:1], camera_to_world=poses[:1], split="train", clipped=False,
+    )  # fmt: skip
+
+
 def _table(*rows):
     """Maps whose texels are count times (base colour, metallic), and how much pixels tell of each."""
     texels = sum(row[0] for row in rows)
@@ -177,11 +185,7 @@ def test_metal_moves_alone_while_texels_agree():
 
 def test_a_metallic_map_asks_for_smoother_maps(true_asset, cameras, carrier, transport):
     """`metal_variation` times the weight of the variation, in both forms of the step; nothing without the map."""
-    intrinsics, poses = cameras
-    views = Views(
-        names=("v0",), images=np.full((1, SIZE, SIZE, 3), 0.3, np.float32), alpha=np.ones((1, SIZE, SIZE), np.float32),
-        intrinsics=intrinsics[:1], camera_to_world=poses[:1], split="train", clipped=False,
-    )  # fmt: skip
+    views = _gray_view(cameras)
     found = {}
     for metallic in (True, False):
         for times in (1.0, 3.0):
@@ -200,11 +204,7 @@ def test_a_metallic_map_asks_for_smoother_maps(true_asset, cameras, carrier, tra
 
 def test_each_texel_is_drawn_to_one_side_once_the_light_is_found(true_asset, cameras, carrier, transport):
     """The term is the weight's share of mean m (1 - m): none in the first half, all of it from seven tenths on."""
-    intrinsics, poses = cameras
-    views = Views(
-        names=("v0",), images=np.full((1, SIZE, SIZE, 3), 0.3, np.float32), alpha=np.ones((1, SIZE, SIZE), np.float32),
-        intrinsics=intrinsics[:1], camera_to_world=poses[:1], split="train", clipped=False,
-    )  # fmt: skip
+    views = _gray_view(cameras)
     model = Decomposition(carrier, views, transport, SETTINGS, "cpu")
     model.start()
     wanted = 0.1 * 0.2 * 0.8  # all texels stand where metallic starts
