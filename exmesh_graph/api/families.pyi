@@ -808,7 +808,7 @@ class _Stage2(Family):
         indirect_ramp: Iterations until lambda_ind is reached. [iterations, >= 0]
         metallic: Fit a metallic map, from `start`'s or 0.2. [or auto, by needs]
         metal_weight: Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second half of the steps, when the light is found, to all of it. [>= 0]
-        metal_share: Share of metal among texels of like colour, at half of the steps, from which all of them are metal; 0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed. [>= 0, < 1]
+        metal_share: Share of metal among texels of like colour, at half of the steps, from which those are metal that have some of it near; what lies among metal is metal as well. 0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed. [>= 0, < 1]
         metal_variation: How many times material_weight counts in a fit with a metallic map, whose texels have one thing more to decide. [>= 0]
         palette_width: Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain what was shade and no paint; 0: each texel for itself. [>= 0, <= 1]
         normal_map: Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it.

@@ -96,8 +96,9 @@ class DecompositionSettings(Params):
         0.0,
         ge=0,
         lt=1,
-        doc="Share of metal among texels of like colour, at half of the steps, from which all of them are metal; "
-        "0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed.",
+        doc="Share of metal among texels of like colour, at half of the steps, from which those are metal that have "
+        "some of it near; what lies among metal is metal as well. 0: each texel decides alone, as it should in a fit "
+        "that goes on from another, whose texels have agreed.",
     )
     metal_variation: float = param(
         1.0,
