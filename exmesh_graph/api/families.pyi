@@ -810,7 +810,7 @@ class _Stage2(Family):
         metal_weight: Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second half of the steps, when the light is found, to all of it. [>= 0]
         metal_share: Share of metal among texels of like colour, at half of the steps, from which those are metal that have some of it near; what lies among metal is metal as well. 0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed. [>= 0, < 1]
         metal_variation: How many times material_weight counts in a fit with a metallic map, whose texels have one thing more to decide. [>= 0]
-        palette_width: Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain what was shade and no paint; 0: each texel for itself. [>= 0, <= 1]
+        palette_width: Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain what was shade and no paint; colours of metal within three times that; 0: each texel for itself. [>= 0, <= 1]
         normal_map: Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it.
         corrections: How often rays re-measure the specular term; 0 = never. [>= 0, <= 100]
         correction_samples: Rays of a pixel each time, those of its neighbours counted as far as they tell. [rays, >= 1, <= 1024]

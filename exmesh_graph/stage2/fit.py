@@ -111,15 +111,14 @@ def _optimise(
         generator.set_state(kept["generator"])
         model.restore(kept)
         guard.restore(kept["guard"])
+    seen = model.buffers.evidence.weight
     for step in range(first, settings.iterations):
         if time := agreeing(settings, step):
-            seen = model.buffers.evidence.weight
             turned = agree_on_metal(model.maps, seen, settings.metal_share, model.places, again=time > 1)
             if log:
                 log(f"texels about one another agree on metal: {turned} of {len(model.maps.texels)} changed sides")
         if gathering(settings, step):
             model.settle_factor()
-            seen = model.buffers.evidence.weight
             moved = gather_colors(model.maps, seen, settings.palette_width, METAL_WIDER)
             optimiser.forget()
             if log:

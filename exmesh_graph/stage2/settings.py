@@ -112,7 +112,7 @@ class DecompositionSettings(Params):
         le=1,
         doc="Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather "
         "about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain "
-        "what was shade and no paint; 0: each texel for itself.",
+        "what was shade and no paint; colours of metal within three times that; 0: each texel for itself.",
     )
     normal_map: bool = param(
         False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."

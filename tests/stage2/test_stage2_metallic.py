@@ -87,11 +87,10 @@ def _table(*rows):
     return maps, torch.from_numpy(weight)
 
 
-def _spread(count, about=1.0):
-    """Places of `count` texels, a lattice of `about` texels' distances; far fewer than would lie beside one another."""
+def _lattice(count):
+    """Positions [count, 3], ten units apart."""
     side = int(np.ceil(count ** (1 / 3)))
-    position = np.stack(np.unravel_index(np.arange(count), (side,) * 3), axis=1) * 10.0 * about
-    return Places(position, size=1e6, spacing=about)
+    return np.stack(np.unravel_index(np.arange(count), (side,) * 3), axis=1) * 10.0
 
 
 def test_texels_of_a_colour_agree_on_metal():
@@ -103,10 +102,9 @@ def test_texels_of_a_colour_agree_on_metal():
         (50, (0.05, 0.05, 0.04), 0.9, 1.0), (10, (0.05, 0.05, 0.04), 0.02, 1.0),  # black: none is metal
     )  # fmt: skip
     before = maps.parameter.clone()
-    # in any order, so that none has its like on all sides
+    # in any order, so that none has its like on all sides; and none is far away
     order = np.random.default_rng(0).permutation(len(weight))
-    places = _spread(len(weight))
-    places = Places(places.position[order], places.size, 1e-3)
+    places = Places(_lattice(len(weight))[order], size=1e6, spacing=1e-3)
     assert agree_on_metal(maps, weight, 0.25, places) == 700 + 50
     metallic = maps.values()[:, 4]
     torch.testing.assert_close(metallic[:300], torch.full((300,), 0.98))  # nothing that was surer
@@ -121,8 +119,7 @@ def test_texels_of_a_colour_agree_on_metal():
 def test_steel_far_away_says_nothing_of_paint_of_its_colour():
     gray = (0.6, 0.58, 0.55)
     maps, weight = _table((500, gray, 0.98, 1.0), (500, gray, 0.02, 1.0))
-    places = _spread(1000)
-    apart = places.position.copy()
+    apart = _lattice(1000)
     apart[500:, 0] += 1000.0
     before = maps.parameter.clone()
     assert agree_on_metal(maps, weight, 0.25, Places(apart, size=600.0, spacing=1e-3)) == 0
@@ -131,8 +128,8 @@ def test_steel_far_away_says_nothing_of_paint_of_its_colour():
 
 
 def test_what_lies_among_metal_is_metal_whatever_its_colour():
-    """A sheet of 40 x 40 texels: a black spot of 3 x 3 within metal joins, asked again as well; one beside it does not,
-    nor does a spot of metal within paint spread."""
+    """A sheet of 40 x 40 texels: a black spot of 3 x 3 within metal joins, whichever time it is asked; a black spot of
+    metal within paint does not spread, and is lowered the first time."""
     row, column = (axis.reshape(-1) for axis in np.mgrid[:40, :40])
     metal = column < 20
     spot = (abs(row - 20) < 2) & ((abs(column - 10) < 2) | (abs(column - 30) < 2))
@@ -149,7 +146,7 @@ def test_what_lies_among_metal_is_metal_whatever_its_colour():
     assert not (maps.values()[~metal, 4] > 0.5).any()
 
 
-def test_places_of_texels(carrier):
+def test_places_of_texels():
     """Texels lie on the ball, a spacing apart; what is seen of the map decides which there are."""
     surface = ball(rings=20, sectors=32)
     size = 64
