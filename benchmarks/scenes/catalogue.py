@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 from benchmarks.scenes.kinds import Recipe
-from benchmarks.scenes.objects import crowd, mixed, panel, plain, tables, thin, toys, walls
+from benchmarks.scenes.objects import crowd, mixed, panel, plain, served, tables, thin, toys, walls
 
 RECIPES: dict[str, Recipe] = (
-    thin.SCENES | mixed.SCENES | plain.SCENES | walls.SCENES | tables.SCENES | panel.SCENES | toys.SCENES | crowd.SCENES
+    thin.SCENES
+    | mixed.SCENES
+    | plain.SCENES
+    | walls.SCENES
+    | tables.SCENES
+    | panel.SCENES
+    | toys.SCENES
+    | crowd.SCENES
+    | served.SCENES
 )
