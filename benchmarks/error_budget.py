@@ -56,6 +56,7 @@ from exmesh_graph.shading.transport import with_bounces
 from exmesh_graph.stage2.alike import Alike
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.key_light import counts, find_key_light
 from exmesh_graph.stage2.probe.scene import probe_scene
 from exmesh_graph.stage2.render import render_views
 from exmesh_graph.types import Asset, Carrier, Region, SceneNeeds, SceneTruth, Transport, Views, with_decisions
@@ -146,7 +147,9 @@ def _row(
     if bounces := needs.chosen("bounces"):
         light = with_bounces(light, bounces)
     settings = with_decisions(fitted, needs).replaced(**changes, keep_light="light" in given)
-    start = neutral_asset(carrier, with_decisions(begun, needs))
+    start_settings = with_decisions(begun, needs)
+    key = find_key_light(carrier, light) if start_settings.key_light else None
+    start = neutral_asset(carrier, start_settings, key=key if key and counts(key) else None)
     if "light" in given:
         start = replace(start, environment=_true_sky(scene.truth))
     prior = None if "no prior" in given else Alike()

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from exmesh_nodes.transport import MonteCarlo
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings, loop_of
 from exmesh_graph.graph import Component, component
 from exmesh_graph.graph.declare.node import Context, facets, node
@@ -34,15 +35,34 @@ class InitOut(NamedTuple):
     asset: Asset
 
 
-@node("stage2.init", version="1", libraries=("torch",))
-def init(ctx: Context, carrier: Carrier, needs: SceneNeeds | None = None, *, p: StartSettings) -> InitOut:
+@node("stage2.init", version="2", libraries=("torch", "embreex"))
+def init(
+    ctx: Context,
+    carrier: Carrier,
+    needs: SceneNeeds | None = None,
+    transport: Transport | None = None,
+    *,
+    p: StartSettings,
+) -> InitOut:
     """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light.
 
-    `needs` of scene.probe decides what is `auto`.
+    With `key_light` under a sun or lamp as well, where Stage I's texture tells of one; that takes the carrier's
+    `transport`. `needs` of scene.probe decides what is `auto`.
     """
     from exmesh_graph.stage2.init import neutral_asset
+    from exmesh_graph.stage2.key_light import counts, described, find_key_light
 
-    return InitOut(neutral_asset(carrier, with_decisions(p, needs)))
+    settings, key = with_decisions(p, needs), None
+    if settings.key_light:
+        if transport is None:
+            raise DataError(
+                "a key light is known by its shadows, and no transport is given", expected="that of the carrier's mesh",
+                fix="wire transport.direct's output into `transport`, or set key_light: false",
+            )  # fmt: skip
+        found = find_key_light(carrier, transport)
+        ctx.log(described(found))
+        key = found if counts(found) else None
+    return InitOut(neutral_asset(carrier, settings, key=key))
 
 
 class FitParams(DecompositionSettings, DeviceSettings):

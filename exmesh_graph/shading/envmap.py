@@ -104,15 +104,24 @@ def resample(environment: np.ndarray, height: int, width: int) -> np.ndarray:
     return mean.numpy().astype(np.float32)
 
 
+#: Radiance from which a step of the parameter counts relatively: a sun of a thousand would not move otherwise.
+BRIGHT = 20.0
+#: Largest exponent there: radiance stays finite in float32, with any gain.
+MOST = 60.0
+
+
 def radiance_of(parameter: torch.Tensor) -> torch.Tensor:
-    """The non-negative map of a free parameter: E = softplus(parameter)."""
-    return F.softplus(parameter)
+    """The non-negative map of a free parameter: E = softplus(parameter), and from `BRIGHT` on an exponential that goes
+    on as steeply."""
+    above = BRIGHT * (parameter / BRIGHT - 1).clamp(0, MOST).exp()
+    return torch.where(parameter > BRIGHT, above, F.softplus(parameter))
 
 
-def parameter_of(radiance: torch.Tensor) -> torch.Tensor:
-    """Inverse of `radiance_of`; radiance is floored at 1e-4 so that no texel starts dead."""
-    floored = radiance.clamp_min(1e-4)
-    return torch.where(floored > 20, floored, torch.log(torch.expm1(floored.clamp(max=20))))
+def parameter_of(radiance: torch.Tensor, least: float = 1e-4) -> torch.Tensor:
+    """Inverse of `radiance_of`; radiance is floored at `least` so that no texel starts dead."""
+    floored = radiance.clamp_min(least)
+    above = BRIGHT * (1 + torch.log(floored / BRIGHT))
+    return torch.where(floored > BRIGHT, above, torch.log(torch.expm1(floored.clamp(max=BRIGHT))))
 
 
 def total_variation(environment: torch.Tensor) -> torch.Tensor:

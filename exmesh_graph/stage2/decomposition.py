@@ -15,7 +15,7 @@ from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import check_fits
 from exmesh_graph.stage2.gains import CommonFactor, Exposure
 from exmesh_graph.stage2.gbuffer import ViewBuffer, ViewBuffers
-from exmesh_graph.stage2.init import check_start, is_neutral, neutral_asset
+from exmesh_graph.stage2.init import check_start, neutral_asset
 from exmesh_graph.stage2.light.model import LightModel
 from exmesh_graph.stage2.light.precomputed import PrecomputedLight
 from exmesh_graph.stage2.light.sampled import SampledLight
@@ -23,6 +23,7 @@ from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
 from exmesh_graph.stage2.memory import buffer_budget
 from exmesh_graph.stage2.metal import Places
 from exmesh_graph.stage2.settings import DecompositionSettings
+from exmesh_graph.stage2.start_light import is_neutral
 from exmesh_graph.stage2.surface import CarrierGeometry, TangentFrames
 from exmesh_graph.types import Asset, Carrier, Transport, Views
 
@@ -112,7 +113,7 @@ class Decomposition:
 
     def start(self) -> None:
         """Make ready for the first step: the light model's first measurement; a neutral sky as bright as the views."""
-        self.light.start(self.maps, self.buffers)
+        self.light.start(self.maps, envmap.radiance_of(self.environment.detach()), self.buffers)
         if self.neutral:
             self.level_light()
 

@@ -19,6 +19,7 @@ import math
 import torch
 import torch.nn.functional as F
 
+from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.init import LUMINANCE
 
@@ -92,15 +93,15 @@ class CommonFactor:
 
     @torch.no_grad()
     def fold(self, maps: torch.Tensor, environment: torch.Tensor) -> None:
-        """Move the factor into the logits `maps` [T, C] and the softplus parameters [H, W, 3], in place."""
+        """Move the factor into the logits `maps` [T, C] and the sky's parameters [H, W, 3], in place."""
         color = F.logsigmoid(maps[:, :3])
         folded = color - self.parameter
         folded = torch.minimum(folded, color.clamp_min(math.log(BRIGHTEST)))
         maps[:, :3] = torch.where(folded == color, maps[:, :3], folded - torch.log(-torch.expm1(folded)))
-        radiance = F.softplus(environment) * self.parameter.exp()
+        radiance = envmap.radiance_of(environment) * self.parameter.exp()
         positive = radiance > 0  # a parameter so low that its radiance is 0 stays
-        radiance = torch.where(positive, radiance, torch.ones_like(radiance))
-        environment.copy_(torch.where(positive, radiance + torch.log(-torch.expm1(-radiance)), environment))
+        least = torch.finfo(radiance.dtype).tiny
+        environment.copy_(torch.where(positive, envmap.parameter_of(radiance, least), environment))
         self.least = self.least - self.parameter
         self.parameter.zero_()
 

@@ -11,14 +11,16 @@ import torch.nn.functional as F
 from exmesh_graph.colour import srgb_to_linear
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.shading import envmap
 from exmesh_graph.stage2.settings import StartSettings
+from exmesh_graph.stage2.start_light import KeyLight, white_light, with_key
 from exmesh_graph.types import Asset, Carrier
 
 #: The logit's usable range: a texel that starts at exactly 0 or 1 could never leave it. A start that was fitted before
 #: is kept as it is but for `NARROW_MARGIN`.
 MARGIN, NARROW_MARGIN = 0.02, 1e-3
 
+#: Rows of a starting light with a key light.
+FINE_SKY = 64
 #: Luminance of linear sRGB (BT.709), and that below which a mean colour is noise.
 LUMINANCE, DARKEST = np.array([0.2126, 0.7152, 0.0722]), 1e-4
 
@@ -61,11 +63,14 @@ def tint(carrier: Carrier, level: float) -> np.ndarray:
     return (mean * (level / luminance)).astype(np.float32)
 
 
-def neutral_asset(carrier: Carrier, settings: StartSettings | None = None, size: int = 0) -> Asset:
+def neutral_asset(
+    carrier: Carrier, settings: StartSettings | None = None, size: int = 0, key: KeyLight | None = None
+) -> Asset:
     """Where a fit starts that knows no better: one roughness, one metallic, white light (`white_light`).
 
     Base colour is kept `MARGIN` away from 0 and 1, metallic `MARGIN` below 1; metallic 0 is no map.
     size  side of the maps in texels; 0: the texture's
+    key   shines beside the white light
     """
     settings = settings or StartSettings()
     size, metallic = size or carrier.texture.shape[0], settings.metallic
@@ -74,12 +79,13 @@ def neutral_asset(carrier: Carrier, settings: StartSettings | None = None, size:
     else:
         color = initial_base_color(carrier.texture, size, settings.base_color)
     color = color.clamp(MARGIN, 1 - MARGIN)
+    light = white_light(settings.above) if key is None else with_key(white_light(settings.above, FINE_SKY), key)
     return Asset(
         **{field.name: getattr(carrier, field.name) for field in fields(Carrier)},
         base_color=color.numpy(),
         roughness=np.full((size, size), settings.roughness, np.float32),
         seen=np.zeros((size, size), bool),
-        environment=white_light(settings.above),
+        environment=light,
         metallic=np.full((size, size), min(metallic, 1 - MARGIN), np.float32) if metallic > 0 else None,
     )
 
@@ -103,20 +109,3 @@ def check_start(start: Asset, carrier: Carrier, metallic: bool, normal_map: bool
             "the asset that the fit is to start from has a normal map, which the fit leaves out",
             fix="set normal_map: true in stage2.fit",
         )
-
-
-def white_light(above: float = 0.0, height: int = 32) -> np.ndarray:
-    """Radiance 1 + `above` sin(elevation), float32 [height, 2 height, 3]."""
-    rows = 1 + above * envmap.sines(height).numpy()
-    return np.broadcast_to(rows[:, None, None], (height, 2 * height, 3)).astype(np.float32)
-
-
-def is_neutral(environment: np.ndarray) -> bool:
-    """Whether a starting light [H, W, 3] is one colour times a `white_light`: its level comes from the photographs."""
-    light = np.asarray(environment, np.float64)
-    sines = envmap.sines(len(light)).numpy()
-    rows = light.mean(axis=1)
-    slope = sines @ rows / (sines @ sines)
-    off = light - (rows.mean(axis=0) + sines[:, None] * slope)[:, None]
-    alike = np.ptp(slope / rows.mean(axis=0).clip(1e-30)) <= 1e-4
-    return bool(alike and np.abs(off).max() <= 1e-5 * max(float(light.max()), 1e-30))

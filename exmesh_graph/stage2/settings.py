@@ -25,6 +25,11 @@ class StartSettings(Params):
     above: float = param(
         0.0, ge=0, le=0.95, doc="How much brighter than on average the sky is straight above, and darker below."
     )
+    key_light: Annotated[bool, Auto("needs")] = param(
+        False,
+        doc="Look in Stage I's texture for a sun, or a lamp that outshines all else, and start with it, whose shadows "
+        "end in the base colour otherwise. Wants `transport`.",
+    )
 
 
 class DecompositionSettings(Params):

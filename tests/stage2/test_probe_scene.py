@@ -9,6 +9,7 @@ import torch
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.shading import envmap
+from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
@@ -18,6 +19,7 @@ from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
 from exmesh_graph.stage2.probe.short import ShortFit, sample_views
 from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
+from exmesh_graph.stage2.start_light import KeyLight
 from tests.stage2 import probe_scenes
 from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, photographed, plaster_die
 
@@ -244,6 +246,40 @@ def test_fits_for_metal_go_the_way_of_whole_ones(matte, monkeypatch):
     np.testing.assert_allclose(stretches, list(pairwise(rates)))
 
 
+def test_fits_under_a_sun_keep_it_apart_whatever_they_model(hollow):
+    """Forks of another sky find it anew; with other bounces its light makes as many."""
+    sun = KeyLight(np.array([0.48, 0.6, 0.64]), 5.0)
+    fits = ShortFit(carrier_of(hollow[0]), sample_views(hollow[1]), 32, key=sun)
+    finer = fits.forked(short.Part({"environment_height": 64}))
+    bounced = fits.forked(short.Part(bounces=1))
+    afresh = bounced.restarted(short.Part(roughness=0.2))
+    for fit_, bounces in ((fits, 0), (finer, 0), (bounced, 1), (afresh, 1)):
+        light, buffer = fit_.light, fit_.fitted[0]
+        assert len(light.suns.suns) == 1
+        assert light.suns.operators.bounces == light.operators.bounces == bounces
+        assert light.suns.views[buffer.number].max() > 0
+        assert find_suns(torch.from_numpy(fit_.sky()), 64)
+        assert torch.isfinite(fit_.model.shade(buffer, fit_.model.prepare(1.0, 0))[0]).all()
+    walls = [fit_.model.prepare(1.0, 0).light.irradiance.mean() for fit_ in (fits, bounced)]
+    assert walls[1] > 1.02 * walls[0]
+
+
+@pytest.mark.thorough
+def test_the_probe_starts_its_fits_with_the_sun_that_it_found(matte, monkeypatch):
+    told = []
+    made = ShortFit.__init__
+    monkeypatch.setattr(ShortFit, "__init__", lambda self, *a, **k: told.append(a[5]) or made(self, *a, **k))
+    for gain, taken in ((0.05, True), (0.02, False)):
+        found = KeyLight(np.array([0.0, 0.8, 0.6]), 3.0, 0, gain)
+        monkeypatch.setattr(scene, "find_key_light", lambda carrier, light, found=found: found)
+        needs = probe_scene(carrier_of(matte[0]), matte[1], thorough=False).needs
+        assert needs.decisions["key_light"].value is taken
+        assert needs.decisions["key_light"].evidence["share_explained"] == gain
+        assert len(told) >= 2
+        assert all(key is (found if taken else None) for key in told)
+        told.clear()
+
+
 def test_one_view_is_enough_to_answer(matte):
     views = photographed(matte[0], 1)
     found = probe_scene(carrier_of(matte[0]), views).needs
@@ -264,6 +300,7 @@ def test_every_decision_has_its_numbers_and_a_sentence(hollow_probe):
     rows = decision_rows(hollow_probe)["decisions"]
     assert {row["name"] for row in rows} >= {
         "bounces",
+        "key_light",
         "metallic",
         "roughness",
         "light_first",
@@ -273,7 +310,10 @@ def test_every_decision_has_its_numbers_and_a_sentence(hollow_probe):
     for row in rows:
         assert row["reason"].endswith(".")
         assert row["cost"] >= 1
-        assert row["name"] in ("texture_size", "technique", "roughness", "light_first") or row["seconds_ratio"] > 0
+        assert (
+            row["name"] in ("texture_size", "technique", "roughness", "light_first", "key_light")
+            or row["seconds_ratio"] > 0
+        )
     assert 0 < hollow_probe.needs.geometry["blocked"] < 1
 
 

@@ -13,8 +13,9 @@ from exmesh_graph.shading.transport import direct_transport
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.gains import USUAL, USUAL_SPREAD, CommonFactor
-from exmesh_graph.stage2.init import LUMINANCE, is_neutral, neutral_asset, white_light
+from exmesh_graph.stage2.init import LUMINANCE, neutral_asset
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
+from exmesh_graph.stage2.start_light import is_neutral, white_light
 
 LIGHT = TransportSettings(directions=128, points=1500)
 SHORT = DecompositionSettings(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import face_starts
 from exmesh_graph.shading.operators import at_surface
 from exmesh_graph.shading.specular import scattered
@@ -25,7 +26,7 @@ def model(request, carrier, train_views, transport):
 
 def test_the_factor_starts_as_the_lobes_visible_share(model):
     """Pixel by pixel: visibility interpolated between the three lattice points, averaged over the GGX lobe."""
-    model.light.start(model.maps, model.buffers)
+    model.light.start(model.maps, envmap.radiance_of(model.environment.detach()), model.buffers)
     bits = model.light.operators.visible.double().numpy()
     sky = np.asarray(model.light.operators.light.directions, float)
     alpha = max(0.5**2, math.sqrt(4 * math.pi / len(sky)) / 4)

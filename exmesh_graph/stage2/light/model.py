@@ -29,8 +29,8 @@ class LightModel(ViewLight, Protocol):
     `prepared` is whatever `prepare` returned for the step; `buffer.light` is whatever `view` returned for the buffer.
     """
 
-    def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
-        """Whatever must be measured before the first step."""
+    def start(self, maps: MaterialMaps, environment: torch.Tensor, buffers: Iterable[ViewBuffer]) -> None:
+        """Whatever must be measured before the first step, under `environment` [H, W, 3]."""
 
     def prepare(self, appearance: Appearance) -> Any:
         """What all pixels share under the current maps and environment."""

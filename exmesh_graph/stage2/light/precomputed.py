@@ -127,7 +127,8 @@ class PrecomputedLight:
             specular_scale=self.scale.get(number, torch.ones_like(surface.position)),
         )
 
-    def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
+    def start(self, maps: MaterialMaps, environment: torch.Tensor, buffers: Iterable[ViewBuffer]) -> None:
+        self.find_suns(environment, buffers)
         roughness = float(maps.values()[:, 3].detach().mean())
         for buffer in buffers:
             self._keep(buffer, initial_specular_scale(self, buffer, roughness))
@@ -220,8 +221,7 @@ class PrecomputedLight:
     @torch.no_grad()
     def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:
         maps, values, environment = appearance.maps, appearance.values, appearance.environment
-        if self.frames is None:  # their light is kept per pixel, for its smooth normal
-            self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
+        self.find_suns(environment, buffers)
         prepared = self.prepare(appearance)
         arriving = prepared.irradiance
         if self.suns is not None and prepared.flux is not None:
@@ -239,6 +239,12 @@ class PrecomputedLight:
 
         first = int(torch.randint(1 << 40, (), generator=generator))
         share(lambda numbered: measured(*numbered), enumerate(buffers, first))
+
+    @torch.no_grad()
+    def find_suns(self, environment: torch.Tensor, buffers: Iterable[ViewBuffer]) -> None:
+        """Keep small suns of `environment` [H, W, 3] apart from now on."""
+        if self.frames is None:  # their light is kept per pixel, for its smooth normal
+            self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
         suns = None if self.suns is None else self.suns.state()

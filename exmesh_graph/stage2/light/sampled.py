@@ -104,7 +104,7 @@ class SampledLight:
     def view(self, surface: SurfaceSamples, pixel: torch.Tensor, width: int, number: int) -> SampledView:
         return SampledView(pixel, width)
 
-    def start(self, maps: MaterialMaps, buffers: Iterable[ViewBuffer]) -> None:
+    def start(self, maps: MaterialMaps, environment: torch.Tensor, buffers: Iterable[ViewBuffer]) -> None:
         """Nothing to measure; rays are kept from the first measurement on."""
 
     def prepare(self, appearance: Appearance) -> PreparedSamples:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -118,6 +118,10 @@ class FittedSuns:
     lattice: torch.Tensor
     views: Mapping[int, torch.Tensor]
     operators: LightTransport
+
+    def under(self, operators: LightTransport) -> FittedSuns:
+        """The same with another transport of the same mesh."""
+        return replace(self, operators=operators.with_columns(self.lattice))
 
     def state(self) -> dict[str, Any]:
         return {"suns": dict(vars(self.suns)), "lattice": self.lattice, "views": dict(self.views)}

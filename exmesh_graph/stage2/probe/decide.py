@@ -6,9 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from exmesh_graph.stage2.key_light import counts, described
 from exmesh_graph.stage2.probe.gain import Gain
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, TexelBudget
 from exmesh_graph.stage2.probe.light import Baked
+from exmesh_graph.stage2.start_light import KeyLight
 from exmesh_graph.types import Decision
 
 #: A gain must exceed this many standard errors, this many dB, and what the same work buys when it is spent on more
@@ -68,6 +70,12 @@ def decide_light_first(terms: tuple[float, float], tints: tuple[float, float], s
     need = f"{100 * (ALIKE - 1):+.0f} % and {100 * (CLEARLY - 1):+.0f} % at most"
     reason = f"Moving the light alone at first changes {found}; taken at {need}."
     return Decision(share if on else 0.0, None, None, 1.0, reason, {"image_ratio": longer, "tint_ratio": greener})
+
+
+def decide_key_light(found: KeyLight) -> Decision:
+    """Whether the fit starts with the light that `stage2.key_light` found."""
+    evidence = {"strength": found.strength, "reach": float(found.reach), "share_explained": found.gain}
+    return Decision(counts(found), None, None, 1.0, described(found), evidence)
 
 
 def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape: ShapeMeasures) -> Decision:

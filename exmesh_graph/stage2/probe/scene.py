@@ -8,9 +8,11 @@ from functools import partial
 from typing import Any
 
 from exmesh_graph.shading.settings import TransportSettings
+from exmesh_graph.stage2.key_light import find_key_light
 from exmesh_graph.stage2.probe.decide import (
     decide_bounces,
     decide_environment,
+    decide_key_light,
     decide_light_first,
     decide_sharp,
     decide_technique,
@@ -22,7 +24,7 @@ from exmesh_graph.stage2.probe.gain import Gain, Work, paired_gain
 from exmesh_graph.stage2.probe.geometry import fed_side, measure_shape, texel_budget
 from exmesh_graph.stage2.probe.light import baked_light, sampling_gain, unnatural
 from exmesh_graph.stage2.probe.metal import decide_metal, find_metal
-from exmesh_graph.stage2.probe.short import FITTED, HELD, Part, Sample, ShortFit, sample_views
+from exmesh_graph.stage2.probe.short import FITTED, HELD, Part, Sample, ShortFit, sample_views, traced
 from exmesh_graph.types import Carrier, Decision, SceneNeeds, Views
 
 Progress = Callable[[int, int], None]
@@ -75,9 +77,12 @@ class _Probe:
         self.carrier, self.views, self.seed = carrier, views, seed
         self.progress, self.steps = progress, 0
         self.sample = sample_views(views)
-        self.fit = ShortFit(carrier, self.sample, self._side(self.sample), seed)
-        self.shape = measure_shape(self.fit.transport, carrier.vertices, carrier.faces)
-        self.decisions: dict[str, Decision] = {}
+        self.transport = traced(carrier)
+        found = find_key_light(carrier, self.transport)
+        self.decisions: dict[str, Decision] = {"key_light": decide_key_light(found)}
+        self.key = found if self.decisions["key_light"].value else None
+        self.fit = ShortFit(carrier, self.sample, self._side(self.sample), seed, self.transport, self.key)
+        self.shape = measure_shape(self.transport, carrier.vertices, carrier.faces)
         self.long: ShortFit | None = None
         self.seconds: dict[str, float] = {}
         self.placebo = Gain(0.0, 0.0)
@@ -137,7 +142,7 @@ class _Probe:
     def _begun(self, bounces: int, other: bool, fitted: int = FITTED, held: int = HELD) -> ShortFit:
         """The beginning of fits under the first or the `other` split of some views."""
         sample = sample_views(self.views, fitted, held, other=other)
-        begun = ShortFit(self.carrier, sample, self._side(sample), self.seed + other, self.fit.transport)
+        begun = ShortFit(self.carrier, sample, self._side(sample), self.seed + other, self.transport, self.key)
         return begun.forked(Part(bounces=bounces))
 
     def _light_first(self, start: ShortFit, thorough: bool) -> None:

@@ -26,6 +26,7 @@ from exmesh_graph.stage2.objective import weighted_terms
 from exmesh_graph.stage2.pictures import encode_srgb
 from exmesh_graph.stage2.probe.gain import sums_over_tiles
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
+from exmesh_graph.stage2.start_light import KeyLight
 from exmesh_graph.types import Carrier, Transport, Views
 from exmesh_graph.types.pictures import Pictures
 
@@ -109,6 +110,11 @@ def _coarse(views: Views, order: np.ndarray, view_pixels: int) -> tuple[Views, i
     return replace(chosen, images=mean(views.images), alpha=mean(views.alpha), intrinsics=intrinsics), factor
 
 
+def traced(carrier: Carrier) -> Transport:
+    """The probe's light transport of the carrier."""
+    return with_bounces(direct_transport(carrier.vertices, carrier.faces, TRANSPORT), 1)
+
+
 @dataclass(frozen=True)
 class Part:
     """One more thing to model: settings of the fit and the number of interreflections; `roughness` to begin with,
@@ -123,13 +129,18 @@ class ShortFit:
     """A fit that can be forked: the copy goes on from the same maps and environment with another model."""
 
     def __init__(
-        self, carrier: Carrier, sample: Sample, texture_size: int, seed: int = 0, transport: Transport | None = None
+        self,
+        carrier: Carrier,
+        sample: Sample,
+        texture_size: int,
+        seed: int = 0,
+        transport: Transport | None = None,
+        key: KeyLight | None = None,
     ) -> None:
-        """`transport`: that of another fit of the same carrier."""
-        self.transport = transport or with_bounces(direct_transport(carrier.vertices, carrier.faces, TRANSPORT), 1)
-        self.seed = seed
-        self.carrier = carrier
-        self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8)
+        """transport  the carrier's `traced` one;  key  what it starts with beside white light"""
+        self.transport = transport or traced(carrier)
+        self.seed, self.carrier, self.key = seed, carrier, key
+        self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8, key=key)
         settings = SHORT.replaced(texture_size=texture_size)
         self.model = Decomposition(carrier, sample.views, self.transport, settings, "cpu", start=self.start)
         buffers = list(self.model.buffers)
@@ -162,6 +173,7 @@ class ShortFit:
         if settings.environment_height != light.settings.environment_height:
             bounces = light.operators.bounces
             model.light = PrecomputedLight(self.transport, model.geometry, light.tracer, settings)
+            model.light.find_suns(envmap.radiance_of(model.environment), [*self.fitted, *self.held])
             twin._bounce(bounces)
         if part.bounces is not None:
             twin._bounce(part.bounces)
@@ -173,7 +185,7 @@ class ShortFit:
         model = twin.model
         if part.roughness is not None:
             settings = StartSettings(base_color="gray", roughness=part.roughness)
-            twin.start = neutral_asset(self.carrier, settings, size=8)
+            twin.start = neutral_asset(self.carrier, settings, size=8, key=self.key)
         model.maps = MaterialMaps(twin.start, model.maps.texels, model.maps.size, model.settings)
         model.environment = self.first_sky.clone().requires_grad_()
         return twin
@@ -312,6 +324,8 @@ class ShortFit:
         self.model.light = light = copy.copy(self.light)
         light.operators = copy.copy(light.operators)
         light.operators.bounces = bounces
+        if light.suns is not None:
+            light.suns = light.suns.under(light.operators)
 
     def _environment(self, height: int) -> torch.Tensor:
         parameter = self.model.environment.detach()
