@@ -37,10 +37,8 @@ from exmesh_graph.types import Carrier, Transport
 #: Share of E that a key light must explain, and its largest reach [degrees]: on what mirrors, no shade tells, and up to
 #: 0.016 is chance; a light that is wider grows by itself (docs/stage2_trials.md).
 LEAST, WIDEST = 0.03, 6
-#: Of E were nothing shaded anywhere: above it, a light explains nothing.
+#: From so many times what E were if the same arrived everywhere a light explains nothing.
 SHADELESS = 2.0
-#: Reaches that are compared, and directions that make a disc.
-REACHES, DISC = (0, 6, 12, 20, 30, 45), 16
 #: Display value from which a texel counts as clipped, and the luminance below which its logarithm is noise.
 CLIPPED, DARK = 0.97, 2e-3
 #: Points about each to compare it with, and pairs that are looked at: in the search, and to place what it found.
@@ -63,12 +61,15 @@ AROUND, DISC = 16, 24
 
 
 def find_key_light(carrier: Carrier, light: Transport) -> KeyLight:
-    """The light that explains Stage I's texture best, however little that is and however wide (`counts`).
+    """The light that explains Stage I's texture best, however little that is and however wide (`counts`); one of
+    strength 0 where all of it is clipped.
 
     light  the transport of the carrier's mesh, for its points and what they see of the sky
     """
     points = _Points(carrier, light)
     few, many = points.pairs(FEW), points.pairs(MANY)
+    if not len(few.p):  # all clipped
+        return KeyLight(np.array([0.0, 1.0, 0.0]), 0.0)
     found = _search(points, few)
     for pairs, degrees in zip((few, many), NEAR, strict=True):
         found = [min(_nearer(points, pairs, direction, reach, degrees) for _, reach, direction in found)]
@@ -218,9 +219,7 @@ class _Points:
 
 
 def _error(pairs: _Pairs, off: np.ndarray) -> float:
-    """The mean over pairs that are off by so much; of none 0."""
-    if not len(off):
-        return 0.0
+    """The mean over pairs that are off by so much."""
     error = np.where(pairs.p_clipped, off.clip(min=0), np.where(pairs.q_clipped, (-off).clip(min=0), np.abs(off)))
     return float(np.minimum(error, 1).mean())
 

@@ -112,6 +112,15 @@ def test_a_texture_without_any_shade_tells_of_no_light(seen):
     assert find_key_light(flat, seen[1]).gain == 0
 
 
+@pytest.mark.filterwarnings("error")
+def test_white_and_black_textures_tell_of_no_light(seen):
+    for value in (1.0, 0.0):
+        found = find_key_light(dataclasses.replace(seen[0], texture=np.full((8, 8, 3), value, np.float32)), seen[1])
+        assert found.gain == 0
+        assert not counts(found)
+        assert np.isfinite(found.direction).all()
+
+
 @pytest.mark.thorough
 def test_equal_inputs_find_equal_lights(seen):
     sunny = _photographed(seen, 3.0)
