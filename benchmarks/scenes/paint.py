@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
@@ -45,6 +46,21 @@ def step(x: np.ndarray, edge: float, width: float) -> np.ndarray:
     """0 below `edge`, 1 above, smooth over `width`."""
     t = np.clip((x - edge) / width + 0.5, 0, 1)
     return t * t * (3 - 2 * t)
+
+
+def coat(
+    part: np.ndarray, rows: Iterable[tuple[str, object, float, float]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Base colour [N, 3], roughness and metallic [N] of points by the part that each is on.
+
+    rows  (name, colour [3] or [N, 3], roughness, metallic); what none names is black, half rough and no metal
+    """
+    base, rough, metal = np.zeros((len(part), 3)), np.full(len(part), 0.5), np.zeros(len(part))
+    for name, colour, gloss, steel in rows:
+        mine = part == name
+        base[mine] = np.broadcast_to(np.asarray(colour, float), base.shape)[mine]
+        rough[mine], metal[mine] = gloss, steel
+    return base, rough, metal
 
 
 def wood(points: np.ndarray, seed: int, *, axis: int = 2, scale: float = 1.0) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.scenes.kinds import Recipe
 from benchmarks.scenes.objects.mixed import ring
-from benchmarks.scenes.paint import mix, noise, step
+from benchmarks.scenes.paint import coat, mix, noise, step
 from benchmarks.scenes.shapes import Solid, ball, box, rod, smooth, tube, turn, turned
 
 
@@ -21,22 +21,17 @@ def marbles() -> list[Solid]:
 
 
 def paint_marbles(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
-    base, rough, metal = np.zeros((len(p), 3)), np.full(len(p), 0.5), np.zeros(len(p))
     clouds = step(noise(p, 5, 6, 3), 0.0, 0.15)
     checks = step(np.sin(p[:, 0] * 22) * np.sin(p[:, 1] * 22) * np.sin(p[:, 2] * 22 + 1), 0.0, 0.05)
-    for name, colour, gloss, steel in (
-        ("ball0", np.array([0.55, 0.05, 0.04]), 0.12, 0),
+    return coat(part, (
+        ("ball0", [0.55, 0.05, 0.04], 0.12, 0),
         ("ball1", mix([0.75, 0.72, 0.66], [0.08, 0.20, 0.42], checks), 0.5, 0),
-        ("ball2", np.array([0.80, 0.58, 0.25]), 0.25, 1),
-        ("ball3", np.array([0.03, 0.03, 0.03]), 0.6, 0),
+        ("ball2", [0.80, 0.58, 0.25], 0.25, 1),
+        ("ball3", [0.03, 0.03, 0.03], 0.6, 0),
         ("ball4", mix([0.10, 0.32, 0.14], [0.55, 0.60, 0.30], clouds), 0.2, 0),
-        ("ball5", np.array([0.62, 0.58, 0.52]), 0.85, 0),
-        ("ball6", np.array([0.72, 0.71, 0.69]), 0.10, 1),
-    ):  # fmt: skip
-        mine = part == name
-        base[mine] = colour[mine] if colour.ndim == 2 else colour
-        rough[mine], metal[mine] = gloss, steel
-    return base, rough, metal
+        ("ball5", [0.62, 0.58, 0.52], 0.85, 0),
+        ("ball6", [0.72, 0.71, 0.69], 0.10, 1),
+    ))  # fmt: skip
 
 
 def trophy() -> list[Solid]:
@@ -116,15 +111,13 @@ def digger() -> list[Solid]:
 
 
 def paint_digger(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
-    base, rough, metal = np.zeros((len(p), 3)), np.full(len(p), 0.3), np.zeros(len(p))
-    for name, colour, gloss, steel in (
+    bricks = np.array([name.removeprefix("stud_") for name in part])
+    base, rough, metal = coat(bricks, (
         ("track", (0.05, 0.05, 0.055), 0.5, 0), ("hub", (0.55, 0.54, 0.52), 0.35, 1),
         ("grey", (0.25, 0.26, 0.27), 0.3, 0), ("yellow", (0.72, 0.44, 0.05), 0.28, 0),
         ("cab", (0.06, 0.09, 0.12), 0.15, 0), ("shovel", (0.35, 0.36, 0.36), 0.35, 0),
         ("lamp", (0.80, 0.25, 0.04), 0.2, 0),
-    ):  # fmt: skip
-        mine = (part == name) | (part == "stud_" + name)
-        base[mine], rough[mine], metal[mine] = colour, gloss, steel
+    ))  # fmt: skip
     return base * (1 + 0.06 * noise(p, 8, 3, 2))[:, None], rough, metal
 
 

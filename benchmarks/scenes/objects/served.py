@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.scenes.kinds import Recipe
 from benchmarks.scenes.objects.mixed import ring
-from benchmarks.scenes.paint import mix, noise, step
+from benchmarks.scenes.paint import coat, mix, noise, step
 from benchmarks.scenes.shapes import (
     Solid,
     ball,
@@ -62,21 +62,16 @@ def meal() -> list[Solid]:
 
 
 def paint_meal(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
-    base, rough = np.broadcast_to([0.80, 0.79, 0.76], p.shape).copy(), np.full(len(p), 0.12)
-    radius = np.hypot(p[:, 0], p[:, 1])
-    band = (np.abs(radius - 0.93) < 0.03) & (part == "plate") & (n[:, 2] > 0)
-    base[band] = (0.06, 0.10, 0.30)
+    band = (np.abs(np.hypot(p[:, 0], p[:, 1]) - 0.93) < 0.03) & (n[:, 2] > 0)
+    china = np.where(band[:, None], (0.06, 0.10, 0.30), (0.80, 0.79, 0.76))
     crust = mix([0.62, 0.36, 0.13], [0.40, 0.17, 0.05], 0.5 + 0.5 * noise(p, 4, 3, 3))
     crumb = mix([0.80, 0.68, 0.46], crust, step(n[:, 2], 0.75, 0.3) * 0.3 + 0.7)
     meat = mix([0.42, 0.10, 0.05], [0.26, 0.05, 0.03], step(np.sin(p[:, 0] * 26), 0.6, 0.3))
     green = mix([0.10, 0.28, 0.05], [0.28, 0.46, 0.10], 0.5 + 0.5 * noise(p, 12, 9, 2))
-    for name, colour, gloss in (
-        ("roll", crumb, 0.75), ("sausage", meat, 0.28), ("mustard", np.array([0.76, 0.50, 0.03]), 0.2),
-        ("leaf", green, 0.4), ("pea", np.array([0.22, 0.42, 0.07]), 0.35),
-    ):  # fmt: skip
-        mine = part == name
-        base[mine], rough[mine] = (colour[mine] if colour.ndim == 2 else colour), gloss
-    return base, rough, np.zeros(len(p))
+    return coat(part, (
+        ("plate", china, 0.12, 0), ("roll", crumb, 0.75, 0), ("sausage", meat, 0.28, 0),
+        ("mustard", [0.76, 0.50, 0.03], 0.2, 0), ("leaf", green, 0.4, 0), ("pea", [0.22, 0.42, 0.07], 0.35, 0),
+    ))  # fmt: skip
 
 
 def drums() -> list[Solid]:
@@ -136,17 +131,12 @@ def drums() -> list[Solid]:
 
 
 def paint_drums(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
-    base, rough, metal = np.zeros((len(p), 3)), np.full(len(p), 0.3), np.zeros(len(p))
     lacquer = mix([0.42, 0.03, 0.03], [0.60, 0.10, 0.05], step(noise(p, 14, 3, 2), 0.1, 0.3))
     grooves = mix([0.80, 0.58, 0.24], [0.62, 0.42, 0.16], 0.5 + 0.5 * noise(p, 10, 6, 3))
-    for name, colour, gloss, steel in (
-        ("shell", lacquer, 0.12, 0), ("chrome", np.array([0.62, 0.62, 0.63]), 0.2, 1), ("brass", grooves, 0.3, 1),
-        ("stool", np.array([0.03, 0.03, 0.035]), 0.45, 0),
-    ):  # fmt: skip
-        mine = part == name
-        base[mine] = colour[mine] if colour.ndim == 2 else colour
-        rough[mine], metal[mine] = gloss, steel
-    return base, rough, metal
+    return coat(part, (
+        ("shell", lacquer, 0.12, 0), ("chrome", [0.62, 0.62, 0.63], 0.2, 1), ("brass", grooves, 0.3, 1),
+        ("stool", [0.03, 0.03, 0.035], 0.45, 0),
+    ))  # fmt: skip
 
 
 def paint_heads(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
