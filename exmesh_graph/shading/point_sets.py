@@ -37,6 +37,18 @@ def fibonacci_sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.sin(longitude), y, radius * np.cos(longitude)], axis=1)
 
 
+def disc(direction: np.ndarray, count: int, degrees: float) -> np.ndarray:
+    """`count` unit directions [N, 3] spread evenly within `degrees` of one."""
+    across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    across /= np.linalg.norm(across)
+    other = np.cross(direction, across)
+    k = np.arange(count)
+    reach = math.radians(degrees) * np.sqrt((k + 0.5) / count)
+    turn = k * (math.pi * (3 - math.sqrt(5)))
+    aside = np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * other
+    return np.cos(reach)[:, None] * direction + np.sin(reach)[:, None] * aside
+
+
 def nearest_direction(queries: np.ndarray, directions: np.ndarray, chunk: int = 1 << 16) -> np.ndarray:
     """Index of the direction [K, 3] nearest to each unit query [N, 3]: int64 [N]."""
     index = np.empty(len(queries), np.int64)

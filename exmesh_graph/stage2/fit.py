@@ -1,8 +1,8 @@
 """Stage II: base colour, roughness (metallic) and environment on the frozen carrier, eq. 14 to 24.
 
 Every step renders one training view (stage2.decomposition) under its light model (stage2.light), compares it in linear
-light (stage2.objective) and moves the texels and the environment by Adam. Maps are sigmoids, the environment a
-softplus, of free parameters.
+light (stage2.objective) and moves the texels and the environment by Adam. Maps are sigmoids of free
+parameters, the environment is `envmap.radiance_of` them.
 """
 
 from __future__ import annotations

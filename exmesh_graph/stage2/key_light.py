@@ -27,10 +27,10 @@ from exmesh_graph.colour import srgb_to_linear
 from exmesh_graph.geometry.adjacency import face_normals
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer, make_ray_tracer
-from exmesh_graph.shading.point_sets import fibonacci_sphere
+from exmesh_graph.shading.point_sets import disc, fibonacci_sphere
 from exmesh_graph.shading.transport import lattice_origins
 from exmesh_graph.stage2.init import LUMINANCE
-from exmesh_graph.stage2.start_light import KeyLight, disc
+from exmesh_graph.stage2.start_light import KeyLight
 from exmesh_graph.stage2.surface import texel_footprint
 from exmesh_graph.types import Carrier, Transport
 

@@ -44,9 +44,10 @@ def with_key(environment: np.ndarray, key: KeyLight) -> np.ndarray:
     height, width = environment.shape[:2]
     angle = np.repeat(envmap.solid_angles(height, width), width)
     towards = np.asarray(key.direction, np.float64)
-    within = envmap.texel_directions(height, width).reshape(-1, 3) @ towards >= math.cos(math.radians(key.reach))
-    share = within * angle / max(float((within * angle).sum()), 1e-12)
-    if not key.reach:
+    if key.reach:
+        within = envmap.texel_directions(height, width).reshape(-1, 3) @ towards >= math.cos(math.radians(key.reach))
+        share = within * angle / (within * angle).sum()
+    else:
         index, weight = envmap.bilinear(height, width, *envmap.uv_of(torch.from_numpy(towards[None])))
         share = np.bincount(index[0].numpy(), weights=weight[0].numpy(), minlength=len(angle))
     mean = float(envmap.mean_radiance(torch.from_numpy(environment)).mean())
@@ -69,15 +70,3 @@ def is_neutral(environment: np.ndarray) -> bool:
     away = np.abs(off).max(axis=2) > 1e-5 * max(float(even.max()), 1e-30)
     share = (away * envmap.solid_angles(*away.shape)[:, None]).sum() / (4 * math.pi)
     return bool(alike and share <= SPOT and (off[away] > 0).all())
-
-
-def disc(direction: np.ndarray, count: int, degrees: float) -> np.ndarray:
-    """`count` unit directions [N, 3] spread evenly within `degrees` of one."""
-    across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
-    across /= np.linalg.norm(across)
-    other = np.cross(direction, across)
-    k = np.arange(count)
-    reach = math.radians(degrees) * np.sqrt((k + 0.5) / count)
-    turn = k * (math.pi * (3 - math.sqrt(5)))
-    aside = np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * other
-    return np.cos(reach)[:, None] * direction + np.sin(reach)[:, None] * aside

@@ -13,7 +13,7 @@ from exmesh_graph.colour import linear_to_srgb
 from exmesh_graph.errors import DataError
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
-from exmesh_graph.shading.point_sets import fibonacci_sphere
+from exmesh_graph.shading.point_sets import disc, fibonacci_sphere
 from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.shading.transport import direct_transport
@@ -22,7 +22,7 @@ from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.init import neutral_asset
 from exmesh_graph.stage2.key_light import counts, described, find_key_light
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
-from exmesh_graph.stage2.start_light import SPOT, KeyLight, disc, is_neutral, white_light, with_key
+from exmesh_graph.stage2.start_light import SPOT, KeyLight, is_neutral, white_light, with_key
 from exmesh_graph.uv.surface import texel_surface
 
 SIZE = 192

@@ -22,7 +22,7 @@ from benchmarks.scenes.shapes import (
     tube,
     turn,
     turned,
-)  # fmt: skip
+)
 
 
 def meal() -> list[Solid]:
