@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.scenes.kinds import Recipe
-from benchmarks.scenes.objects import crowd, mixed, panel, plain, served, tables, thin, toys, walls
+from benchmarks.scenes.objects import crowd, harbour, mixed, panel, plain, served, tables, thin, toys, walls
 
 RECIPES: dict[str, Recipe] = (
     thin.SCENES
@@ -15,4 +15,5 @@ RECIPES: dict[str, Recipe] = (
     | toys.SCENES
     | crowd.SCENES
     | served.SCENES
+    | harbour.SCENES
 )
