@@ -135,7 +135,7 @@ def _suspects(figures: Residuals, targets: Targets, gains: bool) -> dict[str, st
         elif not gains and abs(float(stops[i])) > _STOPS:
             words[name] = (
                 f"it is {2.0 ** float(stops[i]):.2f} times as bright as the other views: fit one gain for each view "
-                f"(stage1.refine, gains: true), or correct its exposure"
+                f"(stage1.refine, gains: true), or correct its exposure, unless gloss of the object fills it"
             )
         elif far_colour[i]:
             words[name] = (
