@@ -69,6 +69,13 @@ class Auto:
 
     port: str
     word: ClassVar[str] = "auto"
+    why: ClassVar[str] = "decides it"
+    cure: ClassVar[str] = "give {} a value"
+
+    @classmethod
+    def wants(cls, value: Any) -> bool:
+        """Whether this value needs the port."""
+        return bool(value == cls.word)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core import core_schema
@@ -82,3 +89,22 @@ class Auto:
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         return {"anyOf": [handler(schema["schema"]), {"const": self.word}]}
+
+
+@dataclass(frozen=True)
+class Takes:
+    """Says that a parameter works with what is wired to the optional port `port`; its false value does without.
+
+        key_light: Annotated[bool, Auto("needs"), Takes("transport")] = param(False, doc="...")
+
+    Another value, `auto` among them, with nothing wired to the port is an error of the graph.
+    """
+
+    port: str
+    why: ClassVar[str] = "it takes"
+    cure: ClassVar[str] = "say {}: false"
+
+    @classmethod
+    def wants(cls, value: Any) -> bool:
+        """Whether this value needs the port."""
+        return bool(value)

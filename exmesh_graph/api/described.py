@@ -13,6 +13,7 @@ from exmesh_graph.errors import ExmeshError
 from exmesh_graph.graph.declare.node import NodeDef
 from exmesh_graph.graph.declare.ports import Port, Signature, link_form, signature
 from exmesh_graph.graph.problems import nearest
+from exmesh_graph.params import Takes
 
 SCHEMA = "exmesh.nodes.v1"
 _LIMITS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "multiple_of": "multiple of",
@@ -144,6 +145,8 @@ def _parameter(known: Signature, name: str) -> ParameterInfo:
     ]
     if name in known.decided_by():
         limits.append(f"or auto, by {known.decided_by()[name]}")
+    if taken := known.noted(Takes).get(name):
+        limits.append(f"takes {taken}")
     default = None if info.is_required() else repr(info.get_default(call_default_factory=True))
     extra = known.extra(name)
     return ParameterInfo(

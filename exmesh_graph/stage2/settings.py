@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from exmesh_graph.params import Auto, Params, param
+from exmesh_graph.params import Auto, Params, Takes, param
 
 
 class StartSettings(Params):
@@ -25,7 +25,7 @@ class StartSettings(Params):
     above: float = param(
         0.0, ge=0, le=0.95, doc="How much brighter than on average the sky is straight above, and darker below."
     )
-    key_light: Annotated[bool, Auto("needs")] = param(
+    key_light: Annotated[bool, Auto("needs"), Takes("transport")] = param(
         False,
         doc="Look in Stage I's texture for a sun, or a lamp that outshines all else, and start with it, whose shadows "
         "end in the base colour otherwise. Wants `transport`.",

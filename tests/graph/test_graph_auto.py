@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, NamedTuple
+
+import pytest
 
 from exmesh_graph.api.schema import schema_text
+from exmesh_graph.graph import Context, NodeDef, Params, param
 from exmesh_graph.graph.declare.ports import signature
+from exmesh_graph.params import Takes
+from exmesh_graph.types import SceneNeeds
 
 
 def problem_of(bench: Any, text: str) -> Any:
@@ -58,3 +63,34 @@ def test_auto_is_part_of_the_key_and_runs(bench: Any) -> None:
 def test_schema_and_declaration(packs: Any) -> None:
     assert '"const": "auto"' in schema_text(packs)
     assert signature(packs.types["toy.counted"]).decided_by() == {"count": "judge", "flag": "judge"}
+
+
+def test_what_a_parameter_takes_must_be_wired_unless_it_is_false(bench: Any) -> None:
+    text = 'nodes:\n  j: {type: toy.const, value: 4}\n  x: {type: toy.leaning, judge: "@j.number", lean: LEAN}\n'
+    for lean in ("auto", "true"):
+        told = problem_of(bench, text.replace("LEAN", lean))
+        why = f"x: lean is {lean}, but nothing is wired to ground, which it takes"
+        assert why in told
+        assert "graph.yaml:3" in told
+        assert "@j.number" in told
+        assert "or say lean: false" in told
+        bench.check(text.replace("LEAN", f'{lean}, ground: "@j.number"'))
+    bench.check(text.replace("LEAN", "false"))
+    bench.check(text.replace(", lean: LEAN", ""))
+
+
+class Lost(Params):
+    lean: Annotated[bool, Takes("sky")] = param(False, doc="Whether to lean on the sky.")
+
+
+class Found(NamedTuple):
+    needs: SceneNeeds
+
+
+def lost(ctx: Context, ground: SceneNeeds | None = None, *, p: Lost) -> Found:
+    raise NotImplementedError
+
+
+def test_a_port_that_a_parameter_takes_must_be_there() -> None:
+    with pytest.raises(TypeError, match="lean goes by sky, which is no optional input"):
+        signature(NodeDef("toy.lost", lost, "1"))

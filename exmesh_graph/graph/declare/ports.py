@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from exmesh_graph.errors import StoreError
 from exmesh_graph.graph.declare.node import Component, NodeDef, Note
 from exmesh_graph.graph.declare.packs import Packs, current
-from exmesh_graph.params import Auto, Params
+from exmesh_graph.params import Auto, Params, Takes
 from exmesh_graph.types import Artifact
 
 B = TypeVar("B")
@@ -118,8 +118,12 @@ class Signature:
 
     def decided_by(self) -> dict[str, str]:
         """{parameter: port} of those that may be `auto`."""
+        return self.noted(Auto)
+
+    def noted(self, kind: type[Auto] | type[Takes]) -> dict[str, str]:
+        """{parameter: port} of those that are marked so."""
         fields = self.params.model_fields.items()
-        return {name: note.port for name, info in fields for note in info.metadata if isinstance(note, Auto)}
+        return {name: note.port for name, info in fields for note in info.metadata if isinstance(note, kind)}
 
     def extra(self, name: str) -> dict[str, Any]:
         """Unit and tuning mark of a parameter."""
@@ -241,9 +245,9 @@ def _signature(function: Callable[..., Any]) -> Signature:
     result = Signature(inputs, outputs, params, params_name, inspect.getdoc(function) or "")
     if taken := {*result.renamed, *result.renamed_outputs} & {*inputs, *outputs, *params.model_fields, *RESERVED}:
         raise TypeError(f"{function.__qualname__}: old names in use: {', '.join(sorted(taken))}")
-    for name, port in result.decided_by().items():
+    for name, port in (*result.noted(Auto).items(), *result.noted(Takes).items()):
         if port not in inputs or not inputs[port].optional:
-            raise TypeError(f"{function.__qualname__}: {name} is decided by {port}, which is no optional input")
+            raise TypeError(f"{function.__qualname__}: {name} goes by {port}, which is no optional input")
     return result
 
 

@@ -21,7 +21,7 @@ from exmesh_graph.graph.language.spec import Value
 from exmesh_graph.graph.language.wires import Wiring
 from exmesh_graph.graph.language.yamlfile import every, is_whole
 from exmesh_graph.graph.problems import Where, closest, nearest
-from exmesh_graph.params import Auto, Params
+from exmesh_graph.params import Auto, Params, Takes
 
 UNIONS = (Union, UnionType)
 LIMITS = ("seconds", "ram_gb", "disk_gb", "retries")
@@ -180,21 +180,23 @@ class NodeCheck:
                 self.add_problem("missing-library", self.spec.where, what, fix=error.fix)
 
     def check_decided(self, own: Params, plugs: Iterable[BoundComponent]) -> None:
-        """Parameters of a node and its components that are `auto` need what decides them, wired to the node."""
+        """What decides parameters of a node and its components that are `auto`, and what parameters work with, must be
+        wired to the node."""
         spec, problems = self.spec, self.wiring.problems
         asked = [(spec.name, self.kind, own, spec.where)]
         asked += [(c.name, signature(c.definition), c.value, c.where) for plug in plugs for c in plug.all()]
-        auto = [(*of, name, port) for of in asked for name, port in of[1].decided_by().items()]
-        for owner, _, model, where, name, port in auto:
-            if getattr(model, name) != Auto.word or (port in self.fields and self.fields[port].value is not None):
+        marked = [(*of, mark, *it) for of in asked for mark in (Auto, Takes) for it in of[1].noted(mark).items()]
+        for owner, _, model, where, mark, name, port in marked:
+            value = getattr(model, name)
+            if not mark.wants(value) or (port in self.fields and self.fields[port].value is not None):
                 continue
             judge, end = self.kind.inputs.get(port), port if owner == spec.name else f"{spec.name}.{port}"
             problems.add(
                 "auto", self.given[name].where if owner == spec.name and name in self.given else where,
-                f"{owner}: {name} is auto, but nothing is wired to {end}, which decides it",
+                f"{owner}: {name} is {str(value).lower()}, but nothing is wired to {end}, which {mark.why}",
                 expected=str(judge or f"{self.definition.type} has no port {port}"),
                 nearest=() if judge is None else self.wiring.suitable(judge, spec.name),
-                fix=f'{f"{end}: {link_form(judge)}, or " if judge else ""}give {name} a value',
+                fix=f'{f"{end}: {link_form(judge)}, or " if judge else ""}{mark.cure.format(name)}',
             )  # fmt: skip
 
     def sources(self, model: Params) -> Mapping[str, Path]:

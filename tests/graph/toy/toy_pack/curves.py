@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from exmesh_graph.graph import Component, Context, Params, component, facets, node, param
-from exmesh_graph.params import Auto
+from exmesh_graph.params import Auto, Takes
 from toy_pack.helpers import sign_of
 from toy_pack.nodes import Number, NumberOut, Series, Whole
 
@@ -111,3 +111,13 @@ def mixed(ctx: Context, item: Number | Curve, inner: Number | None = None, *, p:
     if isinstance(item, Curve):
         return NumberOut(Number(item.value(0.0 if inner is None else inner.value)))
     return NumberOut(item)
+
+
+class LeaningParams(Params):
+    lean: Annotated[bool, Auto("judge"), Takes("ground")] = param(False, doc="Whether to lean on the ground.")
+
+
+@node("toy.leaning", version="1")
+def leaning(ctx: Context, judge: Number | None = None, ground: Number | None = None, *, p: LeaningParams) -> NumberOut:
+    """The ground's number, or 0."""
+    return NumberOut(ground if p.lean and ground is not None else Number(0.0))
