@@ -69,6 +69,7 @@ class Auto:
 
     port: str
     word: ClassVar[str] = "auto"
+    code: ClassVar[str] = "auto"
     why: ClassVar[str] = "decides it"
     cure: ClassVar[str] = "give {} a value"
 
@@ -101,6 +102,7 @@ class Takes:
     """
 
     port: str
+    code: ClassVar[str] = "link"
     why: ClassVar[str] = "it takes"
     cure: ClassVar[str] = "say {}: false"
 

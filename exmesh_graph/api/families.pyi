@@ -828,7 +828,7 @@ class _Stage2(Family):
         roughness: Neutral roughness; auto: low where the probe finds that a fit from 0.5 misses sharp reflections. [> 0, < 1, or auto, by needs]
         metallic: Metallic; above 0 only for fits with metallic: true. [>= 0, <= 1]
         above: How much brighter than on average the sky is straight above, and darker below. [>= 0, <= 0.95]
-        key_light: Look in Stage I's texture for a sun, or a lamp that outshines all else, and start with it, whose shadows end in the base colour otherwise. Wants `transport`. [or auto, by needs, takes transport]
+        key_light: Look in Stage I's texture for a sun, or a lamp that outshines all else, and start with it, whose shadows end in the base colour otherwise. [or auto, by needs, takes transport]
         """
 class _Stage3(Family):
     def refine(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, transport: Wire[Transport] | Node, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 300, vertex_lr: float | Parameter = 0.008, vertex_decay: float | Parameter = 0.18, texture_lr: float | Parameter = 0.0027, texture_decay: float | Parameter = 0.37, ssim_weight: float | Parameter = 0.2, silhouette_weight: float | Parameter = 5.0, gains: bool | Parameter = False, evidence: float | Parameter = 0.0, lobe_samples: int | Parameter = 16, memory_gib: float | Parameter = 4.0, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:

@@ -28,7 +28,7 @@ class StartSettings(Params):
     key_light: Annotated[bool, Auto("needs"), Takes("transport")] = param(
         False,
         doc="Look in Stage I's texture for a sun, or a lamp that outshines all else, and start with it, whose shadows "
-        "end in the base colour otherwise. Wants `transport`.",
+        "end in the base colour otherwise.",
     )
 
 

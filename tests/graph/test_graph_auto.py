@@ -70,7 +70,7 @@ def test_what_a_parameter_takes_must_be_wired_unless_it_is_false(bench: Any) -> 
     for lean in ("auto", "true"):
         told = problem_of(bench, text.replace("LEAN", lean))
         why = f"x: lean is {lean}, but nothing is wired to ground, which it takes"
-        assert why in told
+        assert f"[link] {why}" in told
         assert "graph.yaml:3" in told
         assert "@j.number" in told
         assert "or say lean: false" in told

@@ -192,7 +192,7 @@ class NodeCheck:
                 continue
             judge, end = self.kind.inputs.get(port), port if owner == spec.name else f"{spec.name}.{port}"
             problems.add(
-                "auto", self.given[name].where if owner == spec.name and name in self.given else where,
+                mark.code, self.given[name].where if owner == spec.name and name in self.given else where,
                 f"{owner}: {name} is {str(value).lower()}, but nothing is wired to {end}, which {mark.why}",
                 expected=str(judge or f"{self.definition.type} has no port {port}"),
                 nearest=() if judge is None else self.wiring.suitable(judge, spec.name),
