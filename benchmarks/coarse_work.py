@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from exmesh_graph.geometry.carve import carve
+from exmesh_graph.geometry.carve import carving
 from exmesh_graph.geometry.clean import largest_components, taubin
-from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.geometry.hull import SilhouetteField, surface, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
 from exmesh_graph.io.blender import load_blender
@@ -21,6 +21,7 @@ from exmesh_graph.io.idr import load_idr
 from exmesh_graph.io.middlebury import load_middlebury
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.settings import BlenderOptions, DepthOptions, IdrOptions, MiddleburyOptions
+from exmesh_graph.masks.regained import regained
 from exmesh_graph.priors.align import align
 from exmesh_graph.priors.depth_filter import normals_of_depth
 from exmesh_graph.priors.patch_match.estimate import patch_match
@@ -111,7 +112,8 @@ def stereo(case: Case) -> DepthMaps:
 def solid(case: Case, depths: DepthMaps, clear: float = 1.0, blur: float = 0.0) -> Surface:
     """The hull, less what the depth maps look through."""
     settings = TsdfSettings(truncation=3, min_weight=2, clear=clear, blur=blur)
-    return largest_components(*carve(case.field, case.train, depths, settings), 1)
+    found = carving(case.field, case.train, depths, settings)
+    return largest_components(*surface(regained(found.field(), found, case.train), found.grid), 1)
 
 
 def fused(case: Case, depths: DepthMaps) -> Surface:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
@@ -13,7 +14,13 @@ from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 from exmesh_graph.types.pictures import kept_in
 
 if TYPE_CHECKING:
-    from exmesh_graph.geometry.hull import SilhouetteField
+    import numpy as np
+
+    from exmesh_graph.geometry.carve import Carving
+    from exmesh_graph.geometry.hull import Grid, SilhouetteField
+    from exmesh_graph.geometry.openings import Opening
+
+    _Solid = Callable[[int], tuple[np.ndarray, Grid]]  # its field by resolution
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
@@ -63,7 +70,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="11",
+    version="12",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -87,11 +94,12 @@ def auto(
     from exmesh_nodes import init
 
     from exmesh_graph.errors import DataError
-    from exmesh_graph.evaluate.metrics.rephotography import Foretold, gain
-    from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, SURFACES, Known, choose, reduction, surface_row
+    from exmesh_graph.geometry.carve import carving
+    from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction
     from exmesh_graph.geometry.hull import SilhouetteField
+    from exmesh_graph.geometry.openings import opened
     from exmesh_graph.gpu.torch_setup import sharing
-    from exmesh_graph.io.train_size import reduced
+    from exmesh_graph.masks.regained import regained
     from exmesh_graph.stage1.parts import without_phantoms
 
     masks, factor = bool(views.masked.all()), reduction(views.width, views.height, p.side)
@@ -116,9 +124,8 @@ def auto(
         )  # fmt: skip
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     field = SilhouetteField.of_views(views, p.wrong_masks) if masks and method != "sphere" else None
-    maps: dict[str, DepthMaps] = {}
-    carved, shown = "", views  # by whose depth; the photographs that foretell one another
-    vessel: dict[str, Any] | None = None  # what was said on openings
+    solid = _hull_solid(field) if field else None
+    shown, vessel = views, None  # the photographs that foretell one another; what was said on openings
     if method == "hull":
         mesh = init.hull_of(ctx, field, outline) if field else init.visual_hull(ctx, views, p=outline).mesh
     elif method == "sphere":
@@ -128,31 +135,21 @@ def auto(
         # where Gaussians are asked for and the photographs decide, stereo is little beside them and often better
         tried = ["stereo", "pgsr"] if judged and method == "pgsr" else [str(method)]
         maps = {name: _depths(ctx, views, points, depths, stereo, name, iterations, factor, p) for name in tried}
-        found = {name: _fused(ctx, views, seen, name, field, p) for name, seen in maps.items()}
-        mesh, carved = found[tried[-1]], tried[-1]
-        if not masks:
-            mesh, row = _standing(ctx, views, maps[tried[-1]], mesh, p)
+        if field is None:
+            mesh = init.fused(ctx, views, maps[str(method)], _bare(p))
+            mesh, row = _standing(ctx, views, maps[str(method)], mesh, p)
             rows.append(row)
-        if judged and field:
-            shown = _steady(ctx, views, mesh, p)
-            best, mesh, carved = "hull", init.hull_of(ctx, field, outline), ""
-            if p.openings:  # first: a mouth that an outline hides must not decide for a carved surface, pits and all
-                opened, vessel = _opened(ctx, shown, field, None, carved, p)
-                mesh = opened or mesh
-            with sharing(p.threads):
-                foretold = Foretold(reduced(shown, factor))
-                kept = foretold.scores((mesh.vertices, mesh.faces))
-            for name, other in found.items():
-                with sharing(p.threads):
-                    scores = foretold.scores((other.vertices, other.faces))
-                rows.append(row := surface_row(*gain(kept, scores), SURFACES[name], best))
-                ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
-                if row["value"] == SURFACES[name]:
-                    best, mesh, carved, kept = SURFACES[name], other, name, scores
-    if field and p.openings and len(views) >= ENOUGH_VIEWS:
-        if vessel is None or carved:
-            opened, vessel = _opened(ctx, shown, field, maps.get(carved), carved, p)
-            mesh = opened or mesh
+        elif judged:
+            mesh, solid, shown, vessel, said = _judged(ctx, views, field, maps, factor, p)
+            rows += said
+        else:
+            found = carving(field, views, maps[str(method)], _carving(str(method), p))
+            values = regained(found.field(), found, views)
+            mesh, solid = init.solid(ctx, values, found.grid), _carved_solid(values, found.grid, p)
+    if solid and p.openings and len(views) >= ENOUGH_VIEWS:
+        if vessel is None:
+            mouths, vessel = _mouths(ctx, shown, solid, p)
+            mesh = Mesh(*opened(*solid(p.resolution), mouths)) if mouths else mesh
         rows.append(vessel)
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
         with sharing(p.threads):
@@ -225,14 +222,11 @@ def _steady(ctx: Context, views: Views, mesh: Mesh, p: AutoParams) -> Views:
         return balanced(views, found.log_gains)
 
 
-def _fused(
-    ctx: Context, views: Views, depths: DepthMaps, method: str, field: SilhouetteField | None, p: AutoParams
-) -> Mesh:
-    """The surface of depth maps, carved out of the hull where masks are."""
+def _bare(p: AutoParams) -> Any:
+    """How depth maps are fused without masks: parameters of init.tsdf."""
     from exmesh_nodes import init
 
-    bare = init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
-    return init.fused(ctx, views, depths, field, _carving(method, p) if field else bare)
+    return init.TsdfParams(resolution=p.resolution, masked=False, truncation=6, min_weight=2, radius=1)
 
 
 def _carving(method: str, p: AutoParams) -> Any:
@@ -245,30 +239,114 @@ def _carving(method: str, p: AutoParams) -> Any:
     )
 
 
-def _opened(
-    ctx: Context, views: Views, field: SilhouetteField, depths: DepthMaps | None, carved: str, p: AutoParams
-) -> tuple[Mesh | None, dict[str, Any]]:
-    """(the hull, or what depth maps carved of it, less what photographs find open in it, None for nothing; a row)."""
-    from exmesh_graph.evaluate.metrics.opened import openings
-    from exmesh_graph.geometry.carve import carved_field
-    from exmesh_graph.geometry.coarse_start import openings_row
+def _hull_solid(field: SilhouetteField) -> _Solid:
     from exmesh_graph.geometry.hull import hull_field
-    from exmesh_graph.geometry.openings import opened
+
+    return lambda resolution: hull_field(field, resolution=resolution)
+
+
+def _carved_solid(values: np.ndarray, grid: Grid, p: AutoParams) -> _Solid:
+    from exmesh_graph.geometry.hull import resampled
+
+    return lambda resolution: (values, grid) if resolution == p.resolution else resampled(values, grid, resolution)
+
+
+def _judged(
+    ctx: Context, views: Views, field: SilhouetteField, maps: dict[str, DepthMaps], factor: int, p: AutoParams
+) -> tuple[Mesh, _Solid, Views, dict[str, Any] | None, list[dict[str, Any]]]:
+    """What photographs foretell one another best over: the hull, opened where it is a vessel's, or what depth maps let
+    them take away of it.
+
+    Returns that surface, its solid, the photographs in one exposure, what was said on openings if that is the last word
+    on them, and the rows of the decisions.
+    """
+    from exmesh_nodes import init
+
+    from exmesh_graph.evaluate.metrics.removable import removable
+    from exmesh_graph.evaluate.metrics.rephotography import Foretold, gain
+    from exmesh_graph.geometry.carve import carving
+    from exmesh_graph.geometry.coarse_start import BENT, ROUGH, SURFACES, better, bolder, surface_row, uncarved_row
+    from exmesh_graph.geometry.openings import apart, opened
     from exmesh_graph.gpu.torch_setup import sharing
+    from exmesh_graph.io.train_size import reduced
 
-    settings = _carving(carved, p)
+    with sharing(p.threads):
+        carvings = {name: carving(field, views, seen, _carving(name, p)) for name, seen in maps.items()}
+        last = list(carvings.values())[-1]
+        shown = _steady(ctx, views, init.solid(ctx, last.field(), last.grid), p)
+    best, solid = "hull", _hull_solid(field)
+    mouths: list[Opening] = []
+    vessel = None
+    mesh = init.hull_of(ctx, field, HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks))
+    if p.openings:  # first: a mouth that an outline hides must not decide for a carved surface, pits and all
+        mouths, vessel = _mouths(ctx, shown, solid, p)
+        mesh = Mesh(*opened(*solid(p.resolution), mouths)) if mouths else mesh
+    rows = []
+    with sharing(p.threads):
+        foretold = Foretold(reduced(shown, factor))
+        kept = foretold.scores((mesh.vertices, mesh.faces))
+        for name, one in carvings.items():
+            allowed = removable(one, shown, maps[name])
+            ways: list[tuple[list[Opening], list[np.ndarray], float]] = [([], allowed, ROUGH if mouths else BENT)]
+            if mouths:  # in them two lengths mostly find more than stereo does: beside them, too
+                ways.append((mouths, [apart(let, one.grid, mouths) for let in allowed], BENT))
+            tried = []
+            for open_at, lets, least in ways:
+                made = [
+                    (other, values, foretold.scores((other.vertices, other.faces)))
+                    for let in lets
+                    if let.any()
+                    for other, values in [_less(ctx, views, one, let, open_at)]
+                ]
+                if made:
+                    careful, *others = made
+                    bold = [
+                        one
+                        for one in others
+                        if bolder(*(gain(*parts) for parts in zip(careful[2], one[2], strict=True)))
+                    ]
+                    chosen = max(bold, key=lambda one: one[2].picture.mean(), default=careful)
+                    by, detail = (gain(*parts) for parts in zip(kept, chosen[2], strict=True))
+                    tried.append((better(by, detail, least), by[0] - by[1], by, detail, least, *chosen))
+            row = uncarved_row(SURFACES[name], best)
+            if tried:
+                *_, by, detail, least, other, values, scores = max(tried, key=lambda one: one[:2])
+                row = surface_row(by, detail, SURFACES[name], best, least)
+            rows.append(row)
+            ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+            if row["value"] == SURFACES[name]:
+                best, mesh, kept = SURFACES[name], other, scores
+                mouths = mouths if least == BENT else []
+                vessel = vessel if mouths else None  # what was carved may be a vessel as well
+                solid = _carved_solid(values, one.grid, p)
+    return mesh, solid, shown, vessel, rows
 
-    def solid(resolution: int) -> tuple[Any, Any]:
-        if depths is None:
-            return hull_field(field, resolution=resolution)
-        return carved_field(field, views, depths, settings.model_copy(update={"resolution": resolution}))
+
+def _less(
+    ctx: Context, views: Views, carving: Carving, let: np.ndarray, mouths: list[Opening]
+) -> tuple[Mesh, np.ndarray]:
+    """(the hull less what is `let` go [I, J, K] of what depth maps carve, and its mouths; its field without these)."""
+    from exmesh_nodes import init
+
+    from exmesh_graph.geometry.openings import opened
+    from exmesh_graph.masks.regained import regained
+
+    values = regained(carving.field(carving.taken & ~let), carving, views)
+    mesh = Mesh(*opened(values, carving.grid, mouths)) if mouths else init.solid(ctx, values, carving.grid)
+    return mesh, values
+
+
+def _mouths(ctx: Context, views: Views, solid: _Solid, p: AutoParams) -> tuple[list[Opening], dict[str, Any]]:
+    """(what photographs find open in a solid; a row)."""
+    from exmesh_graph.evaluate.metrics.opened import openings
+    from exmesh_graph.geometry.coarse_start import openings_row
+    from exmesh_graph.gpu.torch_setup import sharing
 
     with sharing(p.threads):
         found = openings(*solid(_LIDS_AT), views)
-        row = openings_row([(one.lid.normal, one.lid.radius, one.wall, one.depth, gain) for one, gain in found])
-        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
-        mesh = Mesh(*opened(*solid(p.resolution), [one for one, _ in found])) if found else None
-    return mesh, row
+    row = openings_row([(one.lid.normal, one.lid.radius, one.wall, one.depth, gain) for one, gain in found])
+    ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+    return [one for one, _ in found], row
 
 
 def _standing(ctx: Context, views: Views, depths: DepthMaps, mesh: Mesh, p: AutoParams) -> tuple[Mesh, dict[str, Any]]:

@@ -14,7 +14,9 @@ from exmesh_graph.stage1.settings import PhotometricSettings
 from exmesh_graph.types import DepthMaps, Frame, Mesh, Views
 
 if TYPE_CHECKING:
-    from exmesh_graph.geometry.hull import SilhouetteField
+    import numpy as np
+
+    from exmesh_graph.geometry.hull import Grid, SilhouetteField
 
 MaskedTrain = Annotated[Views, facets(split="train", masks=True)]
 Train = Annotated[Views, facets(split="train")]
@@ -86,19 +88,16 @@ class TsdfParams(TsdfSettings):
     parts: int = param(0, ge=0, doc="Connected parts to keep, largest area first; 0 = all.")
 
 
-@node("init.tsdf", version="1", libraries=("torch", "warp-lang", "open3d", "scipy", "scikit-image"))
+@node("init.tsdf", version="2", libraries=("torch", "warp-lang", "open3d", "scipy", "scikit-image"))
 def tsdf(ctx: Context, views: Train, depths: DepthMaps, *, p: TsdfParams) -> MeshOut:
     """Fuse depth maps into one surface (truncated signed distance): open (Open3D), or closed by the visual hull."""
-    return MeshOut(fused(ctx, views, depths, None, p))
+    return MeshOut(fused(ctx, views, depths, p))
 
 
-def fused(ctx: Context, views: Views, depths: DepthMaps, field: SilhouetteField | None, p: TsdfParams) -> Mesh:
-    """As `init.tsdf`; `field` of the masks, where that is there already."""
+def fused(ctx: Context, views: Views, depths: DepthMaps, p: TsdfParams) -> Mesh:
+    """As `init.tsdf`."""
     from exmesh_graph.errors import DataError
-    from exmesh_graph.geometry.adjacency import without_unused
-    from exmesh_graph.geometry.clean import largest_components, without_pillows
-    from exmesh_graph.geometry.repair import make_manifold
-    from exmesh_graph.geometry.soundness import require_sound
+    from exmesh_graph.geometry.clean import largest_components
 
     if p.incidence > 0 or p.agreeing > 0:
         from exmesh_graph.priors.depth_filter import filtered
@@ -107,22 +106,33 @@ def fused(ctx: Context, views: Views, depths: DepthMaps, field: SilhouetteField 
         depths = filtered(views, depths, incidence=p.incidence, agreeing=p.agreeing, tolerance=p.tolerance)
         ctx.log(f"{int((depths.depth > 0).sum()) / max(before, 1):.0%} of the depths pass the filters")
     if p.solid:
-        from exmesh_graph.geometry.carve import carve
+        from exmesh_graph.geometry.carve import carving
         from exmesh_graph.geometry.hull import SilhouetteField
+        from exmesh_graph.masks.regained import regained
 
         if not views.masked.all():
             raise DataError(
                 "solid needs a mask for every view", where=ctx.node, fix="set solid: false, then init.clean close_holes"
             )
-        vertices, faces = carve(field or SilhouetteField.of_views(views, p.wrong_masks), views, depths, p)
-    else:
-        from exmesh_graph.geometry.tsdf import fuse
+        found = carving(SilhouetteField.of_views(views, p.wrong_masks), views, depths, p)
+        return solid(ctx, regained(found.field(), found, views), found.grid, p.parts)
+    from exmesh_graph.geometry.tsdf import fuse
 
-        vertices, faces = fuse(views, depths, p)
-    vertices, faces = largest_components(vertices, faces, p.parts)
-    if p.solid:  # where the carved field is 0 at corners of its grid the surface touches itself
-        vertices, faces = make_manifold(*without_unused(vertices, without_pillows(faces)))
-        require_sound(vertices, faces, closed=True, where=ctx.node)
+    return Mesh(*largest_components(*fuse(views, depths, p), p.parts))
+
+
+def solid(ctx: Context, values: np.ndarray, grid: Grid, parts: int = 0) -> Mesh:
+    """The closed surface of a field [I, J, K], positive inside; `parts` of it, largest area first, 0: all."""
+    from exmesh_graph.geometry.adjacency import without_unused
+    from exmesh_graph.geometry.clean import largest_components, without_pillows
+    from exmesh_graph.geometry.hull import surface
+    from exmesh_graph.geometry.repair import make_manifold
+    from exmesh_graph.geometry.soundness import require_sound
+
+    vertices, faces = largest_components(*surface(values, grid), parts)
+    # where a carved field is 0 at corners of its grid the surface touches itself
+    vertices, faces = make_manifold(*without_unused(vertices, without_pillows(faces)))
+    require_sound(vertices, faces, closed=True, where=ctx.node)
     return Mesh(vertices, faces)
 
 

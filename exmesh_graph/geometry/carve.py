@@ -7,6 +7,9 @@ holes.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
@@ -18,7 +21,6 @@ from exmesh_graph.geometry.hull import (
     occupied_box,
     projections,
     shown_resolution,
-    surface,
 )
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.gpu.cores import split
@@ -26,23 +28,38 @@ from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.types import DepthMaps, Views
 
 
-def carve(
+@dataclass(frozen=True)
+class Carving:
+    """A visual hull and what depth maps leave of it, on one grid.
+
+    hull, left  float32 [I, J, K], world units, positive inside; `left` is not smoothed
+    limit       where the depth maps' field is cut off, world units;  blur: grid steps
+    """
+
+    grid: Grid
+    hull: np.ndarray
+    left: np.ndarray
+    limit: float
+    blur: float
+
+    def field(self, kept: np.ndarray | None = None) -> np.ndarray:
+        """float32 [I, J, K]: what is left, smoothed where depth maps carve; where `kept` bool [I, J, K], the hull."""
+        left = self.left if kept is None else np.where(kept, self.hull, self.left)
+        return blurred(left, left != self.hull, self.blur, self.limit)
+
+    @cached_property
+    def taken(self) -> np.ndarray:
+        """bool [I, J, K]: grid points of the hull that lie outside what is left."""
+        return (self.hull > 0) & (self.field() < 0)
+
+
+def carving(
     field: SilhouetteField,
     views: Views,
     depths: DepthMaps,
     settings: TsdfSettings | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) of `carved_field`: closed, counter-clockwise from outside."""
-    return surface(*carved_field(field, views, depths, settings))
-
-
-def carved_field(
-    field: SilhouetteField,
-    views: Views,
-    depths: DepthMaps,
-    settings: TsdfSettings | None = None,
-) -> tuple[np.ndarray, Grid]:
-    """The field float32 [I, J, K], positive inside, of what masks and depth maps leave, and its grid.
+) -> Carving:
+    """What masks and depth maps leave of a solid.
 
     field  the masks' implicit function; every view of it needs a mask
     The resolution is along the longest side of the hull's box. A depth map speaks of what lies up to the truncation
@@ -56,14 +73,13 @@ def carved_field(
     low, high = occupied_box(field, np.full(3, -1.05), np.full(3, 1.05))
     grid = Grid.over(low, high, settings.resolution or shown_resolution(field, low, high))
     points = grid.points()
-    values = field(points, floor=-3 * grid.step)
-    inside = np.flatnonzero(values > -2 * grid.step)
+    hull = field(points, floor=-3 * grid.step)
+    inside = np.flatnonzero(hull > -2 * grid.step)
     limit = settings.truncation * grid.step
     said = depth_field(points[inside], views, depths, limit, settings.min_weight)
-    hull = values.copy()
-    values[inside] = carved(values[inside], said, settings.clear * grid.step)
-    changed = (values != hull).reshape(grid.shape)
-    return blurred(values.reshape(grid.shape), changed, settings.blur, limit), grid
+    left = hull.copy()
+    left[inside] = carved(hull[inside], said, settings.clear * grid.step)
+    return Carving(grid, hull.reshape(grid.shape), left.reshape(grid.shape), limit, settings.blur)
 
 
 def carved(hull: np.ndarray, said: np.ndarray, clear: float) -> np.ndarray:

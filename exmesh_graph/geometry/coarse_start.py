@@ -69,33 +69,64 @@ def choose(known: Known, seconds: float) -> tuple[Decision, Decision]:
 
 #: What a method of init.auto makes its surface of.
 SURFACES = {"stereo": "stereo", "pgsr": "gaussians"}
+_BY = {"stereo": "stereo", "gaussians": "the Gaussians"}
 _TOLD = {
     "hull": "the hull",
     "stereo": "the surface that stereo carved",
     "gaussians": "the surface of the Gaussians",
 }
-#: dB that Gaussians gain by pits under highlights: 0.10 on `vase`, whose glaze they dent by a tenth of its radius.
-_BENT = 0.25
+#: dB that pits bring under gloss, where photographs agree on what is mirrored: 0.2 (`flask`); and that a rough inside
+#: of a vessel brings over a smooth one that is nearer the truth: 0.5 (`mug`).
+BENT, ROUGH = 0.3, 0.6
 
 
-def surface_row(gain: float, error: float, found: str, kept: str = "hull") -> dict[str, Any]:
+def better(gain: tuple[float, float], detail: tuple[float, float], least: float = BENT) -> bool:
+    """Whether a carved surface foretells photographs better than the one kept so far, as `surface_row` says."""
+    return gain[0] > max(gain[1], least) and not detail[0] < -detail[1]
+
+
+def bolder(gain: tuple[float, float], detail: tuple[float, float]) -> bool:
+    """Whether a surface of which more was taken is better than that of the careful choice: by three standard errors,
+    and by two in its details, for what gloss seems to hide shows none."""
+    return gain[0] > 3 * gain[1] and detail[0] > 2 * detail[1]
+
+
+def surface_row(
+    gain: tuple[float, float], detail: tuple[float, float], found: str, kept: str = "hull", least: float = BENT
+) -> dict[str, Any]:
     """The decision between the surface `kept` so far and what `found` ("gaussians", "stereo") carved out of the hull,
     as a row for the report.
 
-    gain, error  by how many dB photographs that were left out are foretold better over the carved surface, and its
-                 standard error (exmesh_graph.evaluate.metrics.rephotography.compared): a gain within it is none, and
-                 one of Gaussians up to 0.25 dB
+    gain    by how many dB photographs that were left out are foretold better over the carved surface, and its standard
+            error (exmesh_graph.evaluate.metrics.rephotography.gain): within it, or up to `least`, it is none
+    detail  the same of details alone: a surface that loses some, beyond the standard error, is pitted under gloss
     """
-    doubt = max(error, _BENT if found == "gaussians" else 0.0)
-    value = found if gain > doubt else kept
-    better, other = (found, kept) if gain > 0 else (kept, found)
+    by, error = gain
+    chosen = better(gain, detail, least)
+    ahead, other = (found, kept) if by > 0 else (kept, found)
     reason = (
-        f"Left-out photographs are foretold better over {_TOLD[better]} than over {_TOLD[other]}, "
-        f"by {abs(gain):.2f} +- {error:.2f} dB"
+        f"Left-out photographs are foretold better over {_TOLD[ahead]} than over {_TOLD[other]}, "
+        f"by {abs(by):.2f} +- {error:.2f} dB"
     )
-    small = "the doubt of it" if doubt == error else f"pits under highlights bring Gaussians ({doubt:.2f} dB)"
-    reason += "." if value == better else f": no more than {small}, so {_TOLD[kept]} stays."
-    return {"name": "surface", "value": value, "gain": gain, "error": error, "reason": reason}
+    if by > 0 and not chosen:
+        small = "the doubt of it" if error >= least else _BRINGS[least]
+        worse = f"but details worse, by {-detail[0]:.2f} +- {detail[1]:.2f} dB, as over pits under gloss"
+        reason += f", {worse}" if by > max(error, least) else f": no more than {small}"
+        reason += f", so {_TOLD[kept]} stays"
+    value = found if chosen else kept
+    return {"name": "surface", "value": value, "gain": by, "error": error, "detail": detail[0], "reason": f"{reason}."}
+
+
+_BRINGS = {
+    BENT: f"pits under gloss bring ({BENT:.2f} dB)",
+    ROUGH: f"a rough inside of a vessel brings ({ROUGH:.2f} dB)",
+}
+
+
+def uncarved_row(found: str, kept: str = "hull") -> dict[str, Any]:
+    """The same where photographs let nothing go of what `found` would carve."""
+    reason = f"Photographs are foretold worse wherever {_BY[found]} would carve, so {_TOLD[kept]} stays."
+    return {"name": "surface", "value": kept, "gain": 0.0, "error": 0.0, "detail": 0.0, "reason": reason}
 
 
 def openings_row(found: Sequence[tuple[np.ndarray, float, float, float, Any]]) -> dict[str, Any]:

@@ -95,7 +95,7 @@ class SilhouetteField:
             raise DataError("the visual hull needs views, there are none", expected="at least one training view")
         count, height, width = alpha.shape
         factor = next(f for f in range(1, height + width) if 4 * count * (height // f) * (width // f) <= _FIELD_BYTES)
-        boxes = [_box(_reduced(mask, factor) >= 0.5) for mask in alpha]
+        boxes = [_box(reduced_mask(mask, factor) >= 0.5) for mask in alpha]
         empty = [name for name, box in zip(names, boxes, strict=True) if box is None]
         if empty:
             raise DataError(
@@ -109,7 +109,7 @@ class SilhouetteField:
         corners, size = _windows(np.array(boxes), (height // factor, width // factor))
         distances = np.empty((count, *size), np.float32)
         for view, (mask, (top, left)) in enumerate(zip(alpha, corners, strict=True)):
-            shown = _reduced(mask, factor)[top : top + size[0], left : left + size[1]]
+            shown = reduced_mask(mask, factor)[top : top + size[0], left : left + size[1]]
             distances[view] = silhouette_distance(shown)
         k = np.array(intrinsics, float)
         k[:, :2] /= factor
@@ -197,7 +197,8 @@ def _windows(boxes: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, tup
     return corners, (int(size[0]), int(size[1]))
 
 
-def _reduced(mask: np.ndarray, factor: int) -> np.ndarray:
+def reduced_mask(mask: np.ndarray, factor: int) -> np.ndarray:
+    """Area means of a mask [H, W] over blocks of `factor` pixels a side; rows and columns left over are dropped."""
     height, width = (n // factor for n in mask.shape)
     cells = mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
     return mask if factor == 1 else cells.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
@@ -301,6 +302,15 @@ def hull_field(
     band = np.flatnonzero(np.abs(values) <= 2 * coarse.step)
     values[band] = field(grid.points()[band], -_DROP * grid.step)
     return values.reshape(grid.shape), grid
+
+
+def resampled(values: np.ndarray, grid: Grid, resolution: int) -> tuple[np.ndarray, Grid]:
+    """A field [I, J, K] on cells of which `resolution` span the longest side of its grid, trilinear, and that grid."""
+    high = grid.origin + grid.step * (np.array(grid.shape) - 1)
+    other = Grid.over(grid.origin, high, resolution)
+    at = (other.points().astype(np.float64) - grid.origin) / grid.step
+    found = map_coordinates(values, at.T, order=1, mode="nearest")
+    return found.reshape(other.shape).astype(np.float32), other
 
 
 def shown_resolution(field: SilhouetteField, low: np.ndarray, high: np.ndarray) -> int:

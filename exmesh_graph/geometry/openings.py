@@ -152,6 +152,15 @@ def without(values: np.ndarray, grid: Grid, openings: Sequence[Opening]) -> np.n
     return values
 
 
+def apart(mask: np.ndarray, grid: Grid, openings: Sequence[Opening]) -> np.ndarray:
+    """The connected parts of a mask bool [I, J, K] that come no nearer to any opening than two grid steps."""
+    parts, _ = label(mask)
+    at = np.flatnonzero(mask)
+    points, part = grid.points()[at], parts.ravel()[at]
+    met = [np.unique(part[opening(points) > -2 * grid.step]) for opening in openings]
+    return mask & ~np.isin(parts, np.concatenate(met)) if met else mask
+
+
 def best_opening(lidded: Lidded, gain: Callable[[Opening], float]) -> Opening | None:
     """The least opening that gains almost as much as any (`gain`: by what share the error falls); None where little is
     to be gained.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.evaluate.metrics.rephotography import Foretold, gain, prediction_psnr, rephotograph
+from exmesh_graph.evaluate.metrics.rephotography import Foretold, gain, prediction_psnr, prediction_scores, rephotograph
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.types import Views
 from tests.priors.prior_scenes import paint
@@ -92,8 +92,32 @@ def test_the_better_of_two_surfaces_is_told_from_the_training_views_alone() -> N
     views = painted_sphere(20)
     foretold = Foretold(views)
     true, larger = (foretold.scores(icosphere(4, radius)) for radius in (0.7, 0.74))
-    better, error = gain(larger, true)
+    better, error = gain(larger.picture, true.picture)
     assert better > 3 * error > 0
-    assert gain(true, larger) == pytest.approx((-better, error))
+    assert gain(true.picture, larger.picture) == pytest.approx((-better, error))
+    assert gain(larger.detail, true.detail)[0] > 3
     with pytest.raises(DataError, match="too few"):
         Foretold(views.subset(range(10)))
+
+
+def test_what_is_smooth_is_no_detail_and_noise_is(views) -> None:
+    """A slope over the picture, as gloss lays on it, costs PSNR alone; noise of the same strength costs both."""
+    train, held_out = views
+    made = rephotograph(*icosphere(5, 0.7), train, held_out)
+    regions = held_out.alpha > 0.5
+    exact = replace(made, images=np.where(regions[..., None], held_out.images, 0))
+    column = np.linspace(-1, 1, held_out.width, dtype=np.float32)[None, None, :, None]
+    noise = np.random.default_rng(0).normal(size=exact.images.shape).astype(np.float32) * np.float32(0.33)
+    sloped, noisy = (
+        prediction_scores(replace(exact, images=exact.images * (1 + np.float32(0.2) * by)), held_out, regions)
+        for by in (column, noise)
+    )
+    assert abs(float(sloped.picture.mean() - noisy.picture.mean())) < 3
+    assert sloped.detail.mean() > noisy.detail.mean() + 8
+
+
+def test_a_rim_of_a_pixel_has_no_say(views) -> None:
+    foretold = Foretold(painted_sphere(20))
+    assert (foretold.inside <= (foretold.held_out.alpha > 0.5)).all()
+    lost = (foretold.held_out.alpha > 0.5) & ~foretold.inside
+    assert 0 < lost.sum() < 0.15 * foretold.inside.sum()

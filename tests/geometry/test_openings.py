@@ -5,7 +5,7 @@ import pytest
 
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.lids import lids
-from exmesh_graph.geometry.openings import Lidded, best_opening, opened, without
+from exmesh_graph.geometry.openings import Lidded, apart, best_opening, opened, without
 
 RADIUS, HALF = 0.5, 0.6
 
@@ -133,3 +133,17 @@ def test_of_openings_that_gain_alike_the_least_is_it(vessel):
 def test_what_gains_the_more_the_shallower_or_thinner_it_is_is_no_vessel(vessel, length):
     lidded = Lidded(*vessel[:2], *vessel[2], vessel[3])
     assert best_opening(lidded, lambda one: 0.3 - 0.1 * getattr(one, length)) is None
+
+
+def test_parts_that_meet_an_opening_are_told_from_those_apart():
+    grid = grid_of(48)
+    values = drum(grid)
+    mesh = surface(values, grid)
+    top = next(lid for lid in lids(values, grid, *mesh) if lid.normal[1] > 0.9)
+    mouth = Lidded(values, grid, *mesh, top).opening(0.09, 0.75)
+    points = grid.points().reshape(*grid.shape, 3)
+    inside = np.linalg.norm(points - [0, HALF - 0.2, 0], axis=-1) < 0.2
+    reaching = (np.abs(points[..., 0]) < 0.08) & (np.abs(points[..., 1] - (HALF - 0.2)) < 0.08) & (points[..., 2] > 0)
+    away = np.linalg.norm(points - [0, -HALF, 0], axis=-1) < 0.2
+    assert np.array_equal(apart(inside | reaching | away, grid, [mouth]), away)
+    assert np.array_equal(apart(inside | away, grid, []), inside | away)

@@ -147,8 +147,14 @@ def test_sample_mesh_from_ray_cast_depth():
 
 def test_carved_depth_is_closed_and_where_the_truth_is():
     """Masks and depth of a sphere; a bite that the depth maps alone see; a side that they do not see."""
-    from exmesh_graph.geometry.carve import carve
-    from exmesh_graph.geometry.hull import SilhouetteField
+    from exmesh_graph.geometry.carve import carving
+    from exmesh_graph.geometry.hull import SilhouetteField, surface
+
+    def carve(given):
+        found = carving(field, views, given, CARVE)
+        assert np.array_equal(found.field(np.ones(found.grid.shape, bool)), found.hull)
+        assert np.array_equal(found.taken, (found.hull > 0) & (found.left < 0))
+        return surface(found.field(), found.grid)
 
     views, depths = sphere_views(count=24)
     alpha = (depths.depth > 0).astype(np.float32)
@@ -169,9 +175,9 @@ def test_carved_depth_is_closed_and_where_the_truth_is():
         out = np.linalg.norm(pose[:3, 3] + far[..., None] * rays - centre, axis=-1) > 0.7
         cut[i] = np.where(inside, np.where(out, 0, far), depths.depth[i])
         half[i] = np.where(points[..., 1] < centre[1], 0, depths.depth[i])
-    whole = carve(field, views, depths, CARVE)
-    bitten = carve(field, views, replace(depths, depth=cut.astype(np.float32)), CARVE)
-    unseen = carve(field, views, replace(depths, depth=half.astype(np.float32)), CARVE)
+    whole = carve(depths)
+    bitten = carve(replace(depths, depth=cut.astype(np.float32)))
+    unseen = carve(replace(depths, depth=half.astype(np.float32)))
     for vertices, faces in (whole, bitten, unseen):
         report = inspect(vertices, faces)
         assert report.closed
@@ -183,7 +189,7 @@ def test_carved_depth_is_closed_and_where_the_truth_is():
     assert len(floor) > 50
     assert np.median(np.abs(np.linalg.norm(floor - top, axis=1) - bite)) < voxel
     with pytest.raises(DataError, match="not those of the views"):
-        carve(field, views, replace(depths, names=depths.names[::-1]))
+        carve(replace(depths, names=depths.names[::-1]))
 
 
 def test_depth_maps_near_the_hull_leave_it_and_others_carve():

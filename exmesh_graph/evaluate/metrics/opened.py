@@ -75,23 +75,66 @@ class Surroundings:
         axes = self.poses[:, :3, 2]
         self.near = np.argsort(-(axes @ axes.T), axis=1, kind="stable")[:, 1 : _NEAREST + 1]
 
+    def exposure(self, view: int) -> tuple[np.ndarray, float]:
+        """(float64 [3]: what a view's photograph is, channel by channel, times what its neighbours foretell of it; the
+        mean error that remains)."""
+        row, column = np.nonzero(self.depth[view] > 0)
+        thin = slice(None, None, 1 + len(row) // 4000)
+        made, seen = self.foretold(view, row[thin], column[thin], self.depth)
+        truth = self.views.images[view][row[thin], column[thin]][seen].astype(np.float64)
+        made = made[seen]
+        gain = (made * truth).sum(0) / np.maximum(np.square(made).sum(0), 1e-12)
+        return gain, float(np.abs(shown(gain * made) - shown(truth)).mean()) if len(made) else 0.0
+
+    def foretold(
+        self, view: int, row: np.ndarray, column: np.ndarray, depth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(linear colour float64 [P, 3], seen bool [P]) of pixels of a view, over the depth maps [N, H, W]."""
+        views = self.views
+        eyes, rays = _rays(views, self.poses, np.full(len(row), view), row, column)
+        z = depth[view, row, column]
+        points = eyes + rays * z[:, None]
+        here = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        total, weights = np.zeros((len(row), 3)), np.zeros(len(row))
+        for other in self.near[view]:
+            pose, k = self.inverse[other], views.intrinsics[other]
+            local = points @ pose[:3, :3].T + pose[:3, 3]
+            front = np.maximum(local[:, 2], 1e-6)
+            x, y = ((local / front[:, None]) @ k.T)[:, :2].T
+            inside = (x >= 0.5) & (x < views.width - 0.5) & (y >= 0.5) & (y < views.height - 0.5) & (z > 0)
+            at = np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)
+            met = depth[other][at]
+            close = np.abs(met - front) < _FOOTPRINTS * front / np.sqrt(k[0, 0] * k[1, 1])
+            use = np.flatnonzero(inside & (local[:, 2] > 0) & (met > 0) & close)
+            if not len(use):
+                continue
+            there = points[use] - self.poses[other][:3, 3]
+            there /= np.linalg.norm(there, axis=1, keepdims=True)
+            angle = np.degrees(np.arccos(np.clip((here[use] * there).sum(1), -1, 1)))
+            weight = np.exp(-np.square(angle / _SPREAD)) + 1e-6
+            picture, place = views.images[other], (y[use] - 0.5, x[use] - 0.5)
+            colour = [map_coordinates(picture[..., c], place, order=1, mode="nearest") for c in range(3)]
+            total[use] += weight[:, None] * np.stack(colour, axis=-1)
+            weights[use] += weight
+        return total / np.maximum(weights, 1e-12)[:, None], weights > 0
+
 
 class Judge:
     """What photographs say of openings through one lid."""
 
     def __init__(self, around: Surroundings, lid: Lid) -> None:
         self.around = around
-        shown = np.isin(around.face, lid.faces)
-        self.view, self.row, self.column = (index.astype(np.int64) for index in np.nonzero(shown))
+        of_lid = np.isin(around.face, lid.faces)
+        self.view, self.row, self.column = (index.astype(np.int64) for index in np.nonzero(of_lid))
         views = around.views
         self.eyes, self.rays = _rays(views, around.poses, self.view, self.row, self.column)
         self.start = around.depth[self.view, self.row, self.column]
-        able = np.flatnonzero(shown.reshape(len(shown), -1).sum(axis=1) >= _SHOWN)
+        able = np.flatnonzero(of_lid.reshape(len(of_lid), -1).sum(axis=1) >= _SHOWN)
         held = able[np.unique(np.linspace(0, len(able) - 1, min(_MOST, len(able))).round().astype(int))]
         asked = np.flatnonzero(np.isin(self.view, held))
         asked = asked[:: 1 + len(asked) // _ASKED]
         self.asked = [asked[self.view[asked] == view] for view in held]
-        exposures = [self._exposure(int(view)) for view in held]
+        exposures = [around.exposure(int(view)) for view in held]
         self.gains = [gain for gain, _ in exposures]
         self.usual = float(np.mean([error for _, error in exposures] or [0.0]))
         self.closed = self._errors(around.depth)
@@ -119,7 +162,7 @@ class Judge:
             known = np.isfinite(error) & np.isfinite(closed)
             gained, was = np.where(known, closed - error, 0.0), np.nan_to_num(closed)
             less[k], before[k], unseen[k] = gained.sum(), was.sum(), 1 - known.mean()
-        share, sigmas = _ratio(less, before)
+        share, sigmas = ratio(less, before)
         return Gain(share, sigmas, float((less > 0).mean()), float(unseen.mean()))
 
     def _errors(self, depth: np.ndarray) -> list[np.ndarray]:
@@ -127,56 +170,13 @@ class Judge:
         found = []
         for mine, gain in zip(self.asked, self.gains, strict=True):
             view, row, column = int(self.view[mine[0]]), self.row[mine], self.column[mine]
-            made, seen = self._foretold(view, row, column, depth)
-            error = np.abs(_shown(gain * made) - _shown(self.around.views.images[view][row, column])).mean(axis=1)
+            made, seen = self.around.foretold(view, row, column, depth)
+            error = np.abs(shown(gain * made) - shown(self.around.views.images[view][row, column])).mean(axis=1)
             found.append(np.where(seen, error, np.nan))
         return found
 
-    def _exposure(self, view: int) -> tuple[np.ndarray, float]:
-        """(float64 [3]: what a view's photograph is, channel by channel, times what its neighbours foretell of it; the
-        mean error that remains)."""
-        row, column = np.nonzero(self.around.depth[view] > 0)
-        thin = slice(None, None, 1 + len(row) // 4000)
-        made, seen = self._foretold(view, row[thin], column[thin], self.around.depth)
-        truth = self.around.views.images[view][row[thin], column[thin]][seen].astype(np.float64)
-        made = made[seen]
-        gain = (made * truth).sum(0) / np.maximum(np.square(made).sum(0), 1e-12)
-        return gain, float(np.abs(_shown(gain * made) - _shown(truth)).mean()) if len(made) else 0.0
 
-    def _foretold(
-        self, view: int, row: np.ndarray, column: np.ndarray, depth: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(linear colour float64 [P, 3], seen bool [P]) of pixels of a view, over the depth maps [N, H, W]."""
-        views = self.around.views
-        eyes, rays = _rays(views, self.around.poses, np.full(len(row), view), row, column)
-        z = depth[view, row, column]
-        points = eyes + rays * z[:, None]
-        here = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-        total, weights = np.zeros((len(row), 3)), np.zeros(len(row))
-        for other in self.around.near[view]:
-            pose, k = self.around.inverse[other], views.intrinsics[other]
-            local = points @ pose[:3, :3].T + pose[:3, 3]
-            front = np.maximum(local[:, 2], 1e-6)
-            x, y = ((local / front[:, None]) @ k.T)[:, :2].T
-            inside = (x >= 0.5) & (x < views.width - 0.5) & (y >= 0.5) & (y < views.height - 0.5) & (z > 0)
-            at = np.where(inside, y, 0).astype(int), np.where(inside, x, 0).astype(int)
-            met = depth[other][at]
-            close = np.abs(met - front) < _FOOTPRINTS * front / np.sqrt(k[0, 0] * k[1, 1])
-            use = np.flatnonzero(inside & (local[:, 2] > 0) & (met > 0) & close)
-            if not len(use):
-                continue
-            there = points[use] - self.around.poses[other][:3, 3]
-            there /= np.linalg.norm(there, axis=1, keepdims=True)
-            angle = np.degrees(np.arccos(np.clip((here[use] * there).sum(1), -1, 1)))
-            weight = np.exp(-np.square(angle / _SPREAD)) + 1e-6
-            picture, place = views.images[other], (y[use] - 0.5, x[use] - 0.5)
-            colour = [map_coordinates(picture[..., c], place, order=1, mode="nearest") for c in range(3)]
-            total[use] += weight[:, None] * np.stack(colour, axis=-1)
-            weights[use] += weight
-        return total / np.maximum(weights, 1e-12)[:, None], weights > 0
-
-
-def _ratio(less: np.ndarray, before: np.ndarray) -> tuple[float, float]:
+def ratio(less: np.ndarray, before: np.ndarray) -> tuple[float, float]:
     """(sum of one over sum of the other, the same in its standard errors), of N pairs."""
     whole = max(float(before.sum()), 1e-9)
     share = float(less.sum()) / whole
@@ -202,5 +202,6 @@ def _rays(
     return pose[:, :3, 3], rays
 
 
-def _shown(linear: np.ndarray) -> np.ndarray:
+def shown(linear: np.ndarray) -> np.ndarray:
+    """sRGB of linear colour, cut to what a picture holds."""
     return linear_to_srgb(np.clip(linear, 0, 1))

@@ -8,9 +8,11 @@ cannot be seen from the training views, or not from the held-out ones, has no sa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from scipy.ndimage import binary_erosion, gaussian_filter
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.color import linear_to_srgb
@@ -18,6 +20,7 @@ from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.types import Views
 
+_DETAIL = 2.0  # pixels
 _SPREAD = 10.0  # degrees: how fast a photograph taken from elsewhere loses its say
 Surface = tuple[np.ndarray, np.ndarray]
 _FOOTPRINTS = 3.0  # depths that differ by fewer pixels' widths at that depth are of one surface
@@ -76,6 +79,21 @@ def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -
     One factor per view and channel (least squares on linear values) is left free: exposure is no matter of shape.
     Raises DataError where no region holds a pixel.
     """
+    return prediction_scores(made, held_out, regions).picture
+
+
+class Scores(NamedTuple):
+    """dB of each view, float64 [N]: PSNR; and of what differs from pixel to pixel alone, by its mean difference."""
+
+    picture: np.ndarray
+    detail: np.ndarray
+
+
+def prediction_scores(made: Rephotographs, held_out: Views, regions: np.ndarray) -> Scores:
+    """As `prediction_psnr`, and the same of the details: of what a Gaussian of two pixels takes out of the picture.
+
+    Details are paint. What gloss shows changes slowly over a picture: a pit that mirrors it right blurs the paint.
+    """
     if not regions.any():
         raise DataError(
             "no pixel of the held-out views is to be compared", where="rephotography", fix="look at the regions"
@@ -85,15 +103,29 @@ def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -
         if region.any():
             ours, theirs = image[region].astype(np.float64), truth[region].astype(np.float64)
             gain = (ours * theirs).sum(0) / np.maximum(np.square(ours).sum(0), 1e-12)
-            error = np.square(_shown(gain * ours) - _shown(theirs)).mean()
-            scores.append(-10 * np.log10(max(float(error), 1e-10)))
-    return np.array(scores)
+            apart = _shown(gain * image) - _shown(truth)
+            scores.append(
+                (
+                    -10 * np.log10(max(float(np.square(apart[region]).mean()), 1e-10)),
+                    -20 * np.log10(max(float(np.abs(_detail(apart, region)).mean()), 1e-5)),
+                )
+            )
+    return Scores(*np.array(scores).T)
+
+
+def _detail(picture: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """float64 [P, C]: pixels of a region bool [H, W] less what lies around them in it, of a picture [H, W, C]."""
+    weight = np.maximum(gaussian_filter(region.astype(np.float64), _DETAIL), 1e-3)
+    around = [
+        gaussian_filter(part * region, _DETAIL) / weight for part in np.moveaxis(picture.astype(np.float64), -1, 0)
+    ]
+    return picture[region] - np.stack(around, axis=-1)[region]
 
 
 class Foretold:
     """How well the photographs foretell every fifth of them, which is left out, over one surface or another."""
 
-    def __init__(self, views: Views, every: int = 5) -> None:
+    def __init__(self, views: Views, every: int = 3) -> None:
         """Raises DataError with fewer than three views to leave out."""
         held = np.arange(every // 2, len(views), every)
         if len(held) < 3:
@@ -102,17 +134,26 @@ class Foretold:
             )
         self.rest = views.subset(np.setdiff1d(np.arange(len(views)), held))
         self.held_out = views.subset(held)
-        self.inside = np.stack([alpha > 0.5 for alpha in self.held_out.alpha])
+        self.inside = np.stack([_within(alpha > 0.5) for alpha in self.held_out.alpha])
 
-    def scores(self, surface: Surface) -> np.ndarray:
-        """PSNR in dB of each left-out view that has a mask, inside it."""
-        return prediction_psnr(rephotograph(*surface, self.rest, self.held_out), self.held_out, self.inside)
+    def scores(self, surface: Surface) -> Scores:
+        """Of each left-out view that has a mask, inside it.
+
+        A mask's rim of a pixel has no say: outlines that are off by half a pixel would outweigh what lies between.
+        """
+        return prediction_scores(rephotograph(*surface, self.rest, self.held_out), self.held_out, self.inside)
 
 
 def gain(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
-    """(gain of the second surface's `Foretold.scores` over the first's in dB, its standard error)."""
+    """(mean gain of the second [N], one part of the `Scores` of a surface, over the first, dB; its standard error)."""
     gains = second - first
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+def _within(mask: np.ndarray) -> np.ndarray:
+    """bool [H, W]: the mask without its rim of a pixel; as it is where nothing else is left."""
+    inner = binary_erosion(mask, np.ones((3, 3), bool), border_value=1)
+    return inner if inner.any() else mask
 
 
 def _shown(linear: np.ndarray) -> np.ndarray:
