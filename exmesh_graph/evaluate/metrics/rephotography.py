@@ -123,12 +123,12 @@ def _detail(picture: np.ndarray, region: np.ndarray) -> np.ndarray:
 
 
 class Foretold:
-    """How well the photographs foretell every fifth of them, which is left out, over one surface or another."""
+    """How well the photographs foretell every third of them, which is left out, over one surface or another."""
 
     def __init__(self, views: Views, every: int = 3) -> None:
-        """Raises DataError with fewer than three views to leave out."""
+        """Raises DataError with fewer than five views to leave out."""
         held = np.arange(every // 2, len(views), every)
-        if len(held) < 3:
+        if len(held) < 5:
             raise DataError(
                 f"{len(views)} views are too few to leave some out", where="rephotography", expected="15 views"
             )
