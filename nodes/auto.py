@@ -88,8 +88,9 @@ def auto(
 
     Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them; `stereo` is its depth
     where that was found already (mask.auto), and is not looked for again. Only what is chosen runs. Where a hull was
-    carved, the photographs say which of its flat parts are mouths of vessels (`openings`), and which surface is kept:
-    the opened hull, stereo's, or that of the Gaussians, opened in turn. `decisions` says why, for the report.
+    carved, the photographs say which of its flat parts are mouths of vessels (`openings`), what of the carving they let
+    go, and which surface is kept: the opened hull, or what stereo or the Gaussians leave of it. What masks show is not
+    carved away. `decisions` says why, for the report.
     """
     from exmesh_nodes import init
 

@@ -22,6 +22,7 @@ from exmesh_graph.geometry.hull import (
     projections,
     shown_resolution,
 )
+from exmesh_graph.geometry.pixels import pixels_of
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.torch_setup import tensor_of
@@ -118,17 +119,10 @@ def plain_depth_field(points: np.ndarray, views: Views, depths: DepthMaps, limit
     """`depth_field` in numpy."""
     total, weight = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
     for matrix, depth in zip(projections(views.intrinsics, views.world_to_camera), depths.depth, strict=True):
-        image = points @ matrix[:, :3].T + matrix[:, 3]
-        z = image[:, 2]
-        front = np.maximum(z, 1e-6)
-        column, row = (
-            np.floor(np.clip(image[:, k] / front, -1, size)).astype(np.int32)
-            for k, size in enumerate((views.width, views.height))
-        )
-        held = (z > 1e-6) & (column >= 0) & (column < views.width) & (row >= 0) & (row < views.height)
-        seen = depth[np.where(held, row, 0), np.where(held, column, 0)]
+        z, row, column = pixels_of(points, matrix, depth.shape)
+        seen = depth[row, column]
         behind = z - seen
-        speaks = held & (seen > 0) & (behind < limit)
+        speaks = (seen > 0) & (behind < limit)  # not where z is NaN
         total += np.where(speaks, np.maximum(behind, -limit), 0)
         weight += speaks
     return np.where(weight >= least, total / np.maximum(weight, 1), limit)

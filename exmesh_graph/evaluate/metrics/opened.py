@@ -15,6 +15,7 @@ from scipy.ndimage import map_coordinates
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.lids import Lid, lids
 from exmesh_graph.geometry.openings import Lidded, Opening, best_opening
+from exmesh_graph.geometry.pixels import spread_over
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.raster import project, rasterize_projected
@@ -130,7 +131,7 @@ class Judge:
         self.eyes, self.rays = _rays(views, around.poses, self.view, self.row, self.column)
         self.start = around.depth[self.view, self.row, self.column]
         able = np.flatnonzero(of_lid.reshape(len(of_lid), -1).sum(axis=1) >= _SHOWN)
-        held = able[np.unique(np.linspace(0, len(able) - 1, min(_MOST, len(able))).round().astype(int))]
+        held = able[spread_over(len(able), _MOST)]
         asked = np.flatnonzero(np.isin(self.view, held))
         asked = asked[:: 1 + len(asked) // _ASKED]
         self.asked = [asked[self.view[asked] == view] for view in held]
