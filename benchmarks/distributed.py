@@ -27,7 +27,7 @@ OBJECT_STORE = 80 * 2**20  # bytes; data moves through the graph's store, not th
 SWEEP = """
 extends: {root}/graphs/hull.yaml
 name: scenes
-nodes: {{light: null, probe: null, neutral: null, bounce: null, pbr: null, reshape: null, usd: null,
+nodes: {{light: null, probe: null, neutral: null, bounce: null, pbr: null, reshape: null, retouch: null, usd: null,
         score: null, score_pictures: null, shape: {{mesh: "@settle.state"}}}}
 outputs: {{asset: null}}
 variants:

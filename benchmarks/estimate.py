@@ -28,7 +28,7 @@ from ruamel.yaml import YAML
 #: Node types with a loop, and the stage of the paper's table that they belong to.
 LOOPS = {
     "init.pgsr": "start", "init.auto": "start", "stage1.refine": "Stage I", "stage2.fit": "Stage II",
-    "stage3.refine": "Stage III",
+    "stage3.refine": "Stage III", "stage2.retouch": "Stage III",
 }  # fmt: skip
 PAPER_MINUTES = {"start": 3, "Stage I": 10, "Stage II": 17}
 TRIAL = """\
@@ -148,7 +148,7 @@ def _seconds(graph: Path, settings: Mapping[str, Any], folder: Path, k: int) -> 
             taken[event["node"]] = time.process_time() - began.get(event["node"], time.process_time())
 
     nodes = ex.check(graph, set=dict(settings)).nodes
-    names = [name for name in ("gaussians", "coarse", "settle", "pbr", "reshape") if name in nodes]
+    names = [name for name in ("gaussians", "coarse", "settle", "pbr", "reshape", "retouch") if name in nodes]
     if "coarse" in names and nodes["coarse"].definition.type not in LOOPS:
         names.remove("coarse")
     ex.run(

@@ -31,13 +31,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path)
     parser.add_argument("scene", type=Path, help="its folder, with test/000_normal.exr")
-    parser.add_argument("--node", default="settle", help="whose mesh: settle, rounds, reshape, ...")
+    parser.add_argument("--node", default="settle", help="whose mesh: settle, rounds, retouch, ...")
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
     run = open_run(options.run)
     views, frame = run["views"].test, run["views"].frame
     node = run[options.node]
-    mesh = node.asset if options.node in ("pbr", "reshape") else node.state
+    mesh = node.asset if options.node in ("pbr", "reshape", "retouch") else node.state
     turn = _rotation(frame.dataset_from_scene @ frame.scene_from_normalised)
     every, smooth = [], []
     for view in range(len(views.names)):

@@ -31,7 +31,7 @@ from exmesh_graph.types import Mesh
 
 SAMPLE = Path(__file__).parent.parent / "graphs" / "samples" / "photos"
 ABOVE = 0.02  # of the radius
-_ENDS = (("end", "settle", "state"), ("asset", "reshape", "asset"))
+_ENDS = (("end", "settle", "state"), ("asset", "retouch", "asset"))
 _SURFACE = ("chamfer", "accuracy", "completeness", "inside", "pits")
 
 

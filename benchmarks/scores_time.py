@@ -46,9 +46,10 @@ def work_of(graph: Path, settings: Mapping[str, Any], scene: Path) -> Work:
 
     nodes = [(bound.definition.type, bound.params) for bound in ex.check(graph, scene=str(scene), set=dict(settings))
              .nodes.values()]  # fmt: skip
-    count = {kind: sum(p.iterations for name, p in nodes if name == kind) for kind in ("stage1.refine", "stage2.fit")}
+    kinds = ("stage1.refine", "stage2.fit", "stage2.retouch")
+    count = {kind: sum(p.iterations for name, p in nodes if name == kind) for kind in kinds}
     scales = [p.downscale for name, p in nodes if name == "data.blender"]
-    return Work(count["stage1.refine"], count["stage2.fit"], scales[0] if scales else 1)
+    return Work(count["stage1.refine"], count["stage2.fit"] + count["stage2.retouch"], scales[0] if scales else 1)
 
 
 def modelled(scene: Scene, work: Work) -> float:

@@ -48,6 +48,12 @@ class AutoParams(DeviceSettings):
         0, ge=0, le=512, unit="voxels", doc="Of the hull or the fusion; 0: as fine as masks show it, without masks 128."
     )
     faces: int = param(5000, ge=20, unit="faces", doc="Face budget of the result.")
+    edge: float = param(
+        0.0,
+        ge=0,
+        unit="pixels",
+        doc="With masks: more faces, up to 12 000, where edges would span more pixels of the photographs; 0: no.",
+    )
     tolerance: float = param(
         0.02, ge=0, le=1, doc="With masks: more faces, where so few would lose thin parts (as init.clean)."
     )
@@ -70,7 +76,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="12",
+    version="13",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -155,13 +161,24 @@ def auto(
     if masks:  # parts that masks show belong to the object; without, they are what fusion left in the air
         with sharing(p.threads):
             mesh = Mesh(*without_phantoms(mesh.vertices, mesh.faces, views, _LEAST_PART))
-        cleaning = CleanSettings(faces=p.faces, tolerance=p.tolerance, components=0)
+        cleaning = CleanSettings(faces=_budget(mesh, views, p), tolerance=p.tolerance, components=0)
     else:
         cleaning = CleanSettings(faces=p.faces, close_holes=p.close_holes, components=0, min_area=_LEAST_BARE_PART)
     mesh = init.clean(ctx, mesh, p=cleaning).mesh
     if method == "stereo" and not masks:
         rows.append(_mirrors(ctx, views, mesh, p))
     return AutoOut(mesh, Metrics({"decisions": rows}))
+
+
+def _budget(mesh: Mesh, views: Views, p: AutoParams) -> int:
+    """Faces of the start: as many as are asked for, or as photographs show details of."""
+    from exmesh_graph.geometry.pixels import faces_at, pixel_width
+
+    if p.edge == 0:
+        return p.faces
+    width = pixel_width(views.intrinsics, views.world_to_camera, mesh.vertices.mean(axis=0))
+    shown = faces_at(mesh.vertices, mesh.faces, p.edge * width)
+    return max(p.faces, min(shown, CleanSettings().max_faces))
 
 
 def _mirrors(ctx: Context, views: Views, mesh: Mesh, p: AutoParams) -> dict[str, Any]:

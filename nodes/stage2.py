@@ -10,9 +10,10 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings, loop_of
 from exmesh_graph.graph import Component, component
 from exmesh_graph.graph.declare.node import Context, facets, node
+from exmesh_graph.shading.settings import BounceSettings, TransportSettings
 from exmesh_graph.stage2.alike import Alike
-from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
-from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, with_decisions
+from exmesh_graph.stage2.settings import DecompositionSettings, RetouchSettings, StartSettings
+from exmesh_graph.types import Asset, Carrier, Metrics, SceneNeeds, Transport, Views, decided, with_decisions
 
 if TYPE_CHECKING:
     from exmesh_graph.stage2.decomposition import Decomposition
@@ -113,3 +114,46 @@ def fit(
         )  # fmt: skip
     # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
     return FitOut(asset, Metrics({"curves": curves}))
+
+
+class RetouchParams(RetouchSettings, TransportSettings, BounceSettings, DeviceSettings):
+    """The fit, the light transport that is traced for it, and where it computes."""
+
+
+@node(
+    "stage2.retouch",
+    version="1",
+    libraries=("torch", "embreex", "warp-lang", "scipy"),
+    resumable=True,
+    resources=ON_DEVICE,
+)
+def retouch(
+    ctx: Context,
+    asset: Asset,
+    views: Annotated[Views, facets(split="train")],
+    needs: SceneNeeds | None = None,
+    prior: MaterialPrior | None = None,
+    *,
+    p: RetouchParams,
+) -> FitOut:
+    """Fit the materials and the light of a finished asset again, on the shape that stage3.refine gave it.
+
+    Highlights that the old shape had put elsewhere now tell roughness and metal. Light transport is traced anew, with
+    the `bounces` that `needs` of scene.probe decides where they are `auto`. The asset keeps its maps and their sizes:
+    what it has no map of is not modelled. With `iterations: 0` it stays as it is.
+    """
+    from exmesh_graph.gpu.torch_setup import computing
+    from exmesh_graph.shading.transport import direct_transport, with_bounces
+    from exmesh_graph.stage2.fit import fit as run
+
+    if p.iterations == 0:
+        return FitOut(asset, Metrics({}))
+    light = direct_transport(asset.vertices, asset.faces, p)
+    if bounces := decided(p.bounces, needs, "bounces"):
+        light = with_bounces(light, bounces, p.secondary_material, p.deeper)
+    with computing(p) as device:
+        new, curves = run(
+            asset, views, light, p.of(asset), start=asset, prior=prior, device=str(device), warn=ctx.warn, log=ctx.log,
+            **loop_of(ctx),
+        )  # fmt: skip
+    return FitOut(new, Metrics({"curves": curves}))

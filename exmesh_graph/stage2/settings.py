@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from exmesh_graph.params import Auto, Params, Takes, param
+
+if TYPE_CHECKING:
+    from exmesh_graph.types import Asset
 
 
 class StartSettings(Params):
@@ -32,16 +35,9 @@ class StartSettings(Params):
     )
 
 
-class DecompositionSettings(Params):
-    """What the fit may be told (stage2.fit)."""
+class FitSettings(Params):
+    """What any fit of Stage II may be told."""
 
-    texture_size: Annotated[int, Field(ge=0, le=8192), Auto("needs")] = param(
-        0, unit="texels", doc="Side of the maps; 0 keeps the Stage I texture's."
-    )
-    environment_height: Annotated[int, Field(ge=8, le=1024), Auto("needs")] = param(
-        256, unit="texels", doc="Rows of the recovered environment; twice as many columns."
-    )
-    iterations: int = param(10_000, ge=1, doc="Adam steps of one training view each.")
     material_rate: float = param(2.5e-3, gt=0, doc="Learning rate of the maps (logits).")
     environment_rate: float = param(1.5e-2, gt=0, doc="Learning rate of the environment (softplus parameters).")
     factor_rate: float = param(
@@ -56,11 +52,6 @@ class DecompositionSettings(Params):
         unit="iterations",
         doc="Length the rates suit: a longer fit takes them times the root of this over its own length, the factor's "
         "times this over it; 0: as they are.",
-    )
-    light_first: Annotated[float, Field(ge=0, lt=1), Auto("needs")] = param(
-        0.0,
-        doc="Share of the steps, the first, that move the light alone, so that what differs from wall to wall is the "
-        "light's first and the paint's after; no such steps under keep_light.",
     )
     log_weight: float = param(1.0, ge=0, doc="lambda_log of eq. 21.")
     ssim_weight: float = param(
@@ -90,20 +81,11 @@ class DecompositionSettings(Params):
     chroma_weight: float = param(0.1, ge=0, doc="lambda_chroma at the start; falls linearly to 0.")
     indirect_weight: float = param(1.0, ge=0, doc="Target of lambda_ind, the weight of interreflection.")
     indirect_ramp: int = param(1000, ge=0, unit="iterations", doc="Iterations until lambda_ind is reached.")
-    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, from `start`'s or 0.2.")
     metal_weight: float = param(
         0.0,
         ge=0,
         doc="Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second "
         "half of the steps, when the light is found, to all of it.",
-    )
-    metal_share: float = param(
-        0.0,
-        ge=0,
-        lt=1,
-        doc="Share of metal among texels of like colour, at half of the steps, from which those are metal that have "
-        "some of it near; what lies among metal is metal as well. 0: each texel decides alone, as it should in a fit "
-        "that goes on from another, whose texels have agreed.",
     )
     metal_variation: float = param(
         1.0,
@@ -118,9 +100,6 @@ class DecompositionSettings(Params):
         doc="Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather "
         "about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain "
         "what was shade and no paint; colours of metal within three times that; 0: each texel for itself.",
-    )
-    normal_map: bool = param(
-        False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
     )
     corrections: int = param(4, ge=0, le=100, doc="How often rays re-measure the specular term; 0 = never.")
     correction_samples: int = param(
@@ -142,14 +121,66 @@ class DecompositionSettings(Params):
         "free, 4 at least.",
     )
 
-    @property
-    def variation_weight(self) -> float:
-        """Weight of the materials' variation in this fit."""
-        return self.material_weight * (self.metal_variation if self.metallic else 1)
-
     @field_validator("memory_gib")
     @classmethod
     def _no_less_than_none(cls, value: float | Literal["auto"]) -> float | Literal["auto"]:
         if value != "auto" and not value >= 0:
             raise ValueError("memory_gib is 0 GiB or more, or auto")
         return value
+
+
+class DecompositionSettings(FitSettings):
+    """What the fit may be told (stage2.fit)."""
+
+    texture_size: Annotated[int, Field(ge=0, le=8192), Auto("needs")] = param(
+        0, unit="texels", doc="Side of the maps; 0 keeps the Stage I texture's."
+    )
+    environment_height: Annotated[int, Field(ge=8, le=1024), Auto("needs")] = param(
+        256, unit="texels", doc="Rows of the recovered environment; twice as many columns."
+    )
+    iterations: int = param(10_000, ge=1, doc="Adam steps of one training view each.")
+    light_first: Annotated[float, Field(ge=0, lt=1), Auto("needs")] = param(
+        0.0,
+        doc="Share of the steps, the first, that move the light alone, so that what differs from wall to wall is the "
+        "light's first and the paint's after; no such steps under keep_light.",
+    )
+    metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, from `start`'s or 0.2.")
+    metal_share: float = param(
+        0.0,
+        ge=0,
+        lt=1,
+        doc="Share of metal among texels of like colour, at half of the steps, from which those are metal that have "
+        "some of it near; what lies among metal is metal as well. 0: each texel decides alone, as it should in a fit "
+        "that goes on from another, whose texels have agreed.",
+    )
+    normal_map: bool = param(
+        False, doc="Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it."
+    )
+
+    @property
+    def variation_weight(self) -> float:
+        """Weight of the materials' variation in this fit."""
+        return self.material_weight * (self.metal_variation if self.metallic else 1)
+
+
+class RetouchSettings(FitSettings):
+    """What a fit that goes on from a finished asset may be told (stage2.retouch): its light has been found, so that
+    steps are shorter."""
+
+    iterations: int = param(300, ge=0, doc="Adam steps of one training view each; 0: the asset stays as it is.")
+    material_rate: float = param(0.1, gt=0, doc="Learning rate of the maps (logits).")
+    environment_rate: float = param(0.2, gt=0, doc="Learning rate of the environment (softplus parameters).")
+    factor_rate: float = param(
+        0.01,
+        ge=0,
+        doc="Learning rate of the common factor of base colour and light (logarithm); 0 = left to the texels.",
+    )
+
+    def of(self, asset: Asset) -> DecompositionSettings:
+        """The fit of these settings that models what the asset has, in maps and a sky of its sizes."""
+        shared = {name: getattr(self, name) for name in FitSettings.model_fields}
+        return DecompositionSettings(
+            **shared, iterations=self.iterations, texture_size=len(asset.base_color),
+            environment_height=len(asset.environment), metallic=asset.metallic is not None,
+            normal_map=asset.normal is not None,
+        )  # fmt: skip

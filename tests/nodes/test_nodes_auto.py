@@ -22,12 +22,12 @@ from exmesh_graph.geometry.coarse_start import (
 from exmesh_graph.geometry.hull import surface
 from exmesh_graph.geometry.lids import lids
 from exmesh_graph.geometry.openings import Lidded, opened
-from exmesh_graph.geometry.settings import HullSettings
+from exmesh_graph.geometry.settings import CleanSettings, HullSettings
 from exmesh_graph.io.blender import load_blender
 from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.report.page import decision_tables
 from exmesh_graph.testing import FakeContext
-from exmesh_graph.types import DepthMaps, PointCloud
+from exmesh_graph.types import DepthMaps, Mesh, PointCloud
 from tests.evaluate.test_metrics_opened import photographs
 from tests.geometry.test_openings import HALF, drum, grid_of
 
@@ -91,6 +91,23 @@ def test_only_the_chosen_start_runs_and_the_report_says_which(views, monkeypatch
     assert np.linalg.norm(other.mesh.vertices, axis=1) == pytest.approx(0.8, abs=0.05)
     with pytest.raises(DataError, match="none are wired in"):
         auto.auto(context, views, p=auto.AutoParams(method="tsdf"))
+
+
+@pytest.mark.thorough
+def test_edges_span_no_more_pixels_than_asked_up_to_the_most_faces(views):
+    def faces(**parameters):
+        p = auto.AutoParams(method="hull", resolution=48, faces=200, tolerance=0, openings=False, **parameters)
+        return len(auto.auto(FakeContext(), views, p=p).mesh.faces)
+
+    as_asked, coarse, fine = faces(), faces(edge=6), faces(edge=2)
+    assert as_asked <= 200
+    assert coarse == as_asked, "edges span less than so many of these small pictures' pixels"
+    assert 2 * as_asked < fine
+    finer = load_blender(SAMPLE, BlenderOptions(downscale=4, max_views=8)).train
+    p = auto.AutoParams(method="hull", resolution=48, faces=200, tolerance=0, openings=False, edge=4)
+    mesh = auto.auto(FakeContext(), finer, p=p).mesh
+    assert len(mesh.faces) == pytest.approx(fine, rel=0.15)
+    assert auto._budget(Mesh(1000 * mesh.vertices, mesh.faces), finer, p) == CleanSettings().max_faces
 
 
 @pytest.mark.thorough
