@@ -27,6 +27,7 @@ nodes:
   light: {{directions: 64, points: 1000}}
   pbr: {{texture_size: 64, environment_height: 16, iterations: 60, corrections: 1, correction_samples: 4}}
   reshape: {{iterations: 20, lobe_samples: 4}}
+  retouch: {{directions: 64, points: 1000, iterations: 20, corrections: 1, correction_samples: 4}}
   score: {{directions: 64, supersampling: 1, specular_samples: 4}}
 """
 
@@ -75,7 +76,7 @@ def test_second_run_hits_and_a_stage_two_parameter_reruns_stage_two_only(finishe
     changed = _exmesh(finished, "run", "tiny.yaml", "--set", "pbr.environment_weight=0.2")
     assert changed.returncode == 0, changed.stdout + changed.stderr
     rerun = {name for name, state in _states(finished).items() if state != "hit"}
-    assert rerun == {"pbr", "reshape", "usd", "shape", "score", "score_pictures"}
+    assert rerun == {"pbr", "reshape", "retouch", "usd", "shape", "score", "score_pictures"}
 
 
 def test_run_never_trains_on_test_views(finished: Path) -> None:

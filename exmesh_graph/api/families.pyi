@@ -431,7 +431,7 @@ class _Gallery(Family):
     def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, stereo: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, table: Literal["auto", "remove", "keep"] | Parameter = "auto", openings: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, stereo: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, edge: float | Parameter = 0.0, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, table: Literal["auto", "remove", "keep"] | Parameter = "auto", openings: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshDecisionsNode:
         """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
@@ -443,6 +443,7 @@ class _Init(Family):
         count: Gaussians at the start where no points are wired in. [>= 1]
         resolution: Of the hull or the fusion; 0: as fine as masks show it, without masks 128. [voxels, >= 0, <= 512]
         faces: Face budget of the result. [faces, >= 20]
+        edge: With masks: more faces, up to 12 000, where edges would span more pixels of the photographs; 0: no. [pixels, >= 0]
         tolerance: With masks: more faces, where so few would lose thin parts (as init.clean). [>= 0, <= 1]
         close_holes: Without masks: fill holes of at most so many edges. [edges, >= 0]
         wrong_masks: Masks that may be wrong at a point. [views, >= 0]
@@ -781,20 +782,16 @@ class _Stage1(Family):
         deviation_units: Unit of the distances in L_b: mean edges of the round's mesh, or the world's (the paper).
         """
 class _Stage2(Family):
-    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, light_first: float | Literal["auto"] | Parameter = 0.0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, variation: Literal["linear", "log"] | Parameter = "linear", gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, above_weight: float | Parameter = 0.0, level_weight: float | Parameter = 0.0, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metallic: bool | Literal["auto"] | Parameter = False, metal_weight: float | Parameter = 0.0, metal_share: float | Parameter = 0.0, metal_variation: float | Parameter = 1.0, palette_width: float | Parameter = 0.0, normal_map: bool | Parameter = False, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Literal["auto"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
+    def fit(self, name: str = "", *, carrier: Wire[Carrier] | Node, views: Wire[Views] | Node, transport: Wire[Transport | MonteCarlo] | Node | Plug[Any], start: Wire[Asset] | Node | None = None, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", material_rate: float | Parameter = 0.0025, environment_rate: float | Parameter = 0.015, factor_rate: float | Parameter = 0.003, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, variation: Literal["linear", "log"] | Parameter = "linear", gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, above_weight: float | Parameter = 0.0, level_weight: float | Parameter = 0.0, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metal_weight: float | Parameter = 0.0, metal_variation: float | Parameter = 1.0, palette_width: float | Parameter = 0.0, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Literal["auto"] | Parameter = "auto", texture_size: int | Literal["auto"] | Parameter = 0, environment_height: int | Literal["auto"] | Parameter = 256, iterations: int | Parameter = 10000, light_first: float | Literal["auto"] | Parameter = 0.0, metallic: bool | Literal["auto"] | Parameter = False, metal_share: float | Parameter = 0.0, normal_map: bool | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
         """Recover base colour, roughness and environment from the training views (paper, section 5).
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
         device: Where to compute; auto takes a CUDA device if there is one.
-        texture_size: Side of the maps; 0 keeps the Stage I texture's. [texels, >= 0, <= 8192, or auto, by needs]
-        environment_height: Rows of the recovered environment; twice as many columns. [texels, >= 8, <= 1024, or auto, by needs]
-        iterations: Adam steps of one training view each. [>= 1]
         material_rate: Learning rate of the maps (logits). [> 0]
         environment_rate: Learning rate of the environment (softplus parameters). [> 0]
         factor_rate: Learning rate of the common factor of base colour and light (logarithm); 0 = left to the texels. [>= 0]
         rate_decay: Last learning rate over the first; exponential in between. [> 0, <= 1]
         rates_for: Length the rates suit: a longer fit takes them times the root of this over its own length, the factor's times this over it; 0: as they are. [iterations, >= 0]
-        light_first: Share of the steps, the first, that move the light alone, so that what differs from wall to wall is the light's first and the paint's after; no such steps under keep_light. [>= 0, < 1, or auto, by needs]
         log_weight: lambda_log of eq. 21. [>= 0]
         ssim_weight: lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out. [>= 0]
         material_weight: lambda_mat: screen-space total variation of the maps. [>= 0]
@@ -806,12 +803,9 @@ class _Stage2(Family):
         chroma_weight: lambda_chroma at the start; falls linearly to 0. [>= 0]
         indirect_weight: Target of lambda_ind, the weight of interreflection. [>= 0]
         indirect_ramp: Iterations until lambda_ind is reached. [iterations, >= 0]
-        metallic: Fit a metallic map, from `start`'s or 0.2. [or auto, by needs]
         metal_weight: Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second half of the steps, when the light is found, to all of it. [>= 0]
-        metal_share: Share of metal among texels of like colour, at half of the steps, from which those are metal that have some of it near; what lies among metal is metal as well. 0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed. [>= 0, < 1]
         metal_variation: How many times material_weight counts in a fit with a metallic map, whose texels have one thing more to decide. [>= 0]
         palette_width: Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain what was shade and no paint; colours of metal within three times that; 0: each texel for itself. [>= 0, <= 1]
-        normal_map: Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it.
         corrections: How often rays re-measure the specular term; 0 = never. [>= 0, <= 100]
         correction_samples: Rays of a pixel each time, those of its neighbours counted as far as they tell. [rays, >= 1, <= 1024]
         min_coverage: Mask alpha from which a pixel takes part. [> 0, <= 1]
@@ -819,6 +813,13 @@ class _Stage2(Family):
         keep_light: Keep the environment of `start`, a known light, and fit the maps alone.
         exposure: Fit one gain per view, for photographs of varying exposure.
         memory_gib: Memory that the views' buffers may take, the others are made anew at each visit; auto: half of what is free, 4 at least. [GiB]
+        texture_size: Side of the maps; 0 keeps the Stage I texture's. [texels, >= 0, <= 8192, or auto, by needs]
+        environment_height: Rows of the recovered environment; twice as many columns. [texels, >= 8, <= 1024, or auto, by needs]
+        iterations: Adam steps of one training view each. [>= 1]
+        light_first: Share of the steps, the first, that move the light alone, so that what differs from wall to wall is the light's first and the paint's after; no such steps under keep_light. [>= 0, < 1, or auto, by needs]
+        metallic: Fit a metallic map, from `start`'s or 0.2. [or auto, by needs]
+        metal_share: Share of metal among texels of like colour, at half of the steps, from which those are metal that have some of it near; what lies among metal is metal as well. 0: each texel decides alone, as it should in a fit that goes on from another, whose texels have agreed. [>= 0, < 1]
+        normal_map: Fit a tangent-space normal map (+Y up), from `start`'s or flat; the probe does not judge it.
         """
     def init(self, name: str = "", *, carrier: Wire[Carrier] | Node, needs: Wire[SceneNeeds] | Node | None = None, transport: Wire[Transport] | Node | None = None, base_color: Literal["texture", "gray", "tint"] | Parameter = "texture", level: float | Parameter = 0.36, roughness: float | Literal["auto"] | Parameter = 0.5, metallic: float | Parameter = 0.0, above: float | Parameter = 0.0, key_light: bool | Literal["auto"] | Parameter = False, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetNode:
         """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light.
@@ -829,6 +830,44 @@ class _Stage2(Family):
         metallic: Metallic; above 0 only for fits with metallic: true. [>= 0, <= 1]
         above: How much brighter than on average the sky is straight above, and darker below. [>= 0, <= 0.95]
         key_light: Look in Stage I's texture for a sun, or a lamp that outshines all else, and start with it, whose shadows end in the base colour otherwise. [or auto, by needs, takes transport]
+        """
+    def retouch(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, needs: Wire[SceneNeeds] | Node | None = None, prior: Plug[MaterialPrior] | MaterialPrior | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", bounces: int | Literal["auto"] | Parameter = 1, deeper: bool | Parameter = False, secondary_material: bool | Parameter = True, directions: int | Parameter = 128, points: int | Parameter = 12000, material_rate: float | Parameter = 0.1, environment_rate: float | Parameter = 0.2, factor_rate: float | Parameter = 0.01, rate_decay: float | Parameter = 0.1, rates_for: int | Parameter = 0, log_weight: float | Parameter = 1.0, ssim_weight: float | Parameter = 0.2, material_weight: float | Parameter = 0.1, variation: Literal["linear", "log"] | Parameter = "linear", gloss_weight: float | Parameter = 1.0, environment_weight: float | Parameter = 0.1, above_weight: float | Parameter = 0.0, level_weight: float | Parameter = 0.0, chroma_weight: float | Parameter = 0.1, indirect_weight: float | Parameter = 1.0, indirect_ramp: int | Parameter = 1000, metal_weight: float | Parameter = 0.0, metal_variation: float | Parameter = 1.0, palette_width: float | Parameter = 0.0, corrections: int | Parameter = 4, correction_samples: int | Parameter = 16, min_coverage: float | Parameter = 0.99, roughness_min: float | Parameter = 0.08, keep_light: bool | Parameter = False, exposure: bool | Parameter = False, memory_gib: float | Literal["auto"] | Parameter = "auto", iterations: int | Parameter = 300, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:
+        """Fit the materials and the light of a finished asset again, on the shape that stage3.refine gave it.
+
+        threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
+        device: Where to compute; auto takes a CUDA device if there is one.
+        bounces: Diffuse interreflections to add; the paper has 1. 0 hands the direct light on. [>= 0, <= 16, or auto, by needs]
+        deeper: Bounces beyond these count too: in a fit as they were a step before, which costs no more; the paper has none.
+        secondary_material: Light from the mesh carries the maps of where it comes from; else the receiver's own (an ablation).
+        directions: Equal-area directions traced from every surface point. [>= 16, <= 8192]
+        points: Least number of surface points, spread over the mesh by the size of its faces. [>= 1, <= 2000000]
+        material_rate: Learning rate of the maps (logits). [> 0]
+        environment_rate: Learning rate of the environment (softplus parameters). [> 0]
+        factor_rate: Learning rate of the common factor of base colour and light (logarithm); 0 = left to the texels. [>= 0]
+        rate_decay: Last learning rate over the first; exponential in between. [> 0, <= 1]
+        rates_for: Length the rates suit: a longer fit takes them times the root of this over its own length, the factor's times this over it; 0: as they are. [iterations, >= 0]
+        log_weight: lambda_log of eq. 21. [>= 0]
+        ssim_weight: lambda_ssim of eq. 21, for (1 - SSIM) / 2 as in Stage I; 0 leaves it out. [>= 0]
+        material_weight: lambda_mat: screen-space total variation of the maps. [>= 0]
+        variation: Total variation of base colour itself (eq. 23) or of its logarithm, which has no say in how bright the light is: smoothing linear base colour darkens it, and the light makes up for that.
+        gloss_weight: How much the variation of roughness and metallic counts against that of base colour. [>= 0]
+        environment_weight: lambda_env: total variation of the environment. [>= 0]
+        above_weight: Weight of the square of how much lower the light stands than that of skies and rooms, in deviations. [>= 0]
+        level_weight: Weight of the square of how much brighter than usual base colours are on the whole, in deviations; the common factor alone follows it (not at factor_rate 0). [>= 0]
+        chroma_weight: lambda_chroma at the start; falls linearly to 0. [>= 0]
+        indirect_weight: Target of lambda_ind, the weight of interreflection. [>= 0]
+        indirect_ramp: Iterations until lambda_ind is reached. [iterations, >= 0]
+        metal_weight: Weight of mean m (1 - m) over texels of metallic m: a surface is metal or none. From 0 in the second half of the steps, when the light is found, to all of it. [>= 0]
+        metal_variation: How many times material_weight counts in a fit with a metallic map, whose texels have one thing more to decide. [>= 0]
+        palette_width: Width, in the logarithm of base colour, within which colours are drawn to the paint that they gather about (mean shift): up to three times on the way, after which the light moves alone for a while, to explain what was shade and no paint; colours of metal within three times that; 0: each texel for itself. [>= 0, <= 1]
+        corrections: How often rays re-measure the specular term; 0 = never. [>= 0, <= 100]
+        correction_samples: Rays of a pixel each time, those of its neighbours counted as far as they tell. [rays, >= 1, <= 1024]
+        min_coverage: Mask alpha from which a pixel takes part. [> 0, <= 1]
+        roughness_min: Lower end of the roughness map. [>= 0.03, < 0.5]
+        keep_light: Keep the environment of `start`, a known light, and fit the maps alone.
+        exposure: Fit one gain per view, for photographs of varying exposure.
+        memory_gib: Memory that the views' buffers may take, the others are made anew at each visit; auto: half of what is free, 4 at least. [GiB]
+        iterations: Adam steps of one training view each; 0: the asset stays as it is. [>= 0]
         """
 class _Stage3(Family):
     def refine(self, name: str = "", *, asset: Wire[Asset] | Node, views: Wire[Views] | Node, transport: Wire[Transport] | Node, smoothness: Plug[Smoothness] | Smoothness | Node | None = None, region: Wire[Mesh] | Node | None = None, iterations: int | Parameter = 300, vertex_lr: float | Parameter = 0.008, vertex_decay: float | Parameter = 0.18, texture_lr: float | Parameter = 0.0027, texture_decay: float | Parameter = 0.37, ssim_weight: float | Parameter = 0.2, silhouette_weight: float | Parameter = 5.0, gains: bool | Parameter = False, evidence: float | Parameter = 0.0, lobe_samples: int | Parameter = 16, memory_gib: float | Parameter = 4.0, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> AssetHistoryNode:

@@ -76,7 +76,7 @@ def test_says_how_long_before_anything_runs(data, tmp_path, monkeypatch):
 def test_what_scenes_took_before_is_what_is_expected(tmp_path, monkeypatch):
     """In this order: the scene itself, others of the same graph, others of any graph, the machine's speed."""
     work = scores_time.work_of(scores.QUICKSTART, {"views.downscale": 2}, scores.SAMPLE)
-    assert work == scores_time.Work(3000, 800, 2)
+    assert work == scores_time.Work(3000, 1100, 2)
     models = {name: scores_time.modelled(scenes()[name], work) for name in ("padlock", "phone", "still")}
     assert models["padlock"] == models["phone"] < models["still"]
     monkeypatch.setattr(scores_time, "reference", lambda: 3 * scores_time.REFERENCE)

@@ -39,6 +39,7 @@ nodes:
   bounce: {bounces: 1, needs: null}
   pbr: {needs: null, metallic: false, light_first: 0, texture_size: 64, environment_height: 16}
   reshape: {iterations: 2, lobe_samples: 2}
+  retouch: {directions: 32, bounces: 1, needs: null, iterations: 4}
   look: null
   score: {before: null}
   look_pictures: null
