@@ -121,6 +121,7 @@ def _optimise(
             model.settle_factor()
             moved = gather_colors(model.maps, seen, settings.palette_width, METAL_WIDER)
             optimiser.forget()
+            guard.renew()
             if log:
                 log(f"base colours gather about their paints: moved by {100 * moved:.1f} % on the mean")
         if step in refresh:

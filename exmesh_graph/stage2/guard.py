@@ -101,6 +101,11 @@ class Guard:
             ends = f"the image term ends at {self.last:.4g}, at its best it was {self.best:.4g}"
             self._say(f"{ends}: the last good state is kept")
 
+    def renew(self) -> None:
+        """Compare with what comes from here on: the fit was moved away from its best on purpose."""
+        self.total, self.count, self.best = 0.0, 0, math.inf
+        self.good = self._snapshot()
+
     def state(self) -> dict[str, Any]:
         """All that the guard knows, for a checkpoint."""
         plain = {name: getattr(self, name) for name in PLAIN}

@@ -233,3 +233,22 @@ def test_the_memory_budget_does_not_change_a_byte(carrier, train_views, transpor
     assert same == curves
     for name in ("base_color", "roughness", "environment", "seen"):
         assert getattr(small, name).tobytes() == getattr(whole, name).tobytes(), name
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("renewed", [True, False])
+def test_colours_that_gather_are_no_running_away(monkeypatch, carrier, train_views, transport, renewed):
+    """They raise the image term on purpose, in a fit that was near its end by far."""
+    settings = SETTINGS.replaced(iterations=200, palette_width=0.1, corrections=0, material_rate=0.1)
+    before, _ = fit(carrier, train_views, transport, settings.replaced(palette_width=0))
+
+    def moved_far(maps, *_):
+        maps.parameter.data[:, :3] += 2
+        return 1.0
+
+    monkeypatch.setattr(fitting, "gather_colors", moved_far)
+    if not renewed:
+        monkeypatch.setattr(Guard, "renew", lambda guard: None)
+    said = []
+    fit(carrier, train_views, transport, settings, start=before, warn=said.append)
+    assert bool(said) != renewed
