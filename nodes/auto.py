@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
@@ -14,13 +13,9 @@ from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 from exmesh_graph.types.pictures import kept_in
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from exmesh_graph.geometry.carve import Carving
-    from exmesh_graph.geometry.hull import Grid, SilhouetteField
+    from exmesh_graph.evaluate.surfaces import Kept, Solid
+    from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.geometry.openings import Opening
-
-    _Solid = Callable[[int], tuple[np.ndarray, Grid]]  # its field by resolution
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
@@ -101,7 +96,9 @@ def auto(
     from exmesh_nodes import init
 
     from exmesh_graph.errors import DataError
+    from exmesh_graph.evaluate.surfaces import carved_solid
     from exmesh_graph.geometry.carve import carving
+    from exmesh_graph.geometry.closed import hull_surface, solid_surface
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction
     from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.geometry.openings import opened
@@ -134,7 +131,10 @@ def auto(
     solid = _hull_solid(field) if field else None
     shown, vessel = views, None  # the photographs that foretell one another; what was said on openings
     if method == "hull":
-        mesh = init.hull_of(ctx, field, outline) if field else init.visual_hull(ctx, views, p=outline).mesh
+        if field is None:
+            mesh = init.visual_hull(ctx, views, p=outline).mesh
+        else:
+            mesh = Mesh(*hull_surface(field, outline, ctx.node))
     elif method == "sphere":
         mesh = init.sphere(ctx, p=init.SphereParams(faces=p.faces)).mesh
     else:
@@ -147,12 +147,13 @@ def auto(
             mesh, row = _standing(ctx, views, maps[str(method)], mesh, p)
             rows.append(row)
         elif judged:
-            mesh, solid, shown, vessel, said = _judged(ctx, views, field, maps, factor, p)
-            rows += said
+            kept, shown, vessel, said = _judged(ctx, views, field, maps, factor, p)
+            mesh, solid, rows = kept.mesh, kept.solid, rows + said
         else:
             found = carving(field, views, maps[str(method)], _carving(str(method), p))
             values = regained(found.field(), found, views)
-            mesh, solid = init.solid(ctx, values, found.grid), _carved_solid(values, found.grid, p)
+            mesh = Mesh(*solid_surface(values, found.grid, 0, ctx.node))
+            solid = carved_solid(values, found.grid, p.resolution)
     if solid and p.openings and len(views) >= ENOUGH_VIEWS:
         if vessel is None:
             mouths, vessel = _mouths(ctx, shown, solid, p)
@@ -257,104 +258,50 @@ def _carving(method: str, p: AutoParams) -> Any:
     )
 
 
-def _hull_solid(field: SilhouetteField) -> _Solid:
+def _hull_solid(field: SilhouetteField) -> Solid:
     from exmesh_graph.geometry.hull import hull_field
 
     return lambda resolution: hull_field(field, resolution=resolution)
 
 
-def _carved_solid(values: np.ndarray, grid: Grid, p: AutoParams) -> _Solid:
-    from exmesh_graph.geometry.hull import resampled
-
-    return lambda resolution: (values, grid) if resolution == p.resolution else resampled(values, grid, resolution)
-
-
 def _judged(
     ctx: Context, views: Views, field: SilhouetteField, maps: dict[str, DepthMaps], factor: int, p: AutoParams
-) -> tuple[Mesh, _Solid, Views, dict[str, Any] | None, list[dict[str, Any]]]:
+) -> tuple[Kept, Views, dict[str, Any] | None, list[dict[str, Any]]]:
     """What photographs foretell one another best over: the hull, opened where it is a vessel's, or what depth maps let
     them take away of it.
 
-    Returns that surface, its solid, the photographs in one exposure, what was said on openings if that is the last word
-    on them, and the rows of the decisions.
+    Returns that surface, the photographs in one exposure, what was said on openings if that is the last word on them,
+    and the rows of the decisions.
     """
-    from exmesh_nodes import init
-
-    from exmesh_graph.evaluate.metrics.removable import removable
-    from exmesh_graph.evaluate.metrics.rephotography import Foretold, gain
+    from exmesh_graph.evaluate.surfaces import Kept, kept_surface
     from exmesh_graph.geometry.carve import carving
-    from exmesh_graph.geometry.coarse_start import BENT, ROUGH, SURFACES, better, bolder, surface_row, uncarved_row
-    from exmesh_graph.geometry.openings import apart, opened
+    from exmesh_graph.geometry.closed import hull_surface, solid_surface
+    from exmesh_graph.geometry.openings import opened
     from exmesh_graph.gpu.torch_setup import sharing
-    from exmesh_graph.io.train_size import reduced
 
+    outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     with sharing(p.threads):
         carvings = {name: carving(field, views, seen, _carving(name, p)) for name, seen in maps.items()}
         last = list(carvings.values())[-1]
-        shown = _steady(ctx, views, init.solid(ctx, last.field(), last.grid), p)
-    best, solid = "hull", _hull_solid(field)
-    mouths: list[Opening] = []
+        shown = _steady(ctx, views, Mesh(*solid_surface(last.field(), last.grid, 0, ctx.node)), p)
+    hull = Kept("hull", Mesh(*hull_surface(field, outline, ctx.node)), _hull_solid(field))
     vessel = None
-    mesh = init.hull_of(ctx, field, HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks))
     if p.openings:  # first: a mouth that an outline hides must not decide for a carved surface, pits and all
-        mouths, vessel = _mouths(ctx, shown, solid, p)
-        mesh = Mesh(*opened(*solid(p.resolution), mouths)) if mouths else mesh
-    rows = []
+        mouths, vessel = _mouths(ctx, shown, hull.solid, p)
+        if mouths:
+            hull = hull._replace(mesh=Mesh(*opened(*hull.solid(p.resolution), mouths)), mouths=mouths)
     with sharing(p.threads):
-        foretold = Foretold(reduced(shown, factor))
-        kept = foretold.scores((mesh.vertices, mesh.faces))
-        for name, one in carvings.items():
-            allowed = removable(one, shown, maps[name])
-            ways: list[tuple[list[Opening], list[np.ndarray], float]] = [([], allowed, ROUGH if mouths else BENT)]
-            if mouths:  # in them two lengths mostly find more than stereo does: beside them, too
-                ways.append((mouths, [apart(let, one.grid, mouths) for let in allowed], BENT))
-            tried = []
-            for open_at, lets, least in ways:
-                made = [
-                    (other, values, foretold.scores((other.vertices, other.faces)))
-                    for let in lets
-                    if let.any()
-                    for other, values in [_less(ctx, views, one, let, open_at)]
-                ]
-                if made:
-                    careful, *others = made
-                    bold = [
-                        one
-                        for one in others
-                        if bolder(*(gain(*parts) for parts in zip(careful[2], one[2], strict=True)))
-                    ]
-                    chosen = max(bold, key=lambda one: one[2].picture.mean(), default=careful)
-                    by, detail = (gain(*parts) for parts in zip(kept, chosen[2], strict=True))
-                    tried.append((better(by, detail, least), by[0] - by[1], by, detail, least, *chosen))
-            row = uncarved_row(SURFACES[name], best)
-            if tried:
-                *_, by, detail, least, other, values, scores = max(tried, key=lambda one: one[:2])
-                row = surface_row(by, detail, SURFACES[name], best, least)
-            rows.append(row)
-            ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
-            if row["value"] == SURFACES[name]:
-                best, mesh, kept = SURFACES[name], other, scores
-                mouths = mouths if least == BENT else []
-                vessel = vessel if mouths else None  # what was carved may be a vessel as well
-                solid = _carved_solid(values, one.grid, p)
-    return mesh, solid, shown, vessel, rows
+        kept, rows = kept_surface(
+            hull, carvings, maps, views, shown, factor, resolution=p.resolution, where=ctx.node
+        )  # fmt: skip
+    for row in rows:
+        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+    if kept.name != "hull" and not kept.mouths:
+        vessel = None  # what was carved may be a vessel as well
+    return kept, shown, vessel, rows
 
 
-def _less(
-    ctx: Context, views: Views, carving: Carving, let: np.ndarray, mouths: list[Opening]
-) -> tuple[Mesh, np.ndarray]:
-    """(the hull less what is `let` go [I, J, K] of what depth maps carve, and its mouths; its field without these)."""
-    from exmesh_nodes import init
-
-    from exmesh_graph.geometry.openings import opened
-    from exmesh_graph.masks.regained import regained
-
-    values = regained(carving.field(carving.taken & ~let), carving, views)
-    mesh = Mesh(*opened(values, carving.grid, mouths)) if mouths else init.solid(ctx, values, carving.grid)
-    return mesh, values
-
-
-def _mouths(ctx: Context, views: Views, solid: _Solid, p: AutoParams) -> tuple[list[Opening], dict[str, Any]]:
+def _mouths(ctx: Context, views: Views, solid: Solid, p: AutoParams) -> tuple[list[Opening], dict[str, Any]]:
     """(what photographs find open in a solid; a row)."""
     from exmesh_graph.evaluate.metrics.opened import openings
     from exmesh_graph.geometry.coarse_start import openings_row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from exmesh_graph.geometry.settings import CleanSettings, HullSettings, TsdfSettings
 from exmesh_graph.gpu.settings import ON_DEVICE, DeviceSettings
@@ -12,11 +12,6 @@ from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.stage1.settings import PhotometricSettings
 from exmesh_graph.types import DepthMaps, Frame, Mesh, Views
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from exmesh_graph.geometry.hull import Grid, SilhouetteField
 
 MaskedTrain = Annotated[Views, facets(split="train", masks=True)]
 Train = Annotated[Views, facets(split="train")]
@@ -44,21 +39,10 @@ class ManifoldMeshOut(NamedTuple):
 @node("init.visual_hull", version="1", libraries=("scipy", "scikit-image", "torch", "warp-lang"))
 def visual_hull(ctx: Context, views: MaskedTrain, *, p: HullSettings) -> ClosedMeshOut:
     """The largest closed shape that agrees with the masks."""
+    from exmesh_graph.geometry.closed import hull_surface
     from exmesh_graph.geometry.hull import SilhouetteField
 
-    return ClosedMeshOut(hull_of(ctx, SilhouetteField.of_views(views, p.wrong_masks), p))
-
-
-def hull_of(ctx: Context, field: SilhouetteField, p: HullSettings) -> Mesh:
-    """The hull of a field that is there already."""
-    from exmesh_graph.geometry.clean import taubin
-    from exmesh_graph.geometry.hull import visual_hull as hull
-    from exmesh_graph.geometry.soundness import require_sound
-
-    vertices, faces = hull(field, resolution=p.resolution)
-    vertices = taubin(vertices, faces, p.smooth)
-    require_sound(vertices, faces, closed=True, where=ctx.node)
-    return Mesh(vertices, faces)
+    return ClosedMeshOut(Mesh(*hull_surface(SilhouetteField.of_views(views, p.wrong_masks), p, ctx.node)))
 
 
 class SphereParams(Params):
@@ -107,6 +91,7 @@ def fused(ctx: Context, views: Views, depths: DepthMaps, p: TsdfParams) -> Mesh:
         ctx.log(f"{int((depths.depth > 0).sum()) / max(before, 1):.0%} of the depths pass the filters")
     if p.solid:
         from exmesh_graph.geometry.carve import carving
+        from exmesh_graph.geometry.closed import solid_surface
         from exmesh_graph.geometry.hull import SilhouetteField
         from exmesh_graph.masks.regained import regained
 
@@ -115,25 +100,10 @@ def fused(ctx: Context, views: Views, depths: DepthMaps, p: TsdfParams) -> Mesh:
                 "solid needs a mask for every view", where=ctx.node, fix="set solid: false, then init.clean close_holes"
             )
         found = carving(SilhouetteField.of_views(views, p.wrong_masks), views, depths, p)
-        return solid(ctx, regained(found.field(), found, views), found.grid, p.parts)
+        return Mesh(*solid_surface(regained(found.field(), found, views), found.grid, p.parts, ctx.node))
     from exmesh_graph.geometry.tsdf import fuse
 
     return Mesh(*largest_components(*fuse(views, depths, p), p.parts))
-
-
-def solid(ctx: Context, values: np.ndarray, grid: Grid, parts: int = 0) -> Mesh:
-    """The closed surface of a field [I, J, K], positive inside; `parts` of it, largest area first, 0: all."""
-    from exmesh_graph.geometry.adjacency import without_unused
-    from exmesh_graph.geometry.clean import largest_components, without_pillows
-    from exmesh_graph.geometry.hull import surface
-    from exmesh_graph.geometry.repair import make_manifold
-    from exmesh_graph.geometry.soundness import require_sound
-
-    vertices, faces = largest_components(*surface(values, grid), parts)
-    # where a carved field is 0 at corners of its grid the surface touches itself
-    vertices, faces = make_manifold(*without_unused(vertices, without_pillows(faces)))
-    require_sound(vertices, faces, closed=True, where=ctx.node)
-    return Mesh(vertices, faces)
 
 
 @node("init.clean", version="1", libraries=("scipy", "pymeshlab", "open3d"))
