@@ -178,7 +178,8 @@ class RetouchSettings(FitSettings):
 
     def of(self, asset: Asset) -> DecompositionSettings:
         """The fit of these settings that models what the asset has, in maps and a sky of its sizes."""
-        shared = {name: getattr(self, name) for name in FitSettings.model_fields}
+        names = FitSettings.model_fields  # not in the key: which are shared
+        shared = {name: getattr(self, name) for name in names}
         return DecompositionSettings(
             **shared, iterations=self.iterations, texture_size=len(asset.base_color),
             environment_height=len(asset.environment), metallic=asset.metallic is not None,
