@@ -98,22 +98,9 @@ def fit(
     `start` is stage2.init's asset, which unwired stands for its defaults, or that of an earlier fit to go on from;
     `prior` settles what the pictures leave open, when the fit has ended.
     """
-    from exmesh_graph.gpu.torch_setup import computing
-    from exmesh_graph.resources import memory_in_use
-    from exmesh_graph.stage2.fit import fit as run
-    from exmesh_graph.stage2.memory import plan_memory
-
     settings = with_decisions(p, needs)
     light = transport if isinstance(transport, Transport) else with_decisions(transport, needs)
-    traced = light if isinstance(light, Transport) else None
-    ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
-    with computing(p) as device:
-        asset, curves = run(
-            carrier, views, light, settings, start=start, prior=prior, device=str(device), warn=ctx.warn, log=ctx.log,
-            **loop_of(ctx),
-        )  # fmt: skip
-    # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
-    return FitOut(asset, Metrics({"curves": curves}))
+    return _fitted(ctx, carrier, views, light, settings, start, prior, p)
 
 
 class RetouchParams(RetouchSettings, TransportSettings, BounceSettings, DeviceSettings):
@@ -142,18 +129,32 @@ def retouch(
     the `bounces` that `needs` of scene.probe decides where they are `auto`. The asset keeps its maps and their sizes:
     what it has no map of is not modelled. With `iterations: 0` it stays as it is.
     """
-    from exmesh_graph.gpu.torch_setup import computing
     from exmesh_graph.shading.transport import direct_transport, with_bounces
-    from exmesh_graph.stage2.fit import fit as run
 
     if p.iterations == 0:
         return FitOut(asset, Metrics({}))
     light = direct_transport(asset.vertices, asset.faces, p)
     if bounces := decided(p.bounces, needs, "bounces"):
         light = with_bounces(light, bounces, p.secondary_material, p.deeper)
-    with computing(p) as device:
-        new, curves = run(
-            asset, views, light, p.of(asset), start=asset, prior=prior, device=str(device), warn=ctx.warn, log=ctx.log,
+    return _fitted(ctx, asset, views, light, p.of(asset), asset, prior, p)
+
+
+def _fitted(
+    ctx: Context, carrier: Carrier, views: Views, light: Transport | MonteCarlo, settings: DecompositionSettings,
+    start: Asset | None, prior: MaterialPrior | None, on: DeviceSettings,
+) -> FitOut:  # fmt: skip
+    """The fit on the device and cores of `on`, its memory announced."""
+    from exmesh_graph.gpu.torch_setup import computing
+    from exmesh_graph.resources import memory_in_use
+    from exmesh_graph.stage2.fit import fit as run
+    from exmesh_graph.stage2.memory import plan_memory
+
+    traced = light if isinstance(light, Transport) else None
+    ctx.log(str(plan_memory(carrier, views, traced, settings, memory_in_use())))
+    with computing(on) as device:
+        asset, curves = run(
+            carrier, views, light, settings, start=start, prior=prior, device=str(device), warn=ctx.warn, log=ctx.log,
             **loop_of(ctx),
         )  # fmt: skip
-    return FitOut(new, Metrics({"curves": curves}))
+    # the plan depends on the process and on a tuning knob: it must not be in what the store keeps
+    return FitOut(asset, Metrics({"curves": curves}))
