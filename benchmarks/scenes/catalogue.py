@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.scenes.kinds import Recipe
-from benchmarks.scenes.objects import crowd, harbour, mixed, panel, plain, served, tables, thin, toys, walls
+from benchmarks.scenes.objects import crowd, garden, harbour, mixed, panel, plain, served, tables, thin, toys, walls
 
 RECIPES: dict[str, Recipe] = (
     thin.SCENES
@@ -16,4 +16,5 @@ RECIPES: dict[str, Recipe] = (
     | crowd.SCENES
     | served.SCENES
     | harbour.SCENES
+    | garden.SCENES
 )

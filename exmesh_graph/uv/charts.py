@@ -15,12 +15,9 @@ import numpy as np
 
 from exmesh_graph.geometry.adjacency import area_vectors, edge_lengths
 from exmesh_graph.types.edges import Edges
+from exmesh_graph.uv.patches import small_patches, smooth_normals
 
-_PATCHES = 1500
-_LLOYD = 2  # times that seeds move to the middle of their patch
-_CREASE = 4.0  # how much farther it is across a right angle, for growing patches
 _COMPACT = 0.005 / (4.0 * np.pi)  # worth of a short outline, against flatness
-_SMOOTHING = 6  # rounds: single normals of a noisy surface say nothing
 
 
 @dataclass
@@ -70,9 +67,9 @@ def partition(points: np.ndarray, faces: np.ndarray, edges: Edges, bend: float) 
     vectors = area_vectors(points, faces)
     area = 0.5 * np.linalg.norm(vectors, axis=1)
     here, there = (edges.halfedges[edges.interior] // 3).T
-    normals = _smooth_normals(vectors, here, there)
+    normals = smooth_normals(vectors, here, there)
     centres = points[faces].mean(axis=1)
-    patch = _patches(centres, normals, area, here, there)
+    patch = small_patches(centres, normals, area, here, there, bend)
 
     length = edge_lengths(points, edges)[edges.interior]
     cut = patch[here] != patch[there]
@@ -86,63 +83,57 @@ def partition(points: np.ndarray, faces: np.ndarray, edges: Edges, bend: float) 
     return _merge(patch, borders, total.tolist(), sums.tolist(), rim.tolist(), bend)
 
 
-def _smooth_normals(vectors: np.ndarray, here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Unit normals [F, 3], each a mean over the faces around.
+class Rejoin:
+    """Charts that were taken apart to be laid flat, joined again where their union can be laid flat too: pairs with the
+    longest common border first, at a time as many as do not meet. `wish` names unions, `done` is told which failed."""
 
-    Means over faces of a similar direction only would keep creases to the face, but fail on a rough surface: 117 charts
-    in place of 14 on a sphere of 5 120 faces with noise of 0.3 edge lengths.
-    """
-    from scipy.sparse import csr_matrix
+    def __init__(self, points: np.ndarray, faces: np.ndarray, edges: Edges, bend: float, chart: np.ndarray) -> None:
+        """chart  int64 [F], the chart of every face"""
+        self.bend, self.chart = bend, chart.copy()
+        vectors = area_vectors(points, faces)
+        self.area = 0.5 * np.linalg.norm(vectors, axis=1)
+        self.here, self.there = (edges.halfedges[edges.interior] // 3).T
+        self.normals = smooth_normals(vectors, self.here, self.there)
+        self.length, self.ends = edge_lengths(points, edges)[edges.interior], edges.vertices[edges.interior]
+        self.tried: set[tuple[int, int]] = set()
+        self.pairs: list[tuple[int, int]] = []
 
-    n = len(vectors)
-    pairs = (np.concatenate([here, there]), np.concatenate([there, here]))
-    beside = csr_matrix((np.full(2 * len(here), 1.0 / 6.0), pairs), shape=(n, n))
-    for _ in range(_SMOOTHING):
-        vectors = 0.5 * vectors + beside @ vectors
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1.0)
+    def wish(self) -> np.ndarray | None:
+        """int64 [F], the union that each face would be of, -1 in none; None when there is nothing left to try."""
+        one, two = self.chart[self.here], self.chart[self.there]
+        cut = one != two
+        borders = _borders(one[cut], two[cut], self.length[cut], self.ends[cut])
+        count = int(self.chart.max()) + 1
+        area = np.bincount(self.chart, self.area, count)
+        sums = np.stack([np.bincount(self.chart, self.area * self.normals[:, k], count) for k in range(3)], axis=1)
+        rim = [sum(border.length for border in around.values()) for around in borders]
+        found = []
+        for i, around in enumerate(borders):
+            for j, border in around.items():
+                if i < j and border.one_line and (i, j) not in self.tried:
+                    joint = float(area[i] + area[j])
+                    if _waste(joint, (sums[i] + sums[j]).tolist()) <= self.bend * joint:
+                        found.append((-border.length / max(min(rim[i], rim[j]), 1e-300), i, j))
+        taken: set[int] = set()
+        self.pairs = []
+        for _, i, j in sorted(found):
+            if i not in taken and j not in taken:
+                taken |= {i, j}
+                self.pairs.append((i, j))
+        if not self.pairs:
+            return None
+        self.tried |= set(self.pairs)
+        union = np.full(count, -1, np.int64)
+        for k, pair in enumerate(self.pairs):
+            union[list(pair)] = k
+        return union[self.chart]
 
-
-def _patches(
-    centres: np.ndarray, normals: np.ndarray, area: np.ndarray, here: np.ndarray, there: np.ndarray
-) -> np.ndarray:
-    """int64 [F]: about `_PATCHES` connected patches, each the faces nearest to its seed along the surface."""
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import connected_components, dijkstra
-
-    n = len(centres)
-    turn = 1.0 - np.einsum("ij,ij->i", normals[here], normals[there])
-    step = (np.linalg.norm(centres[here] - centres[there], axis=1) + 1e-9) * (1.0 + _CREASE * turn)
-    graph = csr_matrix(
-        (np.concatenate([step, step]), (np.concatenate([here, there]), np.concatenate([there, here]))), shape=(n, n)
-    )
-    order = np.argsort(_morton(centres), kind="stable")
-    every = max(1, n // _PATCHES)
-    # one seed for each piece of the mesh, however small it is
-    _, piece = connected_components(graph, directed=False)
-    firsts = order[np.unique(piece[order], return_index=True)[1]]
-    seeds = np.union1d(order[every // 2 :: every], firsts)
-    for turn_left in range(_LLOYD, -1, -1):
-        source = dijkstra(graph, indices=seeds, min_only=True, return_predecessors=True)[2]
-        patch = np.searchsorted(seeds, source)
-        if turn_left:
-            share = np.bincount(patch, area) + 1e-300
-            middle = np.stack([np.bincount(patch, area * centres[:, k]) for k in range(3)], axis=1) / share[:, None]
-            away = np.linalg.norm(centres - middle[patch], axis=1)
-            nearest = np.lexsort((away, patch))
-            seeds = np.sort(nearest[np.r_[True, np.diff(patch[nearest]) > 0]])
-    return patch
-
-
-def _morton(points: np.ndarray) -> np.ndarray:
-    """Position along a curve that fills the points' box: neighbours on it are neighbours in space."""
-    extent = np.ptp(points, axis=0).max()
-    cell = ((points - points.min(axis=0)) / (extent if extent > 0 else 1.0) * 1023.0).astype(np.int64)
-    code = np.zeros(len(points), np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return code
+    def done(self, failed: np.ndarray) -> None:
+        """The unions of the last wish are charts now, but for those at the places `failed`."""
+        new = np.arange(int(self.chart.max()) + 1)
+        for k in np.setdiff1d(np.arange(len(self.pairs)), failed).tolist():
+            new[list(self.pairs[k])] = len(new) + k
+        self.chart = new[self.chart]
 
 
 class _Border:

@@ -10,7 +10,7 @@ import numpy as np
 
 from exmesh_graph.geometry.adjacency import area_vectors, components, corner_fans, face_areas
 from exmesh_graph.types.edges import Edges, edges_of
-from exmesh_graph.uv.charts import partition
+from exmesh_graph.uv.charts import Rejoin, partition
 from exmesh_graph.uv.flatten import flat_corners, flatten, stretches
 from exmesh_graph.uv.marks import shelves, winding
 
@@ -34,30 +34,47 @@ def lay_out(points: np.ndarray, faces: np.ndarray, bend: float) -> tuple[np.ndar
     edges = edges_of(faces)
     parts = partition(points, faces, edges, bend)
     centres = points[faces].mean(axis=1)
-    corners = np.full(faces.shape, -1, np.int64)
-    done: list[np.ndarray] = []
-    count = 0
+    sheet = _Sheet(points, faces, edges)
     while parts.roots:
-        region = parts.regions()
+        bad = sheet.put(parts.regions(), parts.patch)
+        parts.roots = [half for k in bad for half in parts.halves(parts.roots[k], centres)]
+    chart = components(sheet.corners)
+    again = Rejoin(points, faces, edges, bend, chart)
+    while (wish := again.wish()) is not None:
+        again.done(sheet.put(wish, chart))
+    used, corners = np.unique(sheet.corners, return_inverse=True)
+    flat = np.concatenate(sheet.flat)[used]
+    return np.stack([flat.real, flat.imag], axis=1), corners.reshape(-1, 3)
+
+
+class _Sheet:
+    """Charts that have been laid flat: corners int64 [F, 3] into the joint parts of `flat`, complex."""
+
+    def __init__(self, points: np.ndarray, faces: np.ndarray, edges: Edges) -> None:
+        self.points, self.faces, self.edges = points, faces, edges
+        self.corners = np.full(faces.shape, -1, np.int64)
+        self.flat: list[np.ndarray] = []
+        self.count, self.area = 0, float(face_areas(points, faces).sum())
+
+    def put(self, region: np.ndarray, patch: np.ndarray) -> np.ndarray:
+        """Lay the regions (int64 [F], -1: not asked for) flat; those that cannot be are returned and stay as they were.
+
+        patch  int64 [F], parts of regions within which texels should not vary
+        """
         here = np.flatnonzero(region >= 0)
-        own = edges if len(here) == len(faces) else edges_of(faces[here])
-        fans, vertex, chart = _cut_open(faces[here], own, region[here])
+        faces, region = self.faces[here], region[here]
+        fans, vertex, chart = _cut_open(faces, self.edges if len(here) == len(self.faces) else edges_of(faces), region)
         disc = _are_discs(fans, chart)
-        flat = np.zeros(len(vertex), np.complex128)
-        flat_ok = np.zeros(len(disc), bool)
+        flat, ok = np.zeros(len(vertex), np.complex128), np.zeros(len(disc), bool)
         if disc.any():
-            use = disc[chart]
-            flat, flat_ok = _flatten(points, fans, vertex, chart, use, parts.patch[here])
-        bad = np.zeros(len(parts.roots), bool)
-        bad[region[here][~flat_ok[chart]]] = True
-        good = ~bad[region[here]]
+            flat, ok = _flatten(self.points, fans, vertex, chart, disc[chart], patch[here], self.area)
+        bad = np.unique(region[~ok[chart]])
+        good = ~np.isin(region, bad)
         used, index = np.unique(fans[good], return_inverse=True)
-        corners[here[good]] = index.reshape(-1, 3) + count
-        done.append(flat[used])
-        count += len(used)
-        parts.roots = [half for k in np.flatnonzero(bad) for half in parts.halves(parts.roots[k], centres)]
-    whole = np.concatenate(done)
-    return np.stack([whole.real, whole.imag], axis=1), corners
+        self.corners[here[good]] = index.reshape(-1, 3) + self.count
+        self.flat.append(flat[used])
+        self.count += len(used)
+        return bad
 
 
 def _cut_open(faces: np.ndarray, edges: Edges, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -80,7 +97,13 @@ def _are_discs(fans: np.ndarray, chart: np.ndarray) -> np.ndarray:
 
 
 def _flatten(
-    points: np.ndarray, fans: np.ndarray, vertex: np.ndarray, chart: np.ndarray, use: np.ndarray, patch: np.ndarray
+    points: np.ndarray,
+    fans: np.ndarray,
+    vertex: np.ndarray,
+    chart: np.ndarray,
+    use: np.ndarray,
+    patch: np.ndarray,
+    whole: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(layout complex [chart vertices], bool [charts]: fit to be used) of the charts of the faces `use`."""
     n = int(chart.max()) + 1
@@ -98,7 +121,7 @@ def _flatten(
     size = np.bincount(owner, minlength=n)
     ok = np.bincount(owner, folded, n) <= np.where(size > 20, np.maximum(_FOLDED * size, 1), 0)
     ok &= _unevenness(area, area * np.maximum(low * high, 0.0), patch[use], owner, n) <= _STRETCHED
-    ok &= _overlaps(place, faces, owner, n, area.sum()) <= _OVERLAP
+    ok &= _overlaps(place, faces, owner, n, whole) <= _OVERLAP
     ok |= size == 1
     ok[np.setdiff1d(np.arange(n), owner)] = False
     flat = np.zeros(len(vertex), np.complex128)

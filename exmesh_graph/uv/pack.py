@@ -25,6 +25,10 @@ _ORDERS = (4, 16, 150)  # tried at one scale: least, most, and that for one char
 _MIX = 0.3  # standard deviation of a size's logarithm in such an order
 
 
+class NoRoomError(GeometryError):
+    """Even tiny charts do not fit, with the space between them."""
+
+
 class _Packed(NamedTuple):
     scale: float
     items: Items
@@ -37,7 +41,7 @@ def pack(flat: np.ndarray, corners: np.ndarray, texture_size: int, padding: int)
 
     flat     float [T, 2], coordinates of flat charts in one common unit, orientation positive
     corners  int [F, 3], indices into `flat`; charts are its edge-connected components and share no index
-    Returns float64 [T, 2] in [0, 1]. Raises GeometryError when even tiny charts do not fit.
+    Returns float64 [T, 2] in [0, 1]. Raises NoRoomError when even tiny charts do not fit.
     """
     chart = components(corners)
     owner = np.full(len(flat), -1, np.int64)
@@ -76,7 +80,7 @@ def pack(flat: np.ndarray, corners: np.ndarray, texture_size: int, padding: int)
     while (best := attempt(largest * _STEP**good)) is None and good < _STEPS:
         good, bad = min(2 * good - low + 1, _STEPS), good
     if best is None:
-        raise GeometryError(
+        raise NoRoomError(
             f"the charts and their padding do not fit into {texture_size} x {texture_size} texels",
             expected=f"room for {int(chart.max()) + 1} charts with {padding} texels between them",
             fix="raise texture_size, lower padding, or clean and smooth the mesh so that it has fewer charts",

@@ -20,7 +20,7 @@ from exmesh_graph.types import Stage1State
 from exmesh_graph.uv.cut import Sheets, cut_open, defects
 from exmesh_graph.uv.layout import lay_out
 from exmesh_graph.uv.mend import adopt, mend
-from exmesh_graph.uv.pack import pack
+from exmesh_graph.uv.pack import NoRoomError, pack
 from exmesh_graph.uv.settings import AtlasSettings, DiscSettings, XatlasSettings
 from exmesh_graph.uv.transfer import transfer_texture
 
@@ -64,13 +64,16 @@ def unwrap_at(
     """(uvs, uv_faces) as `unwrap`, and the side of an atlas whose texels span about `texel`, in world units.
 
     A multiple of 64, 64 to 8192. Many small charts spend most of an atlas on the space between them: it is packed again
-    for the side that this one tells, at most twice that of charts which cover `_COVERED` of it.
+    for the side that this one tells, at most twice that of charts which cover `_COVERED` of it. Where they do not fit
+    at all the side is doubled until they do. Raises as `unwrap`, NoRoomError where 8192 texels are too few.
     """
     settings = settings or DiscSettings()
     charts = _charts(vertices, faces, settings, warn)
     wanted = float(face_areas(vertices, faces).sum()) / texel**2  # texels of charts
     side = _side(wanted / _COVERED)
-    uvs, uv_faces = _packed(charts, side, settings.padding)
+    while (packed := _packed_if(charts, side, settings.padding)) is None:
+        side *= 2
+    uvs, uv_faces = packed
     there = max(float(np.abs(signed_areas_2d(uvs, uv_faces)).sum()) * side**2, 1.0)
     # the space around charts grows with their outlines, as the root of their area
     between = max(_FULL * side**2 - there, 0.0) * math.sqrt(wanted / there)
@@ -162,6 +165,16 @@ def _packed(charts: _Charts, texture_size: int, padding: int) -> tuple[np.ndarra
     whole = _repeat(faces, whole, sheets.twin)
     used, index = np.unique(whole, return_inverse=True)
     return np.clip(uvs[used], 0.0, 1.0).astype(np.float32), index.reshape(whole.shape).astype(np.int32)
+
+
+def _packed_if(charts: _Charts, side: int, padding: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """None where there is no room and a larger side may have it."""
+    try:
+        return _packed(charts, side, padding)
+    except NoRoomError:
+        if 2 * side > _LARGEST:
+            raise
+        return None
 
 
 def _side(texels: float) -> int:

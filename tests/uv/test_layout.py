@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.meshes import grid
-from exmesh_graph.geometry.adjacency import components, face_normals
+from exmesh_graph.geometry.adjacency import components, face_areas, face_normals
 from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.types.edges import edges_of
 from exmesh_graph.uv.charts import partition
@@ -62,6 +62,49 @@ def test_a_rolled_up_sheet_is_laid_out_as_it_was():
     low, high = stretches(shape, faces, flatten(shape, faces, len(points), start, rounds=60))
     assert low.min() > 0.995
     assert high.max() < 1.005
+
+
+def test_thin_parts_are_laid_out_in_few_strips(monkeypatch):
+    """Rods six faces around and thin blades, their vertices a little off, in patches of 27 faces as large meshes have
+    them, which lie all around a rod. Taking failed charts apart alone left 64."""
+    monkeypatch.setattr("exmesh_graph.uv.patches._PATCHES", 200)
+    points, faces = _thin_parts(np.random.default_rng(5))
+    flat, corners = lay_out(points, faces, 0.45)
+    chart = components(corners)
+    assert chart.max() < 36
+    low, _ = stretches(flat_corners(points, faces), corners, flat[:, 0] + 1j * flat[:, 1])
+    assert (low <= 1e-3).mean() < 0.005
+    for k in range(int(chart.max()) + 1):
+        own = edges_of(np.unique(corners[chart == k], return_inverse=True)[1].reshape(-1, 3))
+        euler = len(np.unique(corners[chart == k])) - len(own.vertices) + int((chart == k).sum())
+        assert euler == 1
+    assert (_overlaps(flat[:, 0] + 1j * flat[:, 1], corners, chart, int(chart.max()) + 1, float(len(faces))) <= 2).all()
+
+
+def _thin_parts(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Two rods and two blades side by side, closed; a mean face area of 1."""
+    parts: list[tuple[np.ndarray, np.ndarray]] = []
+    for k in range(4):
+        sides, rings = (6, 60) if k < 2 else (24, 40)
+        angle = 2 * np.pi * np.arange(sides) / sides
+        wide, thick = (1.0, 1.0) if k < 2 else (5.0, 0.15)
+        ring = np.stack([wide * np.cos(angle), thick * np.sin(angle)], axis=1)
+        body = np.concatenate([np.column_stack([ring, np.full(sides, float(h))]) for h in range(rings)])
+        ends = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, rings - 0.5]])
+        a = (np.arange(sides)[None] + sides * np.arange(rings - 1)[:, None]).reshape(-1)
+        b = (np.roll(np.arange(sides), -1)[None] + sides * np.arange(rings - 1)[:, None]).reshape(-1)
+        near, last = np.arange(sides), sides * (rings - 1)
+        faces = np.concatenate([
+            np.stack([a, b, b + sides], 1), np.stack([a, b + sides, a + sides], 1),
+            np.stack([np.full(sides, len(body)), np.roll(near, -1), near], 1),
+            np.stack([np.full(sides, len(body) + 1), near + last, np.roll(near, -1) + last], 1),
+        ])  # fmt: skip
+        points = np.concatenate([body, ends]) + np.array([12.0 * k, 0, 0])
+        parts.append((points + rng.normal(0, 0.1 if k < 2 else 0.02, points.shape), faces))
+    starts = np.cumsum([0] + [len(points) for points, _ in parts[:-1]])
+    points = np.concatenate([points for points, _ in parts])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=True)])
+    return points * np.sqrt(len(faces) / face_areas(points, faces).sum()), faces
 
 
 def test_regions_cover_the_mesh_bend_little_and_can_be_halved_to_single_faces():

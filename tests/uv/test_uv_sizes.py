@@ -10,8 +10,9 @@ from exmesh_graph.geometry.shapes import icosphere
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.testing import state as fresh
 from exmesh_graph.types import Mesh, Views
+from exmesh_graph.uv.pack import NoRoomError
 from exmesh_graph.uv.settings import DiscSettings
-from exmesh_graph.uv.unwrap import shown_texel, unwrap_at
+from exmesh_graph.uv.unwrap import shown_texel, unwrap, unwrap_at
 
 
 def views(focal):
@@ -67,3 +68,20 @@ def test_a_new_atlas_asks_the_photographs_too_and_keeps_its_side_without():
     assert finer.texture.shape[0] in (192, 256)
     fixed = uv.regenerate(FakeContext(), state, views(400), p=uv.RegenerateParams(texture_size=128)).state
     assert fixed.texture.shape == (128, 128, 3)
+
+
+@pytest.mark.thorough
+def test_charts_that_do_not_fit_get_a_larger_atlas_in_place_of_an_error(monkeypatch):
+    """Two hundred specks, whose texels are asked for so coarse that even the space between them has no room."""
+    ball, rng = icosphere(0, 0.02), np.random.default_rng(1)
+    centres = rng.uniform(-1, 1, (200, 3))
+    vertices = np.concatenate([ball[0] + centre for centre in centres]).astype(np.float32)
+    faces = np.concatenate([ball[1] + k * len(ball[0]) for k in range(200)]).astype(np.int32)
+    with pytest.raises(NoRoomError, match="do not fit into 64 x 64"):
+        unwrap(vertices, faces, 64)
+    uvs, uv_faces, side = unwrap_at(vertices, faces, 0.02)
+    assert side in (128, 256)
+    assert (signed_areas_2d(uvs, uv_faces) > 0).all()
+    monkeypatch.setattr("exmesh_graph.uv.unwrap._LARGEST", 64)
+    with pytest.raises(NoRoomError, match="do not fit into 64 x 64"):
+        unwrap_at(vertices, faces, 0.02)
