@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.geometry.hull import SilhouetteField, reduced_mask, visual_hull
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.ground import Table
-from exmesh_graph.masks.outlines import masks_of_surface
+from exmesh_graph.masks.grown import maybe_shown
+from exmesh_graph.masks.outlines import looked_at, masks_of_surface, table_chance
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
 from exmesh_graph.types import Views
 
@@ -19,6 +20,8 @@ _OUTVOTED = 0.05
 _OTHER = 0.7
 _SEEN = 0.001
 _ROOM = 0.2
+_TURNS = 2  # after the first
+_SETTLED = 0.9
 
 
 @dataclass(frozen=True)
@@ -26,8 +29,8 @@ class Agreement:
     """What `agreed_masks` gives.
 
     masks    bool [N, H, W]; a view that does not show the object has no pixel
-    figures  overlap: median of intersection over union of the first masks and their common shape, drawn back; seen,
-             contradicted: shares of the views
+    figures  overlap: median of intersection over union of the masks and their common shape, drawn back, or of how
+             much of the first masks it covers, whichever is less; seen, contradicted: shares of the views
     fault    the first check that failed, a sentence; empty where all passed
     """
 
@@ -46,34 +49,62 @@ def agreed_masks(
     table: Table | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Agreement:
-    """Masks of the mesh (vertices [V, 3], faces [F, 3]) by two turns, and whether they have a common shape.
+    """Masks of the mesh (vertices [V, 3], faces [F, 3]) by two or three turns, and whether they have a common shape.
 
-    The first turn cuts the drawn mesh to the pictures' edges. Its masks' visual hull, in which one view of twenty is
-    outvoted, is drawn back: where it is another than the mask, that mask is contradicted. The second turn cuts the
-    hull, in half the band, so that views mend each other. `table` as for `masks_of_surface`.
+    The first turn cuts the drawn mesh to the pictures' edges. The next cuts, in half the band, the visual hull of these
+    masks and of what beside them the colours of most views take for the object's (`grown`); one view of twenty is
+    outvoted, so that views mend each other. A third turn follows where the second changed much. A mask of the first
+    turn that the hull does not cover is contradicted, and so is one of the last that is another than their own hull.
+    `table` as for `masks_of_surface`.
     """
-    turns = 2 * len(views)
-    first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_part(progress, 0, turns))
+    turns = (1 + _TURNS) * len(views)
+    masks = first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_part(progress, 0, turns))
     seen = first.mean(axis=(1, 2)) >= _SEEN
     figures = {"seen": float(seen.mean()), "overlap": 0.0, "contradicted": 0.0}
     if seen.mean() < settings.least_seen or seen.sum() < 2:
         return Agreement(first, figures, f"{seen.mean():.0%} of the views show it (least_seen {settings.least_seen:g})")
+    finer = cutting.replaced(band=max(1.0, cutting.band / 2))
+    kept, near = np.ones(int(seen.sum())), vertices
     try:
-        hull = common_shape(views.subset(np.flatnonzero(seen)), first[seen], vertices)
+        for turn in range(1, 1 + _TURNS):
+            hull = _grown(views, seen, masks, near, cutting, table)
+            near = np.concatenate([vertices, hull[0]])
+            kept = np.minimum(kept, covered(drawn_outlines(*hull, views)[seen], first[seen]))
+            last = masks
+            part = _part(progress, turn * len(views), turns)
+            masks = masks_of_surface(views, *hull, finer, table=table, progress=part)
+            masks[~seen] = False
+            if np.median(overlap(last[seen], masks[seen])) > _SETTLED:
+                break
+        shape = common_shape(views.subset(np.flatnonzero(seen)), masks[seen], near)
     except (DataError, GeometryError) as error:
-        return Agreement(first, figures, f"its masks have no common shape ({str(error).splitlines()[0]})")
-    overlaps = overlap(drawn_outlines(*hull, views)[seen], first[seen])
+        return Agreement(masks, figures, f"its masks have no common shape ({str(error).splitlines()[0]})")
+    overlaps = np.minimum(kept, overlap(drawn_outlines(*shape, views)[seen], masks[seen]))
     figures["overlap"], figures["contradicted"] = float(np.median(overlaps)), float((overlaps < _OTHER).mean())
     if figures["overlap"] < settings.least_overlap:
         fault = f"its masks and their common shape overlap by {figures['overlap']:.0%} (least_overlap"
-        return Agreement(first, figures, f"{fault} {settings.least_overlap:g})")
+        return Agreement(masks, figures, f"{fault} {settings.least_overlap:g})")
     if figures["contradicted"] > settings.most_contradicted:
         fault = f"{figures['contradicted']:.0%} of the masks are another than their common shape (most_contradicted"
-        return Agreement(first, figures, f"{fault} {settings.most_contradicted:g})")
-    finer = cutting.replaced(band=max(1.0, cutting.band / 2))
-    second = masks_of_surface(views, *hull, finer, table=table, progress=_part(progress, len(views), turns))
-    second[~seen] = False
-    return Agreement(second, figures, "")
+        return Agreement(masks, figures, f"{fault} {settings.most_contradicted:g})")
+    return Agreement(masks, figures, "")
+
+
+def _grown(
+    views: Views,
+    seen: np.ndarray,
+    masks: np.ndarray,
+    near: np.ndarray,
+    settings: CutSettings,
+    table: Table | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The hull (vertices, faces), around points `near` [P, 3], of what the views `seen` bool [N] may show, masks bool
+    [N, H, W] and beside them."""
+    small, shown, factor = looked_at(views, settings)
+    reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
+    chance = table_chance(table, small, shown, factor, reduced, near)
+    more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen])
+    return common_shape(small.subset(np.flatnonzero(seen)), more, near)
 
 
 def common_shape(views: Views, masks: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +118,12 @@ def common_shape(views: Views, masks: np.ndarray, near: np.ndarray) -> tuple[np.
     low, high = near.min(axis=0).astype(float), near.max(axis=0).astype(float)
     room = _ROOM * (high - low).max()
     return visual_hull(field, resolution=0, low=low - room, high=high + room)
+
+
+def covered(shape: np.ndarray, masks: np.ndarray) -> np.ndarray:
+    """float64 [N], share of bool masks [N, H, W] within bool shapes [N, H, W]; 1 where a mask is empty."""
+    there = masks.sum(axis=(1, 2))
+    return np.where(there > 0, (shape & masks).sum(axis=(1, 2)) / np.maximum(there, 1), 1.0)
 
 
 def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -37,16 +37,11 @@ def masks_of_surface(
     reduced pixel once more. A view in which the mesh is not seen has no pixel.
     """
     settings = settings or CutSettings()
-    factor = max(1, math.ceil(max(views.width, views.height) / settings.side))
-    small = reduced(views, factor)
-    shown = np.stack([_display(picture) for picture in small.images])
+    small, shown, factor = looked_at(views, settings)
     outlines = drawn_outlines(vertices, faces, small)
     # an object of few pixels has fine parts: there the band is a part of the picture
     band = settings.band * float(np.clip(max(small.height, small.width) / _SMALL, 0.5, 1))
-    likely = None
-    if table is not None:
-        depth = thinned(table.depths.depth, (small.height, small.width), factor)
-        likely = table_shown(table.plane, small, shown, depth, outlines, vertices)
+    likely = table_chance(table, small, shown, factor, outlines, vertices)
     masks = np.zeros((len(views), views.height, views.width), bool)
     for view, outline in enumerate(outlines):
         by_table = None if likely is None else likely[view]
@@ -58,6 +53,23 @@ def masks_of_surface(
         if progress is not None:
             progress(view + 1, len(views))
     return masks
+
+
+def looked_at(views: Views, settings: CutSettings) -> tuple[Views, np.ndarray, int]:
+    """(the views at about `settings.side` pixels, their display colours [N, h, w, 3], the factor between)."""
+    factor = max(1, math.ceil(max(views.width, views.height) / settings.side))
+    small = reduced(views, factor)
+    return small, np.stack([_display(picture) for picture in small.images]), factor
+
+
+def table_chance(
+    table: Table | None, small: Views, shown: np.ndarray, factor: int, outlines: np.ndarray, vertices: np.ndarray
+) -> np.ndarray | None:
+    """`ground.table_shown` of reduced views; None without a table."""
+    if table is None:
+        return None
+    depth = thinned(table.depths.depth, (small.height, small.width), factor)
+    return table_shown(table.plane, small, shown, depth, outlines, vertices)
 
 
 def _display(picture: np.ndarray) -> np.ndarray:

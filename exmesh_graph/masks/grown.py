@@ -1,0 +1,90 @@
+"""What masks lack beside them: pixels whose colour is the object's and not that of what lies around it.
+
+Stereo has no depth where a surface is smooth, glossy or thin, and an outline moves to edges nearby alone: the rim of a
+bowl or a handle stays outside. A pixel may belong to the object where its colour is nearer to the mask's colours than
+to those farther out; one view tells that badly, the hull of all views' guesses well (`agreement.common_shape`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import binary_erosion, distance_transform_edt
+from scipy.spatial import cKDTree
+from skimage.color import rgb2lab
+
+from exmesh_graph.masks.cut import together
+
+_REACH = 0.18
+"""How far beside a mask is looked, in roots of its area; at least `_LEAST_REACH` pixels."""
+_LEAST_REACH = 8.0
+_RIM = 2
+"""Pixels within a mask's border that may be the background's."""
+_LIKELY = 0.6
+"""Chance from which on a pixel may be the object's."""
+_FOREIGN = 3.0
+"""CIELAB units: a colour of the object that lies nearer than this to the surroundings' tells nothing."""
+_ELSEWHERE = 5.0
+"""CIELAB units by which a colour of the object in other views is taken for farther off."""
+_NEAREST = 5
+_SAMPLES = 6000
+_FEWEST = 20
+
+
+def maybe_shown(shown: np.ndarray, masks: np.ndarray, table: np.ndarray | None = None, *, seed: int = 0) -> np.ndarray:
+    """bool [N, H, W]: `masks` bool [N, H, W] and what beside them may show the object too.
+
+    shown  float32 [N, H, W, 3], the views' display colour in [0, 1]
+    table  [N, H, W] in (0, 1): how likely a pixel shows the table, as of `cut.moved_to_edges`
+    """
+    labs = np.stack([rgb2lab(np.clip(picture, 0, 1)).astype(np.float32) for picture in shown])
+    own = np.stack([binary_erosion(mask, iterations=_RIM) for mask in masks])
+    pool = labs[own]
+    pool = pool[np.random.default_rng(seed).permutation(len(pool))[:_SAMPLES]]
+    found = masks.copy()
+    for view, mask in enumerate(masks):
+        beside, around = _rings(mask)
+        places = np.argwhere(beside)
+        far = _colour(labs[view], own[view], pool, around, beside)
+        if far is None:
+            continue
+        chance = far if table is None else together(far, 1 - table[view][beside])
+        found[view][tuple(places[chance > _LIKELY].T)] = True
+    return found
+
+
+def _rings(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(pixels beside the mask that may be the object's, the ring around these) bool [H, W]."""
+    if not mask.any():
+        return mask.copy(), mask.copy()
+    reach = max(_LEAST_REACH, _REACH * float(np.sqrt(mask.sum())))
+    away = distance_transform_edt(~mask)
+    return (away > 0) & (away <= reach), (away > reach) & (away <= 2 * reach + _RIM)
+
+
+def _colour(
+    lab: np.ndarray, own: np.ndarray, pool: np.ndarray, around: np.ndarray, beside: np.ndarray
+) -> np.ndarray | None:
+    """float64 [P], for the pixels `beside`: 1 where the colour is the object's, 0 where it is that of what is `around`.
+
+    Colours that both have are no sign of the object. None where there is nothing to compare with.
+    """
+    if not (beside.any() and around.any() and own.any()):
+        return None
+    out = cKDTree(_some(lab[around]))
+    here, elsewhere = (_some(part)[_off(out, _some(part)) > _FOREIGN] for part in (lab[own], pool))
+    if len(here) < _FEWEST or len(elsewhere) < _FEWEST:
+        return None
+    colours = lab[beside]
+    near = np.minimum(_off(cKDTree(here), colours), _off(cKDTree(elsewhere), colours) + _ELSEWHERE)
+    far = _off(out, colours)
+    return (far + 1e-2) / (near + far + 2e-2)
+
+
+def _some(colours: np.ndarray) -> np.ndarray:
+    return colours[:: max(1, len(colours) // _SAMPLES)]
+
+
+def _off(tree: cKDTree, colours: np.ndarray) -> np.ndarray:
+    """float64 [P]: mean distance to the nearest colours of the tree."""
+    count = min(_NEAREST, tree.n)
+    return tree.query(colours, k=count)[0].reshape(len(colours), -1).mean(axis=1)
