@@ -38,8 +38,7 @@ extends: {graph}
 name: {name}_no_masks
 nodes:
   views: {{true_mesh: "{mesh}"}}    # what the masks mark, without the table
-{hull}  coarse: {{type: init.auto, views: "@masked.train", faces: 8000, iterations: 0}}
-  region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}   # for scoring only
+{hull}  region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}   # for scoring only
   rounds:
     nodes:
       refine: {{region: "@coarse.mesh"}}
