@@ -8,7 +8,7 @@
 that lie in the repository are found without. Says beforehand how long it will take, and by what it knows
 (`scores_time`). Finished nodes come from the store (--store, in --out by default), so an interrupted table goes on; a
 scene that fails is told, and the others go on. Writes table.md and table.json after every scene. Scenes without masks
-are begun by `init.auto` in place of a visual hull, and scored by the masks that lie beside them for scoring only.
+are scored by the masks that lie beside them for scoring only, and begun by `init.auto` where a graph begins with a hull.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ extends: {graph}
 name: {name}_no_masks
 nodes:
   views: {{true_mesh: "{mesh}"}}    # what the masks mark, without the table
-{hull}  region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}   # for scoring only
+{start}  # for scoring only
+  region: {{type: evaluate.region, views: "@views.test", train: "@views.train", masks: {masks}}}
   rounds:
     nodes:
       refine: {{region: "@coarse.mesh"}}
@@ -46,6 +47,11 @@ nodes:
   settle: {{region: "@coarse.mesh"}}
   look: {{region: "@region.region"}}
   score: {{region: "@region.region"}}
+"""
+#: And where that begins with a visual hull.
+FROM_STEREO = """\
+  hull: null
+  coarse: {type: init.auto, views: "@masked.train", faces: 8000, iterations: 0}
 """
 
 
@@ -160,10 +166,10 @@ def _run(
 
     if not scene.masks:
         masks = folder.resolve() / "masks"
-        hull = "  hull: null\n" if "hull" in load_merged(graph, Problems())["nodes"] else ""
+        start = FROM_STEREO if "hull" in load_merged(graph, Problems())["nodes"] else ""
         scored_by = masks if masks.is_dir() else "null"
         mesh = "mesh/object.obj" if (folder / "mesh" / "object.obj").is_file() else ""
-        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=scored_by, hull=hull, mesh=mesh)
+        text = NO_MASKS.format(graph=graph.resolve(), name=graph.stem, masks=scored_by, start=start, mesh=mesh)
         graph = out / f"{graph.stem}_{scene.name}.yaml"
         graph.write_text(text, encoding="utf-8")
     row: dict[str, Any] = {"scene": scene.name, "role": scene.role, "kind": scene.kind}

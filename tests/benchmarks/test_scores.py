@@ -47,11 +47,11 @@ def test_scores_only_the_role_and_goes_on_after_a_failure(data, tmp_path, monkey
     assert set(asked) == {"padlock", "still"}
     assert asked["padlock"] == scores.QUICKSTART
     written = asked["still"].read_text()
-    assert "init.auto" in written
-    assert "hull" not in written  # the quickstart begins without one
+    assert "init.auto" not in written  # the quickstart has it, and no hull
+    assert "hull" not in written
     assert f"masks: {data}/still/masks" in written
     scores.score_scenes("score", tmp_path / "ours", data=[data], graph=scores.ROOT / "graphs" / "hull.yaml")
-    assert "hull: null" in asked["still"].read_text()
+    assert "hull: null\n  coarse: {type: init.auto" in asked["still"].read_text()
     assert [row["scene"] for row in rows] == ["padlock", "still"]
     table = (tmp_path / "out" / "table.md").read_text()
     assert "30 (20)" in table

@@ -61,8 +61,9 @@ def paint_fern(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
     names, which = np.unique(part, return_inverse=True)
     tone = np.array([float(name.split()[1]) if name.startswith("leaf ") else 0.5 for name in names])[which]
     green = mix([0.05, 0.17, 0.03], [0.24, 0.36, 0.08], np.clip(tone + 0.3 * noise(p, 12, 8, 2), 0, 1))
+    soil = mix([0.05, 0.03, 0.02], [0.16, 0.10, 0.06], 0.5 + 0.5 * noise(p, 30, 6, 2))
     base, rough, metal = coat(part, (
-        ("pot", glaze, 0.18, 0), ("soil", mix([0.05, 0.03, 0.02], [0.16, 0.10, 0.06], 0.5 + 0.5 * noise(p, 30, 6, 2)), 0.9, 0),
+        ("pot", glaze, 0.18, 0), ("soil", soil, 0.9, 0),
         ("stem", [0.24, 0.22, 0.08], 0.5, 0), ("heart", [0.75, 0.55, 0.08], 0.8, 0),
         ("petal", mix([0.72, 0.20, 0.30], [0.80, 0.60, 0.62], 0.5 + 0.5 * noise(p, 25, 4, 1)), 0.6, 0),
     ))  # fmt: skip
@@ -130,9 +131,10 @@ def paint_mic(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
     stripes = step(np.abs(p[:, 2] - 0.02), 0.05, 0.006)
     body = mix([0.75, 0.68, 0.20], mix([0.05, 0.06, 0.09], [0.09, 0.10, 0.13], 0.5 + 0.5 * noise(p, 6, 3, 2)), stripes)
     return coat(part, (
-        ("foam", [0.03, 0.03, 0.03], 0.95, 0), ("wire", [0.62, 0.62, 0.64], 0.3, 1), ("collar", [0.78, 0.77, 0.74], 0.2, 1),
-        ("body", body, 0.22, 0), ("switch", [0.60, 0.05, 0.04], 0.35, 0), ("cable", [0.05, 0.05, 0.055], 0.6, 0),
-        ("clip", [0.10, 0.10, 0.10], 0.5, 0), ("leg", [0.35, 0.36, 0.40], 0.45, 0), ("foot", [0.08, 0.08, 0.08], 0.8, 0),
+        ("foam", [0.03, 0.03, 0.03], 0.95, 0), ("wire", [0.62, 0.62, 0.64], 0.3, 1),
+        ("collar", [0.78, 0.77, 0.74], 0.2, 1), ("body", body, 0.22, 0), ("switch", [0.60, 0.05, 0.04], 0.35, 0),
+        ("cable", [0.05, 0.05, 0.055], 0.6, 0), ("clip", [0.10, 0.10, 0.10], 0.5, 0),
+        ("leg", [0.35, 0.36, 0.40], 0.45, 0), ("foot", [0.08, 0.08, 0.08], 0.8, 0),
     ))  # fmt: skip
 
 
