@@ -8,7 +8,7 @@
 that lie in the repository are found without. Says beforehand how long it will take, and by what it knows
 (`scores_time`). Finished nodes come from the store (--store, in --out by default), so an interrupted table goes on; a
 scene that fails is told, and the others go on. Writes table.md and table.json after every scene. Scenes without masks
-are scored by the masks that lie beside them for scoring only, and begun by `init.auto` where a graph begins with a hull.
+are scored by masks that lie beside them for scoring only, and begin by `init.auto` where a graph begins with a hull.
 """
 
 from __future__ import annotations

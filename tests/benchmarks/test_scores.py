@@ -116,7 +116,7 @@ def test_a_scene_of_another_role_is_refused(data, tmp_path):
 def test_the_graph_for_scenes_without_masks_is_sound(tmp_path):
     file = tmp_path / "no_masks.yaml"
     file.write_text(
-        scores.NO_MASKS.format(graph=scores.QUICKSTART, name="quickstart", masks=tmp_path, hull="", mesh="")
+        scores.NO_MASKS.format(graph=scores.QUICKSTART, name="quickstart", masks=tmp_path, start="", mesh="")
     )
     checked = ex.check(file, scene=str(scores.ROOT / "graphs" / "samples" / "chair"))
     assert checked.name == "quickstart_no_masks"
