@@ -69,7 +69,7 @@ def load_blender(path: Path, options: BlenderOptions | None = None) -> Scene:
     train, test, own = list_blender(path, options)
     scene = load_scene(
         train, test, up=options.up, downscale=options.downscale, wrong_masks=options.wrong_masks, box=options.box,
-        metres_per_unit=options.metres_per_unit, checks=options.checks, size=options,
+        metres_per_unit=options.metres_per_unit, checks=options.checks, key=options.key, size=options,
     )  # fmt: skip
     if not options.truth:
         return scene

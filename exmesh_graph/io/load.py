@@ -14,6 +14,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import check_camera, intrinsics_from_fov, nearest_rotation, scale_intrinsics
 from exmesh_graph.io.images import Photo, picture_size, read_mask, read_photo
+from exmesh_graph.io.key import keyed
 from exmesh_graph.io.normalise import cameras_to_normalised
 from exmesh_graph.io.picture_files import Files
 from exmesh_graph.io.reduce import downscale_area
@@ -185,6 +186,8 @@ def _read(shot: Shot) -> Photo:
         rgb = photo.rgb if photo.has_alpha and not photo.clipped else photo.rgb * mask[..., None]
         codes = None if photo.has_alpha else photo.codes
         photo = Photo(np.ascontiguousarray(rgb), mask, True, photo.clipped, codes)
+    elif shot.ground is not None and not photo.has_alpha and photo.codes is not None:
+        photo = keyed(photo, shot.ground)
     if not (photo.alpha >= 0.5).any():
         raise DataError(
             "the mask is empty: no pixel has alpha >= 0.5", where=str(shot.mask or shot.image),

@@ -11,6 +11,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import scene_from_dataset
 from exmesh_graph.io.checks.finding import settle
 from exmesh_graph.io.checks.scene import check_cameras, check_world, principal_shift
+from exmesh_graph.io.key import ground_note, with_ground
 from exmesh_graph.io.load import check_no_leak, load_shots, shifted, to_views
 from exmesh_graph.io.normalise import (
     looking_away,
@@ -49,6 +50,7 @@ def load_scene(
     metres_per_unit: float = 0.0,
     checks: Checks = "error",
     half_pixel: bool = False,
+    key: bool = False,
     size: TrainSize | None = None,
 ) -> Scene:
     """Read both splits, check them, and normalise: by `box` or `sphere` (data set's units) where given, else by the
@@ -56,9 +58,13 @@ def load_scene(
 
     Cameras and pictures are checked against each other (`io.checks`): what is found becomes notes, and a DataError
     where it is grave and `checks` is "error"; "off" leaves the checks out. With `half_pixel` matches
-    between the pictures decide whether half a pixel is added to all principal points. `size` bounds the training
-    pictures that are handed on; checks and normalisation see them as they are.
+    between the pictures decide whether half a pixel is added to all principal points. With `key` pictures without alpha
+    that stand on one flat colour get masks of what differs from it (`io.key`), which is noted. `size` bounds the
+    training pictures that are handed on; checks and normalisation see them as they are.
     """
+    ground = None
+    if key:
+        train, test, ground = with_ground(train, test)
     fit = load_shots(train, split="training", downscale=downscale)
     held = load_shots(test, split="test", downscale=downscale)
     check_no_leak(fit, held)
@@ -80,11 +86,11 @@ def load_scene(
             expected="cameras around the object",
             fix="correct the poses, or give the object's box in the loader's `box`",
         )
-    notes = []
+    notes = [] if ground is None else [ground_note(ground)]
     if half_pixel:
         offset, note = principal_shift(fit)
         fit, held = shifted(fit, offset), shifted(held, offset)
-        notes = [note] if note else []
+        notes += [note] if note else []
     few = min(wrong_masks, max(len(train) - 2, 0))
     found = settle(check_cameras(fit, few), checks) if checks != "off" else []
     if box is not None:

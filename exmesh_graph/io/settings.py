@@ -23,6 +23,7 @@ _MAX_VIEWS = "Keep at most so many training views, evenly spread; 0 = all."
 _MAX_TEST_VIEWS = "Keep at most so many test views; 0 = all."
 _HOLDOUT = "Every how many views one is held out for testing."
 _CHECKS = "Grave faults of cameras and pictures: an error, a warning, or not looked for (off)."
+_KEY = "Pictures without alpha or masks that stand on one flat colour: what differs from it is the object."
 _FIRST = "Index of the first test view, counted from 0."
 
 
@@ -61,6 +62,7 @@ class BlenderOptions(TrainSize):
     wrong_masks: int = param(0, ge=0, unit="views", was="dissent", doc=_WRONG_MASKS)
     box: Box | None = param(None, doc=_BOX)
     metres_per_unit: float = param(0.0, ge=0, unit="m", doc=_METRES)
+    key: bool = param(True, doc=_KEY)
     checks: Checks = param("error", doc=_CHECKS)
 
 

@@ -5,10 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
+
+
+class Ground(NamedTuple):
+    """The flat colour that pictures without alpha stand on (`io.key`): display values [3] in [0, 1], and by how much a
+    pixel of it may differ."""
+
+    colour: tuple[float, float, float]
+    off: float
 
 
 @dataclass(frozen=True)
@@ -22,6 +31,7 @@ class Shot:
     size             (width, height) the data set states, or None
     angle_x          full horizontal field of view in radians, where only that is known
     places           float32 [H, W, 2], (x, y) in the file of every pixel of the view, where a lens is undone on reading
+    ground           what is no object in a picture without alpha, or None
     """
 
     name: str
@@ -32,6 +42,7 @@ class Shot:
     size: tuple[int, int] | None = None
     angle_x: float = 0.0
     places: np.ndarray | None = None
+    ground: Ground | None = None
 
 
 def hold_out(count: int, every: int, first: int) -> tuple[list[int], list[int]]:
