@@ -24,10 +24,11 @@ _EXACT, _LOOSE = 2.5 / 255, 10 / 255
 """Display values by which the ground may be off, least and (compressed pictures) most."""
 _SHARE, _CUT_OFF = 0.9, 0.6
 """Of the frames' pixels that must show the ground: over all pictures, and in one, where the object may be cut off."""
-_GAP, _CLIPPED_GAP = 6, 0.01
-"""A gap has so many pixels; before a ground as white as can be, where a highlight looks the same, this part of the
-object."""
-_HARD = 30 / 255
+_GAP = 6
+"""Pixels of a gap at least."""
+_HARD, _HARDER = 30 / 255, 60 / 255
+"""Display values by which the second pixel beside a gap differs from the ground, at three of four places; before a
+ground as white as can be, where highlights, which fade, look the same."""
 _SPECK = 0.001
 _SOLID, _NEAR = 2.0, 4.0
 """Pixels from the ground on which the object fills, and within which such a pixel's colour is asked."""
@@ -94,13 +95,13 @@ def _ground(away: np.ndarray, ground: Ground) -> np.ndarray:
     empty = np.zeros(count + 1, bool)
     empty[np.unique(_frame(parts[..., None]))] = True
     empty[0] = False
-    object_area = int((~empty[parts]).sum())
-    least = max(_GAP, _CLIPPED_GAP * object_area) if min(ground.colour) >= 1 - _EXACT else _GAP
-    for part in np.flatnonzero((size >= least) & ~empty).tolist():
+    clipped = min(ground.colour) >= 1 - _EXACT
+    for part in np.flatnonzero((size >= _GAP) & ~empty).tolist():
         if part:
             here = parts == part
-            beside = binary_dilation(here, iterations=2) & (parts == 0)
-            empty[part] = beside.any() and np.quantile(away[beside], 0.4) > _HARD
+            beside = binary_dilation(here, iterations=2) & ~binary_dilation(here) & (parts == 0)
+            hard = _HARDER if clipped else _HARD
+            empty[part] = beside.any() and np.quantile(away[beside], 0.25) > hard
     bare = empty[parts]
     islands, _ = label(~bare, np.ones((3, 3)))
     area = np.bincount(islands.ravel())
