@@ -176,7 +176,7 @@ class _Benchmark(Family):
         pictures: Held-out views handed on for pictures (gallery.asset). [>= 0]
         """
 class _Data(Family):
-    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, true_mesh: str | Parameter = "", wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFrameTruthNode:
+    def blender(self, name: str = "", *, path: str | PathLike[str] | Parameter, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, hdr: Literal["auto", "true", "false"] | bool | Parameter = "auto", downscale: int | Parameter = 1, max_views: int | Parameter = 0, max_test_views: int | Parameter = 0, test: Literal["auto", "file", "holdout"] | Parameter = "auto", holdout: int | Parameter = 8, min_test_views: int | Parameter = 2, up: Literal["y", "-y", "z", "-z", "x", "-x", "auto"] | Parameter = "z", truth: bool | Parameter = True, true_mesh: str | Parameter = "", wrong_masks: int | Parameter = 0, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, metres_per_unit: float | Parameter = 0.0, key: bool | Parameter = True, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFrameTruthNode:
         """Photographs in the Blender / NeRF-Synthetic layout, with the truth of rendered scenes.
 
         path: Folder with transforms_train.json (or transforms.json).
@@ -195,6 +195,7 @@ class _Data(Family):
         wrong_masks: Masks that may be wrong at a point, for normalisation. [views, >= 0]
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
+        key: Pictures without alpha or masks that stand on one flat colour: what differs from it is the object.
         checks: Grave faults of cameras and pictures: an error, a warning, or not looked for (off).
         """
     def environment(self, name: str = "", *, path: str | PathLike[str] | Parameter, convention: Literal["openexr", "blender"] | Parameter = "openexr", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> LightNode:

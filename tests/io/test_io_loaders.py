@@ -111,7 +111,8 @@ class TestBlender:
     def test_without_alpha_the_optical_axes_locate_the_object(self, blender_scene):
         for picture in (*(blender_scene / "train").iterdir(), *(blender_scene / "test").iterdir()):
             write_image(picture, read_image(picture)[..., :3])
-        scene = load_blender(blender_scene, NO_TRUTH)
+        assert load_blender(blender_scene, NO_TRUTH).train.has_masks  # on one flat colour
+        scene = load_blender(blender_scene, NO_TRUTH.replaced(key=False))
         assert not scene.train.has_masks
         assert (scene.train.alpha == 1).all()
         assert np.linalg.norm(scene.train.camera_to_world[:, :3, 3], axis=1).min() > 1
