@@ -53,11 +53,23 @@ def with_ground(train: Sequence[Shot], test: Sequence[Shot]) -> tuple[list[Shot]
 
 def ground_note(ground: Ground) -> str:
     """What the user is told of it."""
-    colour = ", ".join(f"{255 * part:.0f}" for part in ground.colour)
     return (
-        f"the pictures have no alpha and stand on one colour ({colour} of 255): what differs from it was taken for the "
+        f"the pictures have no alpha and stand on one colour ({_said(ground)}): what differs from it was taken for the "
         "object; key: false in the loader keeps them as they are"
     )
+
+
+def contradicted_note(ground: Ground, covered: float) -> str:
+    """What the user is told where the ground was left in, `covered` of the masks being covered by their hull."""
+    return (
+        f"the pictures have no alpha and stand on one colour ({_said(ground)}), but parts of the object have it "
+        f"too, or pictures show nothing else: the hull of masks by colour covers {covered:.0%} of them. The pictures "
+        "stay as they are; pictures with alpha, or masks beside them, are better by far"
+    )
+
+
+def _said(ground: Ground) -> str:
+    return ", ".join(f"{255 * part:.0f}" for part in ground.colour) + " of 255"
 
 
 def flat_ground(photos: Sequence[Photo]) -> Ground | None:

@@ -10,9 +10,10 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import scene_from_dataset
 from exmesh_graph.io.checks.finding import settle
+from exmesh_graph.io.checks.keyed import LEAST_COVERED, covered_by_hull
 from exmesh_graph.io.checks.scene import check_cameras, check_world, principal_shift
-from exmesh_graph.io.key import ground_note, with_ground
-from exmesh_graph.io.load import check_no_leak, load_shots, shifted, to_views
+from exmesh_graph.io.key import contradicted_note, ground_note, with_ground
+from exmesh_graph.io.load import Loaded, check_no_leak, load_shots, shifted, to_views
 from exmesh_graph.io.normalise import (
     looking_away,
     make_frame,
@@ -62,11 +63,7 @@ def load_scene(
     that stand on one flat colour get masks of what differs from it (`io.key`), which is noted. `size` bounds the
     training pictures that are handed on; checks and normalisation see them as they are.
     """
-    ground = None
-    if key:
-        train, test, ground = with_ground(train, test)
-    fit = load_shots(train, split="training", downscale=downscale)
-    held = load_shots(test, split="test", downscale=downscale)
+    fit, held, notes = _read(train, test, downscale, key)
     check_no_leak(fit, held)
     if held.alpha.shape[1:] != fit.alpha.shape[1:]:
         raise DataError(
@@ -86,7 +83,6 @@ def load_scene(
             expected="cameras around the object",
             fix="correct the poses, or give the object's box in the loader's `box`",
         )
-    notes = [] if ground is None else [ground_note(ground)]
     if half_pixel:
         offset, note = principal_shift(fit)
         fit, held = shifted(fit, offset), shifted(held, offset)
@@ -116,6 +112,27 @@ def load_scene(
         frame=frame,
         notes=[*_notes(views), *notes, *found],
     )
+
+
+def _read(train: Sequence[Shot], test: Sequence[Shot], downscale: int, key: bool) -> tuple[Loaded, Loaded, list[str]]:
+    """(training views, test views, what is to be said), without their flat ground where there is one that agrees."""
+    notes = []
+    bare, held_bare, ground = with_ground(train, test) if key else (train, test, None)
+    if ground is not None:
+        try:
+            fit, held = _both(bare, held_bare, downscale)
+            covered = covered_by_hull(fit)
+        except DataError:  # of a picture with nothing but its ground, as of any other fault: that is met again below
+            covered = 0.0
+        if covered >= LEAST_COVERED:
+            return fit, held, [ground_note(ground)]
+        notes = [contradicted_note(ground, covered)]
+    return *_both(train, test, downscale), notes
+
+
+def _both(train: Sequence[Shot], test: Sequence[Shot], downscale: int) -> tuple[Loaded, Loaded]:
+    fit = load_shots(train, split="training", downscale=downscale)
+    return fit, load_shots(test, split="test", downscale=downscale)
 
 
 def _notes(train: Views) -> list[str]:

@@ -34,6 +34,21 @@ def on(colour, alpha, ground, noise=0.0):
     return Photo(linear, np.ones(alpha.shape, np.float32), False, True, codes)
 
 
+def write_scene(folder, picture):
+    """Eight cameras around what `picture(k)` shows, a Photo."""
+    (folder / "train").mkdir()
+    frames = []
+    for k in range(8):
+        pose, turn = np.eye(4), np.pi / 4 * k
+        pose[:3] = np.column_stack([
+            [np.cos(turn), np.sin(turn), 0], [0, 0, 1], [np.sin(turn), -np.cos(turn), 0],
+            [3 * np.sin(turn), -3 * np.cos(turn), 0],
+        ])  # fmt: skip
+        frames.append({"file_path": f"train/{k:03d}", "transform_matrix": pose.tolist()})
+        write_image(folder / f"train/{k:03d}.png", linear_to_srgb(picture(k).rgb))
+    (folder / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 0.8, "frames": frames}))
+
+
 @pytest.mark.parametrize("ground", [WHITE, GREEN, BLACK])
 @pytest.mark.parametrize("noise", [0.0, 2 / 255])
 def test_alpha_and_colour_come_back(ground, noise):
@@ -86,19 +101,7 @@ def test_other_pictures_have_no_flat_ground():
 
 def test_a_scene_without_alpha_is_read_as_one_with_it(tmp_path):
     colour, alpha = true_picture()
-    (tmp_path / "train").mkdir()
-    frames = []
-    for k in range(8):
-        pose = np.eye(4)
-        turn = np.pi / 4 * k
-        pose[:3] = np.column_stack([
-            [np.cos(turn), np.sin(turn), 0], [0, 0, 1], [np.sin(turn), -np.cos(turn), 0],
-            [3 * np.sin(turn), -3 * np.cos(turn), 0],
-        ])  # fmt: skip
-        frames.append({"file_path": f"train/{k:03d}", "transform_matrix": pose.tolist()})
-        shown = linear_to_srgb(on(np.roll(colour, 3 * k, axis=0), alpha, WHITE).rgb)
-        write_image(tmp_path / f"train/{k:03d}.png", shown)
-    (tmp_path / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 0.8, "frames": frames}))
+    write_scene(tmp_path, lambda k: on(np.roll(colour, 3 * k, axis=0), alpha, WHITE))
     scene = load_blender(tmp_path, BlenderOptions(checks="off", holdout=4))
     assert scene.train.has_masks
     assert scene.test.has_masks
@@ -107,3 +110,20 @@ def test_a_scene_without_alpha_is_read_as_one_with_it(tmp_path):
     kept = load_blender(tmp_path, BlenderOptions(checks="off", holdout=4, key=False))
     assert not kept.train.has_masks
     assert kept.notes == []
+
+
+@pytest.mark.parametrize("fault", ["white bands", "an empty picture"])
+def test_masks_that_contradict_one_another_are_not_taken(tmp_path, fault):
+    """An object with white bands, elsewhere in each picture; and a picture that shows nothing."""
+    colour, alpha = true_picture()
+
+    def shown(k):
+        if fault == "an empty picture" and k == 3:
+            return np.zeros_like(alpha)
+        rows = np.indices(alpha.shape)[0]
+        return alpha * (np.abs(rows - 14 - 4.5 * k) > 5) if fault == "white bands" else alpha
+
+    write_scene(tmp_path, lambda k: on(np.roll(colour, 3 * k, axis=0), shown(k), WHITE))
+    scene = load_blender(tmp_path, BlenderOptions(checks="off", holdout=4))
+    assert not scene.train.has_masks
+    assert any("parts of the object have it too, or pictures show nothing else" in note for note in scene.notes)
