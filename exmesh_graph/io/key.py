@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import binary_dilation, distance_transform_edt, label, maximum_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects, label, maximum_filter
 
 from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.images import Photo, read_photo
@@ -107,13 +107,14 @@ def _ground(away: np.ndarray, ground: Ground) -> np.ndarray:
     empty = np.zeros(count + 1, bool)
     empty[np.unique(_frame(parts[..., None]))] = True
     empty[0] = False
-    clipped = min(ground.colour) >= 1 - _EXACT
+    hard = _HARDER if min(ground.colour) >= 1 - _EXACT else _HARD
+    boxes = find_objects(parts)
     for part in np.flatnonzero((size >= _GAP) & ~empty).tolist():
         if part:
-            here = parts == part
-            beside = binary_dilation(here, iterations=2) & ~binary_dilation(here) & (parts == 0)
-            hard = _HARDER if clipped else _HARD
-            empty[part] = beside.any() and np.quantile(away[beside], 0.25) > hard
+            around = tuple(slice(max(0, one.start - 3), one.stop + 3) for one in boxes[part - 1])
+            here = parts[around] == part
+            beside = binary_dilation(here, iterations=2) & ~binary_dilation(here) & (parts[around] == 0)
+            empty[part] = beside.any() and np.quantile(away[around][beside], 0.25) > hard
     bare = empty[parts]
     islands, _ = label(~bare, np.ones((3, 3)))
     area = np.bincount(islands.ravel())
