@@ -561,9 +561,9 @@ class _Init(Family):
         """
 class _Mask(Family):
     def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, least_overlap: float | Parameter = 0.85, least_apart: float | Parameter = 0.8, least_seen: float | Parameter = 0.6, most_contradicted: float | Parameter = 0.2, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, find: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainDecisionsDepthsNode:
-        """Masks for photographs that have none, where an object stands apart: init.object, mask.from_surface, and a check.
+        """Masks for photographs that have none, where an object stands apart, and a check of them.
 
-        least_overlap: Median over the views of masks and their common shape, drawn back: intersection over union. [>= 0, <= 1]
+        least_overlap: Median over the views of masks and their common shape, drawn back: intersection over union, or the part of the first masks that it covers, whichever is less. [>= 0, <= 1]
         least_apart: Share of the surface amidst the views, less its table, that most of the views show. [>= 0, <= 1]
         least_seen: Share of the views that must show the object. [>= 0, <= 1]
         most_contradicted: Share of the views whose mask may be another than the common shape. [>= 0, <= 1]

@@ -53,7 +53,8 @@ class AgreementSettings(Params):
         0.85,
         ge=0,
         le=1,
-        doc="Median over the views of masks and their common shape, drawn back: intersection over union.",
+        doc="Median over the views of masks and their common shape, drawn back: intersection over union, or the part "
+        "of the first masks that it covers, whichever is less.",
     )
     least_apart: float = param(
         0.8, ge=0, le=1, doc="Share of the surface amidst the views, less its table, that most of the views show."
