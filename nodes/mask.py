@@ -129,8 +129,9 @@ class AutoOut(NamedTuple):
 def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: AutoParams) -> AutoOut:
     """Masks for photographs that have none, where an object stands apart, and a check of them.
 
-    By init.object and mask.from_surface, and then by the colours of all views, for what stereo lost. The masks must have one common shape. Where a check fails the views go on as they came, and `decisions` says by
-    which figures; so do views that have masks.
+    By init.object and mask.from_surface, and then by the colours of all views, for what stereo lost. The masks must
+    have one common shape. Where a check fails the views go on as they came, and `decisions` says by which figures; so
+    do views that have masks.
     """
     from exmesh_graph.masks.decide import given_row, off_row
 
